@@ -1,0 +1,79 @@
+"""Kreisel: spinning bodies simulated with integrators that keep every first integral to round-off.
+
+    import kreisel as kr
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    run = kr.simulate(top, x0, dt=0.05, steps=1_000_000, every=100)
+    kr.drift(run)
+    kr.plot(run)
+
+Conventions: <X, Y> = -tr(XY)/2 on so(n), x ^ y = x y^T - y x^T, rest frame (m, a) with the minus bracket,
+moving frame (M, P) with the plus bracket, F' = {H, F}.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from kreisel.errors import InputError, RunError
+from kreisel.systems import (
+    REGISTRY,
+    Clebsch,
+    ClebschGeneral,
+    HeavyTop,
+    Kirchhoff,
+    LagrangeTop,
+    LagrangeTopMoving,
+    Neumann,
+    SymmetricTop,
+)
+
+if TYPE_CHECKING:
+    from kreisel.runs.archive import open_archive as _open_archive  # noqa: F401
+    from kreisel.runs.drift import drift
+    from kreisel.runs.simulate import simulate
+    from kreisel.view.plots import plot
+
+__version__ = "0.1.0"
+
+_LAZY = {
+    "simulate": "kreisel.runs.simulate",
+    "drift": "kreisel.runs.drift",
+    "plot": "kreisel.view.plots",
+    "open": "kreisel.runs.opening",
+}
+
+__all__ = [
+    "Clebsch",
+    "ClebschGeneral",
+    "HeavyTop",
+    "InputError",
+    "Kirchhoff",
+    "LagrangeTop",
+    "LagrangeTopMoving",
+    "Neumann",
+    "RunError",
+    "SymmetricTop",
+    "drift",
+    "plot",
+    "simulate",
+    "systems",
+]
+
+
+def systems() -> list[str]:
+    """The names of all systems, as in a TOML file; `kreisel systems NAME` prints a record."""
+    return list(REGISTRY)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        value = getattr(importlib.import_module(_LAZY[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'kreisel' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})

@@ -1,0 +1,286 @@
+"""Compiled kernels for the CPU, made from a scheme's step by recording it.
+
+Up to n = 8 the record is straight-line scalar code; beyond, compiled array code with the same operations.
+The source is written to a cache folder, named by its hash, so that it can be read and debugged, and so that
+Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ in the user's cache folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.engines import layout
+from kreisel.engines.layout import Floats
+from kreisel.engines.trace import Matrix, Scalar, Tape, text
+from kreisel.methods.scheme import Scheme
+
+STRAIGHT_LINE_N = 8
+OPTIONS = 'cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}'
+
+HEAD = '''"""Made by kreisel.engines.cpu by recording {name}; not to be edited."""
+from math import sqrt
+
+import numpy as np
+from numba import njit
+from numpy import ascontiguousarray, eye, full
+from numpy.linalg import solve
+
+'''
+
+ADVANCE = '''
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], i8)", {options})
+def kernel(z, c, out, every):
+    for lane in range(z.shape[0]):
+{load}
+        for row in range(out.shape[0]):
+            for _ in range(every):
+{body}
+{save}
+{store}
+'''
+
+RATE = '''
+@njit("void(f8[::1], f8[::1], f8[::1])", {options})
+def kernel(z, c, out):
+{load}
+{body}
+{save}
+'''
+
+
+def cache_folder() -> Path:
+    """Where kernels are kept; a folder for this process alone if the usual one cannot be written."""
+    base = os.environ.get("KREISEL_CACHE") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(base) if os.environ.get("KREISEL_CACHE") else Path(base) / "kreisel"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="kreisel-"))
+
+
+def load(source: str) -> ModuleType:
+    """Import generated source from the cache; writing is atomic, so two processes may do it at once."""
+    name = "kreisel_kernel_" + hashlib.sha256(source.encode()).hexdigest()[:20]
+    if name in sys.modules:
+        return sys.modules[name]
+    path = cache_folder() / f"{name}.py"
+    if not path.exists():
+        handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+        with os.fdopen(handle, "w") as file:
+            file.write(source)
+        os.replace(scratch, path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"the kernel {path} cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+class Recording:
+    """A scheme's step or rate on recording numbers: source for loading, the body and storing."""
+
+    def __init__(self, scheme: Scheme, constants: Floats, columns: Mapping[str, slice]):
+        self.scheme, self.columns, self.n = scheme, columns, scheme.n
+        self.kinds = [kind for _, kind in scheme.components]
+        self.tape = Tape()
+        record = self._straight_line if scheme.n <= STRAIGHT_LINE_N else self._array_code
+        record(constants)
+
+    def _straight_line(self, constants: Floats) -> None:
+        count = sum(layout.size(kind, self.n) for kind in self.kinds)
+        self.state = [f"z{i}" for i in range(count)]
+        flat = np.array([Scalar(self.tape, name) for name in self.state], dtype=object)
+        entries = np.array([_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])], dtype=object)
+        known = {
+            name: entries[place].reshape((self.n,) * self.scheme.axes[name])
+            for name, place in self.columns.items()
+        }
+        known = {k: v[()] if v.ndim == 0 else v for k, v in known.items()}
+        new = _function(self.scheme)(*layout.restore(flat, self.kinds, self.n), **known)
+        values = list(layout.flatten(new, self.kinds))
+        self.new = [text(v) for v in values]
+        self.lines = self.tape.needed([v.name for v in values if isinstance(v, Scalar)])
+        used = " ".join(expression for _, expression in self.lines) + " " + " ".join(self.new)
+        words = set(used.replace("(", " ").replace(")", " ").replace("-", " ").split())
+        self.load_constants = [(f"c{j}", j) for j in range(constants.shape[1]) if f"c{j}" in words]
+        self.places: list[tuple[str, slice, str]] = []
+
+    def _array_code(self, constants: Floats) -> None:
+        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,)}
+        self.state = [f"z{i}" for i in range(len(self.kinds))]
+        parts = [Matrix(self.tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
+        known = {name: Matrix(self.tape, f"c_{name}", (self.n,) * self.scheme.axes[name]) for name in self.columns}
+        new = _function(self.scheme)(*parts, **known)
+        self.new = [v.name for v in new]
+        self.lines = self.tape.needed(self.new)
+        edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
+        self.places = [
+            (kind, slice(int(a), int(b)), name)
+            for kind, a, b, name in zip(self.kinds, edges[:-1], edges[1:], self.state, strict=True)
+        ]
+
+    def load(self, z: str, c: str, indent: int) -> str:
+        if not self.places:
+            lines = [f"{name} = {z}{i}]" for i, name in enumerate(self.state)]
+            lines += [f"{name} = {c}{j}]" for name, j in self.load_constants]
+            return _indented(lines, indent)
+        lines = [
+            f"{name} = {LOADERS[kind]}({z}{place.start}:{place.stop}], {self.n})" for kind, place, name in self.places
+        ]
+        for name, place in self.columns.items():
+            loader = ("number", "vector", "matrix")[self.scheme.axes[name]]
+            lines.append(f"c_{name} = {loader}({c}{place.start}:{place.stop}], {self.n})")
+        return _indented(lines, indent)
+
+    def body(self, indent: int) -> str:
+        return _indented([f"{name} = {expression}" for name, expression in self.lines], indent)
+
+    def assign(self, indent: int) -> str:
+        return _indented([f"{', '.join(self.state)}, = {', '.join(self.new)},"], indent)
+
+    def save(self, target: str, names: list[str], indent: int) -> str:
+        if not self.places:
+            return _indented([f"{target}{i}] = {name}" for i, name in enumerate(names)], indent)
+        lines = [
+            f"{STORERS[kind]}({name}, {target}{place.start}:{place.stop}])"
+            for (kind, place, _), name in zip(self.places, names, strict=True)
+        ]
+        return _indented(lines, indent)
+
+
+LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector"}
+STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store"}
+ARRAY_HEAD = '''
+@njit({options})
+def number(flat, n):
+    return flat[0]
+
+
+@njit({options})
+def vector(flat, n):
+    return flat.copy()
+
+
+@njit({options})
+def matrix(flat, n):
+    return flat.copy().reshape((n, n))
+
+
+@njit({options})
+def skew(flat, n):
+    X, k = np.zeros((n, n)), 0
+    for i in range(n):
+        for j in range(i + 1, n):
+            X[i, j], X[j, i] = flat[k], -flat[k]
+            k += 1
+    return X
+
+
+@njit({options})
+def store(X, flat):
+    flat[:] = X.reshape(X.size)
+
+
+@njit({options})
+def store_skew(X, flat):
+    k = 0
+    for i in range(X.shape[0]):
+        for j in range(i + 1, X.shape[0]):
+            flat[k] = X[i, j]
+            k += 1
+
+
+'''
+
+
+def _indented(lines: list[str], indent: int) -> str:
+    return "\n".join(" " * indent + line for line in lines)
+
+
+def _folded(tape: Tape, name: str, values: Floats) -> Scalar | float:
+    """A constant that is 0, 1 or -1 in every lane, as a plain number; else recorded."""
+    first = float(values[0])
+    return first if first in (0.0, 1.0, -1.0) and (values == first).all() else Scalar(tape, name)
+
+
+def _function(scheme: Scheme) -> Callable[..., tuple[Array, ...]]:
+    function = scheme.step if scheme.step is not None else scheme.rate
+    if function is None:
+        raise TypeError(f"the scheme {scheme.name} states neither a step nor a rate")
+    return function
+
+
+def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
+    """All constants as rows (lanes, count), and where each stands."""
+    pieces, columns, start = [], {}, 0
+    for name, value in scheme.constants.items():
+        array = np.asarray(value, dtype=np.float64)
+        axes = scheme.axes[name]
+        flat = array.reshape((*array.shape[: array.ndim - axes], -1))
+        pieces.append(np.broadcast_to(flat, (lanes, flat.shape[-1])))
+        columns[name] = slice(start, start + flat.shape[-1])
+        start += flat.shape[-1]
+    return np.ascontiguousarray(np.concatenate(pieces, -1)), columns
+
+
+class Kernel:
+    """A compiled step, its state in rows (lanes, d), and its constants.
+
+    `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
+    """
+
+    def __init__(self, scheme: Scheme, z0: Floats):
+        self.z = np.ascontiguousarray(z0, dtype=np.float64)
+        self.constants, columns = flat_constants(scheme, len(self.z))
+        record = Recording(scheme, self.constants, columns)
+        self.source = _head(scheme, record) + ADVANCE.format(
+            options=OPTIONS,
+            load=record.load("z[lane, ", "c[lane, ", 8),
+            body=record.body(16) + "\n" + record.assign(16),
+            save=record.save("out[row, lane, ", record.state, 12),
+            store=record.save("z[lane, ", record.state, 8),
+        )
+        self._kernel = load(self.source).kernel
+
+    def advance(self, out: Floats, every: int) -> None:
+        self._kernel(self.z, self.constants, out, every)
+
+
+def _head(scheme: Scheme, record: Recording) -> str:
+    head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
+    return head + (ARRAY_HEAD.format(options=OPTIONS) if record.places else "")
+
+
+def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
+    """The right-hand side y' = f(t, y, constants) of a scheme that states a rate, compiled."""
+    constants, columns = flat_constants(scheme, 1)
+    record = Recording(scheme, np.full_like(constants, np.nan), columns)
+    source = _head(scheme, record) + RATE.format(
+        options=OPTIONS,
+        load=record.load("z[", "c[", 4),
+        body=record.body(4),
+        save=record.save("out[", record.new, 4),
+    )
+    kernel = load(source).kernel
+
+    def rate(t: float, y: Floats, c: Floats) -> Floats:
+        out = np.empty_like(y)
+        kernel(np.ascontiguousarray(y), c, out)
+        return out
+
+    return rate

@@ -1,0 +1,42 @@
+"""The library's integrators, behind the same two names as a compiled kernel: `z` and `advance`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.engines.cpu import compiled_rate, flat_constants
+from kreisel.engines.layout import Floats
+from kreisel.errors import RunError
+from kreisel.methods.scheme import Scheme
+
+
+class Reference:
+    """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output."""
+
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float):
+        from scipy.integrate import DOP853
+
+        self.z = np.array(z0, dtype=np.float64)
+        self._dt, self._steps = dt, 0
+        constants, _ = flat_constants(scheme, len(self.z))
+        rate = compiled_rate(scheme)
+        options = scheme.options or {}
+        tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
+        self._solvers = [
+            DOP853(lambda t, y, c=row: rate(t, y, c), 0.0, start, np.inf, **tolerances)
+            for start, row in zip(self.z, constants, strict=True)
+        ]
+
+    def advance(self, out: Floats, every: int) -> None:
+        for row in out:
+            self._steps += every
+            for lane, solver in enumerate(self._solvers):
+                row[lane] = self._to(solver, self._steps * self._dt)
+            self.z[:] = row
+
+    def _to(self, solver: object, t: float) -> Floats:
+        while solver.t < t:  # type: ignore[attr-defined]
+            told = solver.step()  # type: ignore[attr-defined]
+            if solver.status == "failed":  # type: ignore[attr-defined]
+                raise RunError(f"DOP853 gave up at time {solver.t:g}: {told}. Try a map instead.")  # type: ignore[attr-defined]
+        return solver.y if solver.t == t else solver.dense_output()(t)  # type: ignore[attr-defined]

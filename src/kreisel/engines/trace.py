@@ -1,0 +1,261 @@
+"""Recording: run a definition once on recording scalars or arrays, print straight-line Python.
+
+A `Tape` holds each value once.  `Scalar` is a recorded number, for small n; `Matrix` a recorded array,
+for n beyond straight-line code.  Foldings are exact in floating point (0, 1, signs, x - x), so a kernel
+with some parameters folded in computes the same numbers as one without.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+
+class Tape:
+    """Operations in order, each with a key; the same key is recorded once."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str, tuple[str, ...]]] = []  # (name, expression, names it needs)
+        self._names: dict[str, str] = {}
+
+    def record(self, expression: str, needs: tuple[str, ...]) -> str:
+        if expression not in self._names:
+            self._names[expression] = f"t{len(self.lines)}"
+            self.lines.append((self._names[expression], expression, needs))
+        return self._names[expression]
+
+    def knows(self, expression: str) -> str | None:
+        return self._names.get(expression)
+
+    def needed(self, outputs: list[str]) -> list[tuple[str, str]]:
+        """The lines that the outputs depend on, in order."""
+        wanted, kept = set(outputs), []
+        for name, expression, needs in reversed(self.lines):
+            if name in wanted:
+                wanted.update(needs)
+                kept.append((name, expression))
+        return kept[::-1]
+
+
+def _number(x: Any) -> float | None:
+    """The value of a plain number, or None for a recorded one."""
+    return None if isinstance(x, Scalar) else float(x)
+
+
+class Scalar:
+    """A recorded real number: `name` on the tape, with a sign kept apart so that -x costs nothing."""
+
+    __slots__ = ("name", "negative", "tape")
+    inexact: ClassVar[bool] = True
+
+    def __init__(self, tape: Tape, name: str, negative: bool = False):
+        self.tape, self.name, self.negative = tape, name, negative
+
+    def _new(self, expression: str, *needs: str, negative: bool = False) -> Scalar:
+        return Scalar(self.tape, self.tape.record(expression, needs), negative)
+
+    def __neg__(self) -> Scalar:
+        return Scalar(self.tape, self.name, not self.negative)
+
+    def __add__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = _number(other)
+        if value == 0:
+            return self
+        if value is None and other.name == self.name and other.negative != self.negative:
+            return 0.0
+        b, b_negative = (other.name, other.negative) if value is None else (repr(abs(value)), value < 0)
+        a, needs = self.name, (self.name,) + ((b,) if value is None else ())
+        if self.negative == b_negative:
+            first, second = sorted((a, b))
+            return self._new(f"{first} + {second}", *needs, negative=self.negative)
+        plus, minus = (b, a) if self.negative else (a, b)
+        known = self.tape.knows(f"{minus} - {plus}")
+        if known is not None:
+            return Scalar(self.tape, known, True)
+        return self._new(f"{plus} - {minus}", *needs)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if _is_number(other) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other if _is_number(other) else NotImplemented
+
+    def __mul__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = _number(other)
+        if value is not None:
+            if value in (0, 1, -1):
+                return 0.0 if value == 0 else (self if value == 1 else -self)
+            return self._new(f"{self.name} * {abs(value)!r}", self.name, negative=self.negative != (value < 0))
+        first, second = sorted((self.name, other.name))
+        return self._new(f"{first} * {second}", first, second, negative=self.negative != other.negative)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = _number(other)
+        if value is not None:
+            if value in (1, -1):
+                return self if value == 1 else -self
+            return self._new(f"{self.name} / {abs(value)!r}", self.name, negative=self.negative != (value < 0))
+        return self._new(f"{self.name} / {other.name}", self.name, other.name, negative=self.negative != other.negative)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = float(other)
+        if value == 0:
+            return 0.0
+        return self._new(f"{abs(value)!r} / {self.name}", self.name, negative=self.negative != (value < 0))
+
+    def __pow__(self, exponent: int) -> Any:
+        if exponent not in (2, 3):
+            raise TypeError(f"recorded numbers know the powers 2 and 3, not {exponent!r}")
+        return self * self if exponent == 2 else self * self * self
+
+    def sqrt(self) -> Scalar:
+        return self._new(f"sqrt({self.signed})", self.name)
+
+    @property
+    def signed(self) -> str:
+        return f"(-{self.name})" if self.negative else self.name
+
+    def __repr__(self) -> str:
+        return self.signed
+
+
+def _is_number(x: Any) -> bool:
+    return isinstance(x, Scalar | int | float | np.integer | np.floating)
+
+
+def text(x: Any) -> str:
+    """A recorded or plain number as source."""
+    return x.signed if isinstance(x, Scalar) else repr(float(x))
+
+
+class Matrix:
+    """A recorded real array of fixed shape, printed as NumPy code that Numba compiles."""
+
+    __array_ufunc__ = None  # so that NumPy arrays leave their operators to us
+    dtype: ClassVar[np.dtype[Any]] = np.dtype(np.float64)
+
+    def __init__(self, tape: Tape, name: str, shape: tuple[int, ...]):
+        self.tape, self.name, self.shape = tape, name, shape
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    def __array_namespace__(self) -> type[MatrixNamespace]:
+        return MatrixNamespace
+
+    def _new(self, expression: str, shape: tuple[int, ...], *needs: str) -> Matrix:
+        return Matrix(self.tape, self.tape.record(expression, needs), shape)
+
+    def _operand(self, other: Any) -> tuple[str, tuple[int, ...], tuple[str, ...]] | None:
+        if isinstance(other, Matrix):
+            return other.name, other.shape, (other.name,)
+        if np.ndim(other) == 0:
+            return repr(float(other)), (), ()
+        if isinstance(other, np.ndarray) and other.ndim == 2 and (other == np.eye(len(other))).all():
+            return f"eye({len(other)})", other.shape, ()
+        return None
+
+    def _binary(self, other: Any, symbol: str, reverse: bool = False) -> Any:
+        operand = self._operand(other)
+        if operand is None:
+            return NotImplemented
+        name, shape, needs = operand
+        left, right = (name, self.name) if reverse else (self.name, name)
+        return self._new(f"{left} {symbol} {right}", np.broadcast_shapes(self.shape, shape), self.name, *needs)
+
+    def __add__(self, other: Any) -> Any:
+        return self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "+")
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self._binary(other, "-")
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._binary(other, "-", reverse=True)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._binary(other, "*")
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._binary(other, "/")
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._binary(other, "/", reverse=True)
+
+    def __pow__(self, exponent: int) -> Any:
+        return self._binary(exponent, "**")
+
+    def __neg__(self) -> Matrix:
+        return self._new(f"-{self.name}", self.shape, self.name)
+
+    def __matmul__(self, other: Matrix) -> Matrix:
+        shape = (*self.shape[:-1], *other.shape[1:])
+        return self._new(f"{self.name} @ {other.name}", shape, self.name, other.name)
+
+    @property
+    def mT(self) -> Matrix:
+        return self._new(f"ascontiguousarray({self.name}.T)", self.shape[::-1], self.name)
+
+    def sum(self, axis: int | tuple[int, ...]) -> Matrix:
+        if self.ndim == 1 or axis == (-2, -1):
+            return self._new(f"{self.name}.sum()", (), self.name)
+        place = axis % self.ndim if isinstance(axis, int) else axis[0] % self.ndim
+        return self._new(f"{self.name}.sum({place})", self.shape[:place] + self.shape[place + 1 :], self.name)
+
+    def __getitem__(self, index: Any) -> Matrix:
+        """Only new axes, whole axes and one leading or trailing place, which is all that `algebra` asks for."""
+        index = [i for i in (index if isinstance(index, tuple) else (index,)) if i is not Ellipsis]
+        if None in index:
+            if self.ndim == 0:
+                shape = (1,) * len(index)
+                return self._new(f"full({shape}, {self.name})", shape, self.name)
+            size = iter(self.shape)
+            shape = tuple(1 if i is None else next(size) for i in self._padded(index))
+            return self._new(f"{self.name}.reshape({shape})", shape, self.name)
+        if index == [0] and self.ndim == 2:
+            return self._new(f"ascontiguousarray({self.name}[:, 0])", self.shape[:1], self.name)
+        if len(index) == 1 and isinstance(index[0], slice):
+            count = len(range(*index[0].indices(self.shape[-1])))
+            places = f"{index[0].start or ''}:{index[0].stop or ''}"
+            comma = ":, " * (self.ndim - 1)
+            return self._new(f"ascontiguousarray({self.name}[{comma}{places}])", (*self.shape[:-1], count), self.name)
+        raise TypeError(f"a recorded array cannot be indexed by {index!r}")
+
+    def _padded(self, index: list[Any]) -> list[Any]:
+        whole = sum(i is not None for i in index)
+        return [slice(None)] * (self.ndim - whole) + index
+
+    def record_solve(self, B: Any) -> Matrix:
+        name, shape, needs = self._operand(B) or ("", (), ())
+        return self._new(f"solve({self.name}, {name})", shape, self.name, *needs)
+
+    def sqrt(self) -> Matrix:
+        return self._new(f"sqrt({self.name})", self.shape, self.name)
+
+    def __repr__(self) -> str:
+        return f"{self.name}{self.shape}"
+
+
+class MatrixNamespace:
+    """What `algebra` needs of a library for recorded arrays."""
+
+    @staticmethod
+    def concatenate(parts: list[Matrix], axis: int) -> Matrix:
+        raise TypeError("concatenation of recorded arrays is not needed by any step")

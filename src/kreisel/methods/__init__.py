@@ -1,0 +1,28 @@
+"""Methods by name.  Each makes a `Scheme` for a model, a step and an order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from kreisel.contract import Model
+from kreisel.errors import InputError, nearest
+from kreisel.methods.reference import dop853
+from kreisel.methods.scheme import Outcome, Scheme
+from kreisel.methods.suris import suris
+
+METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {"suris": suris, "dop853": dop853}
+
+__all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
+
+
+def default_method(model: Model) -> str:
+    """The system's own map where one is known, else the reference."""
+    return "suris" if model.system.map is not None else "dop853"
+
+
+def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The scheme of that name.  Raises `InputError` with the nearest name."""
+    name = default_method(model) if method is None else method
+    if name not in METHODS:
+        raise InputError(f"No method is called {name!r}.{nearest(name, METHODS)} There are: {', '.join(METHODS)}.")
+    return METHODS[name](model, dt, order, oriented)

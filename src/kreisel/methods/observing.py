@@ -1,0 +1,95 @@
+"""The variables of a run, derived from the record: state, orientation, Casimirs, integrals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import Frame, Model, keywords
+from kreisel.methods.scheme import Components, Outcome
+
+ORIENTATION = "g"
+
+
+def orientation_component(n: int) -> tuple[str, str]:
+    """g as a unit quaternion for n = 3, as an orthogonal matrix otherwise."""
+    return (ORIENTATION, "quaternion" if n == 3 else "matrix")
+
+
+def with_orientation(model: Model, oriented: bool) -> Components:
+    """The components of the state that a scheme steps."""
+    return model.system.space.components + ((orientation_component(model.n),) if oriented else ())
+
+
+def functions(model: Model, eps: float | None) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
+    """name -> (what it is, function, whether it takes the map's own variables).
+
+    With `eps` (a step of the map) the deformed integrals come under names ending in `_eps`, and the
+    undeformed ones that the map does not keep are marked as functions.  Without, nothing is kept.
+    """
+    system = model.system
+    out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {
+        "casimir": (Outcome("casimir", f"Casimirs of {system.space.name}"), system.space.casimirs, False)
+    }
+    named = {"energy": system.energy, **system.integrals}
+    for name, function in named.items():
+        deforms = eps is not None and "eps" in keywords(function) and system.map is not None
+        meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
+        if deforms:
+            told = f"{meaning}, not kept by the map: it oscillates by O(dt)"
+            out[name] = (Outcome("function", told), _bind(model, function), False)
+            told = f"deformed {name}, kept exactly by the map"
+            out[f"{name}_eps"] = (Outcome("integral", told), _bind(model, function, eps=eps), True)
+        else:
+            kind = "integral" if eps is not None else "function"
+            out[name] = (Outcome(kind, meaning), _bind(model, function), True)
+    return out
+
+
+def _bind(model: Model, function: Callable[..., Array], **extra: Any) -> Callable[..., Array]:
+    return lambda *state: model.call(function, *state, **extra)
+
+
+def observer(
+    model: Model, eps: float | None, to_user: Callable[..., tuple[Array, ...]] | None
+) -> tuple[Callable[[tuple[Array, ...]], dict[str, Array]], dict[str, Outcome]]:
+    """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
+    space = model.system.space
+    table = functions(model, eps)
+    outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
+    outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
+
+    def observe(z: tuple[Array, ...]) -> dict[str, Array]:
+        own, count = z[: len(space.letters)], len(space.letters)
+        user = to_user(*own) if to_user is not None else own
+        out = dict(zip(space.letters, user, strict=True))
+        for name, (_, function, takes_own) in table.items():
+            value = function(*(own if takes_own else user))
+            out[name] = _entries(value) if _is_block(value, own) else value
+        if len(z) > count:
+            out[ORIENTATION] = z[count]
+        return out
+
+    return observe, outcomes
+
+
+def _is_block(value: Array, own: tuple[Array, ...]) -> bool:
+    """A skew matrix (..., n, n) among the integrals, rather than a family (..., k)."""
+    n = own[-1].shape[-1]
+    return np.ndim(value) == own[-1].ndim + 1 and value.shape[-2:] == (n, n)
+
+
+def _entries(X: Array) -> Array:
+    """A skew block as axial vector for n = 3, else by its independent entries."""
+    return algebra.axial(X) if X.shape[-1] == 3 else algebra.coordinates(X)
+
+
+def orientation_outcome(model: Model) -> Outcome:
+    """What g means in the frame of the system."""
+    carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
+    form = "unit quaternion (w, x, y, z)" if model.n == 3 else "orthogonal matrix"
+    return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])

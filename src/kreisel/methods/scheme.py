@@ -1,0 +1,47 @@
+"""What a method hands to the engines: three pure functions, and the layout of what they work on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from kreisel.algebra import Array
+
+Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "matrix", "quaternion"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One variable that `observe` returns: its kind and what it means.
+
+    kind: "state", "orientation", "casimir", "integral" (constant along this method's orbit up to
+    round-off) or "function" (an integral of the flow that this method does not keep).
+    """
+
+    kind: str
+    meaning: str
+    axes: str = ""  # the kind of component ("skew", ...) of a state; "" for a scalar or a family
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A method for one model.
+
+    prepare(x0)            -> z0        once
+    step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
+    rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
+    observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
+    """
+
+    name: str
+    components: Components
+    constants: Mapping[str, Array]  # what step or rate takes by keyword; a lane axis may stand in front
+    axes: Mapping[str, int]  # of each constant, without the lane axis
+    n: int
+    prepare: Callable[[tuple[Array, ...]], tuple[Array, ...]]
+    observe: Callable[[tuple[Array, ...]], dict[str, Array]]
+    outcomes: Mapping[str, Outcome]
+    step: Callable[..., tuple[Array, ...]] | None = None
+    rate: Callable[..., tuple[Array, ...]] | None = None
+    options: Mapping[str, Any] | None = None

@@ -1,0 +1,74 @@
+"""method="suris": the paper's maps, and their half-kick conjugates of order 2."""
+
+from __future__ import annotations
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import Frame, Model, call
+from kreisel.errors import InputError
+from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.methods.scheme import Scheme
+
+
+def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The system's map phi with step eps = dt; with order = 2 (the default) chi phi chi^-1, chi half a kick.
+
+    Both are Poisson and keep the deformed integrals.  The conjugate runs phi and changes variables once
+    at the start and at every saved state.  Raises `InputError` for other orders and steps at which the
+    map may be singular.
+    """
+    order = 2 if order is None else order
+    phi = model.map
+    if order not in (1, 2):
+        raise InputError(
+            f"method='suris' has order 1 (the paper's map) or 2 (its half-kick conjugate); order={order!r} came."
+        )
+    eps = {"eps": dt}
+    observe, outcomes = observer(
+        model, dt, (lambda *z: model.call(phi.to_symmetric, *z, **eps)) if order == 2 else None
+    )
+    components = with_orientation(model, oriented)
+    letters = model.system.space.letters
+
+    def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
+        own = x0[: len(letters)]
+        _check_domain(model, own, dt)
+        start = model.call(phi.from_symmetric, *own, **eps) if order == 2 else own
+        return (*start, *x0[len(letters) :])
+
+    def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
+        own = z[: len(letters)]
+        new = call(phi.step, own, consts)
+        return (*new, *(_turned(model, own, new, g, consts) for g in z[len(letters) :]))
+
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+    return Scheme(
+        name="suris",
+        components=components,
+        constants={**model.constants, **eps},
+        axes={**model.axes, "eps": 0},
+        n=model.n,
+        prepare=prepare,
+        step=step,
+        observe=observe,
+        outcomes=outcomes,
+        options={"order": order},
+    )
+
+
+def _turned(model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: dict[str, Array]) -> Array:
+    X = call(model.map.generator, (*old, *new), consts)
+    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
+
+
+def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
+    if model.map.largest_step is None:
+        return
+    largest = float(model.call(model.map.largest_step, *state).min())
+    if dt >= largest:
+        raise InputError(
+            f"The map of {model.system.name} divides by 1 + dt^2/4 <P, BP>, which may vanish on this orbit: "
+            f"dt = {dt:g} came, and dt < {largest:.6g} is safe. Use a smaller dt, or add a constant to b so that "
+            "no entry is negative (the flow stays as it is)."
+        )

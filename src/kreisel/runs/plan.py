@@ -1,0 +1,181 @@
+"""From a model, a state and a step to something that marches: checks, scheme, engine, layout."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import COMPONENT_AXES, Model, State
+from kreisel.engines import layout
+from kreisel.engines.layout import Floats
+from kreisel.errors import InputError
+from kreisel.methods import Scheme, scheme
+
+ORTHOGONAL_TOLERANCE = 1e-9
+
+
+class Marcher(Protocol):
+    """An engine at work: rows of state `z` (lanes, d), advanced in place."""
+
+    z: Floats
+
+    def advance(self, out: Floats, every: int) -> None: ...
+
+
+@dataclass
+class Plan:
+    """A run about to start."""
+
+    model: Model
+    scheme: Scheme
+    engine: Marcher
+    dt: float
+    steps: int
+    every: int
+    lanes: int
+    batched: bool
+
+    @property
+    def saved_steps(self) -> list[int]:
+        """Steps at which rows are saved: 0, every, 2 every, ... and the last."""
+        regular = list(range(0, self.steps + 1, self.every))
+        return regular if regular[-1] == self.steps else [*regular, self.steps]
+
+    @property
+    def rows(self) -> int:
+        return 1 + self.steps // self.every + (self.steps % self.every > 0)
+
+    @property
+    def kinds(self) -> list[str]:
+        return [kind for _, kind in self.scheme.components]
+
+    def observe(self, z: Floats) -> dict[str, Array]:
+        """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
+        outputs = self.scheme.observe(layout.restore(z, self.kinds, self.model.n))
+        out = {}
+        for name, value in outputs.items():
+            kind = self.scheme.outcomes[name].axes
+            value = algebra.axial(value) if kind == "skew" and self.model.n == 3 else value
+            value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
+            out[name] = value if self.batched else value[:, 0]
+        return out
+
+
+def make_plan(
+    model: Any,
+    x0: Any,
+    *,
+    dt: Any,
+    steps: Any,
+    every: Any,
+    method: str | None,
+    order: int | None,
+    orientation: Any,
+) -> Plan:
+    """Check everything that can be checked before the first step.  Raises `InputError`."""
+    if not isinstance(model, Model):
+        raise InputError(
+            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
+        )
+    dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
+    if every > steps:
+        raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
+    state = x0 if isinstance(x0, State) else _state(model, x0)
+    plan = scheme(model, method, dt, order, orientation is not None)
+    parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
+    if orientation is not None:
+        parts += (_orientation(orientation, model),)
+    start = _lanes(model, plan, parts)
+    return Plan(
+        model=model,
+        scheme=plan,
+        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt),
+        dt=dt,
+        steps=steps,
+        every=every,
+        lanes=math.prod(start.shape[:-1]),
+        batched=start.ndim > 1,
+    )
+
+
+def _engine(plan: Scheme, start: Floats, dt: float) -> Marcher:
+    if plan.step is not None:
+        from kreisel.engines.cpu import Kernel
+
+        return Kernel(plan, start)
+    from kreisel.engines.ode import Reference
+
+    return Reference(plan, start, dt)
+
+
+def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
+    """The prepared start (d,) or (lanes, d), with the batch axes of states and parameters made one."""
+    kinds = [kind for _, kind in plan.components]
+    own = len(model.system.space.letters)
+    before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
+    batches = [p.shape[: p.ndim - COMPONENT_AXES[k]] for p, k in zip(parts, before[: len(parts)], strict=True)]
+    try:
+        batch = np.broadcast_shapes(model.batch, *batches)
+    except ValueError:
+        raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:own]}.") from None
+    if len(batch) > 1:
+        raise InputError(f"One batch axis (lanes) was expected; axes {batch} came. Reshape the batch to one axis.")
+    spread = tuple(
+        np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
+        for p, b in zip(parts, batches, strict=True)
+    )
+    return np.asarray(layout.flatten(plan.prepare(spread), kinds))
+
+
+def _state(model: Model, x0: Any) -> State:
+    if not isinstance(x0, Mapping):
+        letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
+        raise InputError(f"The initial state must come from system.state({letters}) or be a dict; {x0!r} came.")
+    return model.state(**x0)
+
+
+def _positive(value: Any, name: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a positive number; {value!r} came.") from None
+    if not math.isfinite(number) or number <= 0:
+        raise InputError(
+            f"{name} must be positive and finite; {value!r} came. To go back in time, reverse the momenta."
+        )
+    return number
+
+
+def _whole(value: Any, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
+        raise InputError(f"{name} must be a whole number, 1 or more; {value!r} came.")
+    return int(value)
+
+
+def _orientation(value: Any, model: Model) -> Array:
+    """A rotation matrix (..., n, n), or for n = 3 a unit quaternion (..., 4), in the form that is stepped."""
+    n = model.n
+    try:
+        g = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        g = np.full(0, np.nan)
+    if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
+        length = np.sqrt((g * g).sum(-1, keepdims=True))
+        if not (abs(length - 1) < ORTHOGONAL_TOLERANCE).all():
+            raise InputError(f"The orientation quaternion (w, x, y, z) must have length 1; {length.ravel()} came.")
+        return g / length
+    quaternion = " or, for n = 3, a unit quaternion (w, x, y, z)" if n == 3 else ""
+    if g.ndim < 2 or g.shape[-2:] != (n, n):
+        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}; {value!r} came.")
+    off = float(abs(g @ g.mT - np.eye(n)).max())
+    if not off < ORTHOGONAL_TOLERANCE:
+        raise InputError(f"The orientation must be orthogonal; g g^T - I is up to {off:.3g}.")
+    if (np.linalg.det(g) < 0).any():
+        raise InputError("The orientation must have determinant +1; a reflection came. Swap two columns.")
+    return algebra.unit_quaternion(g) if n == 3 else g

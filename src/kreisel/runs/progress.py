@@ -1,0 +1,53 @@
+"""A progress bar with rate and time left on a terminal; silent when piped."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import Any
+
+SHOW_AFTER_SECONDS = 0.5
+
+
+class Progress:
+    """Counts steps; a bar on stderr appears once the run has taken half a second."""
+
+    def __init__(self, total: int, show: bool | None):
+        self.total, self.done = total, 0
+        self._show = sys.stderr.isatty() if show is None else show
+        self._begun, self._bar, self._task = time.perf_counter(), None, None
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def advance(self, steps: int) -> None:
+        self.done += steps
+        if self._bar is None and self._show and time.perf_counter() - self._begun > SHOW_AFTER_SECONDS:
+            self._bar, self._task = _bar(self.total)
+        if self._bar is not None:
+            rate = self.done / (time.perf_counter() - self._begun)
+            self._bar.update(self._task, completed=self.done, rate=f"{_short(rate)} steps/s")
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _bar(total: int) -> tuple[Any, Any]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn())
+    bar = Bar(*columns, TextColumn("left"), TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+    bar.start()
+    return bar, bar.add_task("steps", total=total, rate="")
+
+
+def _short(x: float) -> str:
+    for unit in ("", "k", "M", "G"):
+        if x < 1000:
+            return f"{x:.3g} {unit}".rstrip()
+        x /= 1000
+    return f"{x:.3g} T"

@@ -1,0 +1,48 @@
+"""The registry: one line a system."""
+
+from kreisel.contract import System
+from kreisel.errors import InputError, nearest
+from kreisel.systems.clebsch import SYSTEM as Clebsch
+from kreisel.systems.clebsch_general import SYSTEM as ClebschGeneral
+from kreisel.systems.heavy_top import SYSTEM as HeavyTop
+from kreisel.systems.kirchhoff import SYSTEM as Kirchhoff
+from kreisel.systems.lagrange_top import SYSTEM as LagrangeTop
+from kreisel.systems.lagrange_top_moving import SYSTEM as LagrangeTopMoving
+from kreisel.systems.neumann import SYSTEM as Neumann
+from kreisel.systems.symmetric_top import SYSTEM as SymmetricTop
+
+__all__ = [
+    "REGISTRY",
+    "Clebsch",
+    "ClebschGeneral",
+    "HeavyTop",
+    "Kirchhoff",
+    "LagrangeTop",
+    "LagrangeTopMoving",
+    "Neumann",
+    "SymmetricTop",
+    "find",
+]
+
+REGISTRY: dict[str, System] = {
+    system.name: system
+    for system in (
+        HeavyTop,
+        LagrangeTop,
+        LagrangeTopMoving,
+        SymmetricTop,
+        Kirchhoff,
+        ClebschGeneral,
+        Clebsch,
+        Neumann,
+    )
+}
+
+
+def find(name: str) -> System:
+    """The system of that name.  Raises `InputError` with the nearest name."""
+    if name not in REGISTRY:
+        raise InputError(
+            f"No system is called {name!r}.{nearest(name, REGISTRY)} There are: {', '.join(REGISTRY)}."
+        )
+    return REGISTRY[name]

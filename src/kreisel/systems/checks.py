@@ -1,0 +1,48 @@
+"""Valid ranges of parameters, shared by the records."""
+
+import numpy as np
+
+from kreisel.algebra import dot
+from kreisel.errors import InputError
+
+
+def nonzero_alpha(alpha, letter):
+    if (np.asarray(alpha) == 0).any():
+        raise InputError(
+            f"{letter} = I_axial / I_transverse must not be 0: the Legendre transform is singular there, so the "
+            f"orientation is undefined. A thin rod has a small {letter} > 0, a flat disc {letter} = 2."
+        )
+
+
+def nonzero_vector(A, letter):
+    if (np.asarray(dot(A, A)) == 0).any():
+        raise InputError(
+            f"{letter} must not be the zero vector: it points from the fixed point to the centre of mass. "
+            "A body held at its centre of mass is the free top (heavy-top with p = 0)."
+        )
+
+
+def distinct(a, letter):
+    d = np.diagonal(a, axis1=-2, axis2=-1)
+    n = d.shape[-1]
+    for j in range(n):
+        for k in range(j):
+            if (np.asarray(d[..., j] == d[..., k])).any():
+                raise InputError(
+                    f"The entries of {letter} must be distinct, since c_jk = (b_j - b_k)/(a_j - a_k); "
+                    f"{letter}_{k + 1} = {letter}_{j + 1} = {d[..., j]} came. For a = b (c = 1) use clebsch."
+                )
+
+
+def moments(J, letter):
+    """J_j + J_k > 0 for principal values, so that the kinetic energy -tr(Omega J Omega)/2 is positive."""
+    if J.dtype == object:
+        d = np.sort(np.diagonal(J, axis1=-2, axis2=-1), -1)
+    else:
+        d = np.sort(np.linalg.eigvalsh(J), -1)
+    if (d[..., 0] + d[..., 1] <= 0).any():
+        raise InputError(
+            f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values; {d.tolist()} came. "
+            f"{letter} is the sum of mass x x^T over the body, not the classical inertia tensor I: "
+            f"for n = 3, {letter} = tr(I)/2 - I."
+        )

@@ -1,0 +1,143 @@
+"""Clebsch's case, the special flow c_jk = 1, and its discretization.  State (M, P) in e(n)*.
+
+M (..., n, n) skew, P (..., n), body frame; B = diag(b).  Plus bracket, F' = {H, F}.
+[Suris 2001, section 7; Lagrangian with 2/eps (erratum E1), Lax pair for any |P| (E10)]
+"""
+
+import numpy as np
+
+from kreisel.algebra import (
+    act, cayley_act, dot, identity, log, mat, moebius, pairing, pencil_spectrum, trace_log, vec, wedge,
+)
+from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.systems.matrices import diagonal
+
+
+def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P
+    return wedge(P, b * P), -act(M, P)
+
+
+def denominator(P, *, b, eps):
+    return 1 + eps * eps / 4 * dot(P, b * P)
+
+
+def kick(P, *, b, eps):  # the change of M in a step
+    return eps * wedge(P, b * P) / mat(denominator(P, b=b, eps=eps))
+
+
+def step(M, P, *, b, eps):  # (dClebsch spec)
+    M = M + kick(P, b=b, eps=eps)
+    return M, cayley_act(-eps / 2 * M, P)
+
+
+def inverse(M, P, *, b, eps):
+    P = cayley_act(eps / 2 * M, P)
+    return M - kick(P, b=b, eps=eps), P
+
+
+def adjoint(M, P, *, b, eps):
+    P = cayley_act(-eps / 2 * M, P)
+    return M + kick(P, b=b, eps=eps), P
+
+
+def involution(M, P, *, b, eps):
+    return -(M + kick(P, b=b, eps=eps)), P
+
+
+def half_kick(M, P, *, b, eps):  # K^(1/2), with the denominator of the whole step
+    return M + kick(P, b=b, eps=eps) / 2, P
+
+
+def half_kick_back(M, P, *, b, eps):
+    return M - kick(P, b=b, eps=eps) / 2, P
+
+
+def shifted(M, P, *, eps):  # Pt
+    return P + eps / 2 * act(M, P)
+
+
+def energy(M, P, *, b, eps=0):  # -(1/2) sum b_i F_i
+    Pt = shifted(M, P, eps=eps)
+    trace = -(M * M * b[..., None, :]).sum((-2, -1))  # tr(M B M)
+    return pairing(M, M) / 2 - eps * eps / 8 * dot(P, P) * trace - dot(Pt, b * Pt) / 2
+
+
+def spectrum(M, P, *, b, eps=0):  # coefficients of det(L(lambda) - mu), up to constants and det S
+    return pencil_spectrum(M, diagonal(b), shifted(M, P, eps=eps), eps * eps / 4 * dot(P, P))
+
+
+def pencil(M, Q, b, lam):
+    return lam * diagonal(b) + M + Q[..., :, None] * Q[..., None, :] / lam
+
+
+def lax(M, P, *, b, lam):  # L' = [L, U+],   U+ = lambda B + M
+    return pencil(M, P, b, lam), lam * diagonal(b) + M
+
+
+def lax_matrix(M, P, *, b, lam, eps):  # S^-1 (lambda B + M + Pt Pt^T / lambda),   S = I + eps^2 |P|^2/4 B
+    S = 1 + eps * eps / 4 * vec(dot(P, P)) * b
+    return pencil(M, shifted(M, P, eps=eps), b, lam) / S[..., :, None]
+
+
+def conjugator(M, P, *, b, lam, eps):  # V^-1 = cay(-eps/(2 lambda) Q),   Q = P P^T S / den
+    S = 1 + eps * eps / 4 * vec(dot(P, P)) * b
+    Q = P[..., :, None] * (P * S)[..., None, :] / mat(denominator(P, b=b, eps=eps))
+    return moebius(-eps / (2 * lam) * Q)
+
+
+def velocity(M, P):  # Omega = M
+    return M
+
+
+def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
+    return eps / 2 * M1
+
+
+def lagrangian(g, h, p, *, b, eps):  # (dClebsch spec Lagr) with 2/eps for 4/eps
+    W, P = g.mT @ h, act(g.mT, p)
+    kinetic = trace_log(2 * identity(W.shape[-1]) + W + W.mT) / eps
+    return -kinetic + 2 / eps * log(denominator(P, b=b, eps=eps))
+
+
+def largest_step(M, P, *, b):
+    """The denominator 1 + eps^2/4 <P, BP> stays positive on |P| = const for smaller |eps|."""
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(dot(P, P) * np.maximum(-b.min(-1), 0))
+
+
+SYSTEM = System(
+    name="clebsch",
+    title="Clebsch's case, the special flow c = 1",
+    equations="M' = P ^ BP,  P' = -M P",
+    source="Suris 2001, section 7, (Clebsch spec)",
+    frame=Frame.MOVING,
+    space=MOVING_SPACE,
+    parameters=(
+        Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2. Adding a constant to b leaves the flow as it is"),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    scaling="The one moment of inertia is 1.",
+    integrals={"spectrum": spectrum},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
+        to_symmetric=half_kick,
+        from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
+        source="Suris 2001, section 7, (dClebsch spec)",
+    ),
+    relations=(
+        Relation("clebsch-general", lambda M, P, g, *, b: ((M, P), {"a": b, "b": b}), meaning="the flow a = b"),
+    ),
+    notes="The spectrum is complete for distinct b (and for n = 4 with one equal pair).",
+)

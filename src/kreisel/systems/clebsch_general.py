@@ -1,0 +1,63 @@
+"""Clebsch's case of Kirchhoff's equations, any flow of the hierarchy.  State (M, P) in e(n)*.
+
+M (..., n, n) skew, P (..., n), body frame.  c_jk = (b_j - b_k)/(a_j - a_k); plus bracket, F' = {H, F}.
+[Suris 2001, section 7]
+"""
+
+from kreisel.algebra import act, dot, identity, pairing, pencil_spectrum, wedge
+from kreisel.contract import MOVING_SPACE, Frame, Parameter, Relation, System
+from kreisel.systems.checks import distinct
+from kreisel.systems.matrices import diagonal
+
+
+def quotients(*, a, b):
+    """c_jk = (b_j - b_k)/(a_j - a_k), 0 on the diagonal."""
+    one = identity(a.shape[-1])
+    return {"c": (b[..., :, None] - b[..., None, :]) / (a[..., :, None] - a[..., None, :] + one)}
+
+
+def velocity(M, P, *, c):  # Omega_jk = c_jk M_jk
+    return c * M
+
+
+def flow(M, P, *, b, c):  # M' = [M, Omega] + P ^ BP,   P' = -Omega P
+    Omega = c * M
+    return M @ Omega - Omega @ M + wedge(P, b * P), -act(Omega, P)
+
+
+def energy(M, P, *, b, c, eps=0):
+    return pairing(M, c * M) / 2 - dot(P, b * P) / 2
+
+
+def spectrum(M, P, *, a):  # coefficients of det(L(lambda) - mu)
+    return pencil_spectrum(M, diagonal(a), P, 0)
+
+
+def lax(M, P, *, a, b, c, lam):  # L = lambda A + M + P P^T / lambda,   U = lambda B + Omega
+    return lam * diagonal(a) + M + P[..., :, None] * P[..., None, :] / lam, lam * diagonal(b) + c * M
+
+
+SYSTEM = System(
+    name="clebsch-general",
+    title="Clebsch's case of Kirchhoff's equations",
+    equations="M' = [M, Omega] + P ^ BP,  P' = -Omega P,  Omega_jk = (b_j - b_k)/(a_j - a_k) M_jk",
+    source="Suris 2001, section 7",
+    frame=Frame.MOVING,
+    space=MOVING_SPACE,
+    parameters=(
+        Parameter("a", "vector", "diagonal of A, distinct entries", lambda a, letter: distinct(diagonal(a), letter)),
+        Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2"),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    derive=quotients,
+    scaling="Any consistent units.",
+    integrals={"spectrum": spectrum},
+    commuting=("spectrum",),
+    lax=lax,
+    relations=(
+        Relation("kirchhoff", lambda M, P, g, *, b, c: ((M, P), {"C": c, "B": diagonal(b)}), meaning="a special case"),
+    ),
+    notes="Only the flow a = b has an explicit map here: clebsch.",
+)

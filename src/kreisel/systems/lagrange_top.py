@@ -1,0 +1,128 @@
+"""Lagrange top, rest frame.  State (m, a) in e(n)*: m (..., n, n) skew, a (..., n).
+
+m is the angular momentum and a = gA the vector from the fixed point to the centre of mass, both in
+the rest frame; p is the constant gravity vector (potential <p, a>).  Minus bracket, F' = {H, F}.
+[Suris 2001, sections 5 and 6.1; corrections E10 to E12 of the errata apply: any |a|, alpha != 0]
+"""
+
+from kreisel.algebra import (
+    act, bordered_spectrum, cayley_act, dot, identity, log, mat, moebius, pairing, project_out, trace_log, vec, wedge,
+)
+from kreisel.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.systems.checks import nonzero_alpha
+from kreisel.systems.matrices import border
+
+
+def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a
+    return wedge(a, p), act(m, a)
+
+
+def step(m, a, *, p, eps):  # (dLT rest frame)
+    m = m + eps * wedge(a, p)
+    return m, cayley_act(eps / 2 * m, a)  # (I - eps/2 m)^-1 (I + eps/2 m) a
+
+
+def inverse(m, a, *, p, eps):
+    a = cayley_act(-eps / 2 * m, a)
+    return m - eps * wedge(a, p), a
+
+
+def adjoint(m, a, *, p, eps):
+    a = cayley_act(eps / 2 * m, a)
+    return m + eps * wedge(a, p), a
+
+
+def involution(m, a, *, p, eps):
+    return -(m + eps * wedge(a, p)), a
+
+
+def half_kick(m, a, *, p, eps):  # A_(eps/2)
+    return m + eps / 2 * wedge(a, p), a
+
+
+def half_kick_back(m, a, *, p, eps):
+    return m - eps / 2 * wedge(a, p), a
+
+
+def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|
+    return a - eps / 2 * act(m, a) + eps * eps / 4 * vec(dot(a, a)) * p
+
+
+def energy(m, a, *, p, eps=0):  # (dLT rest H)
+    return pairing(m, m) / 2 + dot(a, p) - eps / 2 * pairing(m, wedge(p, a))
+
+
+def spectrum(m, a, *, p, eps=0):  # coefficients of det(l(lambda) - mu)
+    return bordered_spectrum(m, shifted(m, a, p=p, eps=eps), p)
+
+
+def noether(m, a, *, p):  # |p|^2 pi m pi,  pi = I - p p^T / |p|^2
+    return project_out(m, p)
+
+
+def lax_matrix(m, a, *, p, lam, eps=0):  # l(lambda)
+    return border(m, lam * shifted(m, a, p=p, eps=eps) - p / lam)
+
+
+def lax(m, a, *, p, lam):  # l' = [l, u]
+    return lax_matrix(m, a, p=p, lam=lam), border(0 * m, lam * a)
+
+
+def conjugator(m, a, *, p, lam, eps):  # v_k, from the old a_k
+    return moebius(eps / 2 * border(0 * m, lam * a))
+
+
+def velocity(m, a, *, alpha):
+    return m / mat(alpha) + mat((1 - alpha) / alpha / dot(a, a)) * wedge(a, act(m, a))
+
+
+def generator(m, a, m1, a1, *, alpha, eps):  # w_k = cay(X), from (dLT m expr)
+    return eps / 2 * m1 / mat(alpha) + mat((1 - alpha) / alpha / (dot(a, a) + dot(a, a1))) * wedge(a, a1)
+
+
+def lagrangian(g, h, A, *, p, alpha, eps):  # (dmLT Lagr 1), with |A|^2 for 1
+    w, a, a1 = h @ g.mT, act(g, A), act(h, A)
+    kinetic = alpha / eps * trace_log(2 * identity(w.shape[-1]) + w + w.mT)
+    return -kinetic - 2 * (1 - alpha) / eps * log(dot(A, A) + dot(a, a1)) - eps * dot(p, a)
+
+
+def to_moving_frame(m, a, g, *, p, alpha):
+    return (g.mT @ m @ g, act(g.mT, p)), {"A": act(g.mT, a), "alpha": alpha}
+
+
+SYSTEM = System(
+    name="lagrange-top",
+    title="Lagrange top, rest frame",
+    equations="m' = a ^ p,  a' = m a",
+    source="Suris 2001, sections 5 and 6.1",
+    frame=Frame.REST,
+    space=REST_SPACE,
+    parameters=(
+        Parameter("p", "vector", "gravity vector in the rest frame: the potential energy is <p, a>"),
+        Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0; only the orientation feels it",
+                  nonzero_alpha, 1.0),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
+    "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
+    integrals={"spectrum": spectrum, "noether": noether},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
+        to_symmetric=half_kick,
+        from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        source="Suris 2001, section 6.1, (dLT rest frame)",
+    ),
+    relations=(Relation("lagrange-top-moving", to_moving_frame, "adjoint", "the same body seen in its own frame"),),
+    notes="For n >= 4 the spectrum alone is not complete: noether, the block pi m pi, is needed too.",
+)

@@ -1,0 +1,161 @@
+"""Lagrange top, moving frame.  State (M, P) in e(n)*: M (..., n, n) skew, P (..., n).
+
+M is the angular momentum and P = g^T p the gravity vector, both in the body frame; A, constant there,
+points from the fixed point to the centre of mass.  Plus bracket, F' = {H, F}.  Principal values of the
+mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
+[Suris 2001, sections 5 and 6.2; U of the discrete Lax pair with +lambda A^T (erratum E2), any |A|]
+"""
+
+from kreisel.algebra import (
+    act, bordered_spectrum, cayley, cayley_act, cayley_columns, dot, identity, log, mat, moebius, pairing, project_out,
+    resolvent, trace_log, vec, wedge,
+)
+from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.systems.checks import nonzero_alpha, nonzero_vector
+from kreisel.systems.matrices import border
+
+
+def velocity(M, P, *, A, alpha):  # Omega, (mLT operator inv)
+    return M / mat(alpha) + mat((1 - alpha) / alpha / dot(A, A)) * wedge(A, act(M, A))
+
+
+def flow(M, P, *, A, alpha):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
+    Omega = velocity(M, P, A=A, alpha=alpha)
+    return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
+
+
+def legendre(M, P, *, A, alpha, eps):  # X with W = cay(X), the inverse of (dmLT W thru M), any |A|
+    y = resolvent(eps / 2 * M, A[..., None] + 0 * M[..., :1])[..., 0]
+    return eps / 2 * M / mat(alpha) + mat((1 - alpha) / alpha / dot(A, y)) * wedge(A, y)
+
+
+def turn_back(X, M):  # W^T M W
+    return cayley_columns(-X, cayley_columns(-X, M).mT).mT
+
+
+def step(M, P, *, A, alpha, eps):  # (dmLT body)
+    X = legendre(M, P, A=A, alpha=alpha, eps=eps)
+    P = cayley_act(-X, P)
+    return turn_back(X, M) + eps * wedge(A, P), P
+
+
+def inverse(M, P, *, A, alpha, eps):
+    M = M - eps * wedge(A, P)
+    X = legendre(-M, P, A=A, alpha=alpha, eps=eps)
+    return turn_back(X, M), cayley_act(-X, P)
+
+
+def adjoint(M, P, *, A, alpha, eps):
+    M = M + eps * wedge(A, P)
+    X = legendre(M, P, A=A, alpha=alpha, eps=eps)
+    return turn_back(X, M), cayley_act(-X, P)
+
+
+def involution(M, P, *, A, eps):
+    return -M + eps * wedge(A, P), P
+
+
+def half_kick_back(M, P, *, A, eps):  # A_(-eps/2)
+    return M - eps / 2 * wedge(A, P), P
+
+
+def half_kick(M, P, *, A, eps):
+    return M + eps / 2 * wedge(A, P), P
+
+
+def shifted(M, P, *, A, eps):  # B_k
+    return A + eps / 2 * act(M, A) + eps * eps / 4 * vec(dot(A, A)) * P
+
+
+def energy(M, P, *, A, alpha, eps=0):  # Hbar_eps plus the conserved energy of the spin (erratum E16)
+    N = project_out(M, A)
+    spin = (1 - alpha) / alpha / dot(A, A) ** 2 * pairing(N, N) / 2
+    return pairing(M, M) / 2 + dot(P, A) + eps / 2 * dot(P, act(M, A)) + spin
+
+
+def spectrum(M, P, *, A, eps=0):  # coefficients of det(L(lambda) - mu)
+    return bordered_spectrum(M, shifted(M, P, A=A, eps=eps), P)[..., _without_casimirs(M.shape[-1])]
+
+
+def _without_casimirs(n):
+    """The places of <b, B_k b> and c + 2 <b, B_k p> in `bordered_spectrum`; <P, B_k P> are Casimirs."""
+    return [0, 1, *(2 + 3 * j + i for j in range((min(n, 8) - 1) // 2) for i in (0, 1))]
+
+
+def noether(M, P, *, A):  # |A|^2 Pi M Pi,  Pi = I - A A^T / |A|^2
+    return project_out(M, A)
+
+
+def lax_matrix(M, P, *, A, lam, eps=0):  # L(lambda)
+    return border(M, lam * shifted(M, P, A=A, eps=eps) - P / lam)
+
+
+def lax(M, P, *, A, alpha, lam):  # L' = [L, U]
+    return lax_matrix(M, P, A=A, lam=lam), border(velocity(M, P, A=A, alpha=alpha), lam * A + 0 * P)
+
+
+def conjugator(M, P, *, A, alpha, lam, eps):  # V = diag(W, 1) cay(eps/2 U), U = [[0, lambda A], [+lambda A^T, 0]]
+    W = cayley(legendre(M, P, A=A, alpha=alpha, eps=eps))
+    turn = border(W, 0 * P)
+    turn[..., -1, -1] = 1 + 0 * P[..., 0]
+    return turn @ moebius(eps / 2 * border(0 * M, lam * A + 0 * P))
+
+
+def generator(M, P, M1, P1, *, A, alpha, eps):
+    return legendre(M, P, A=A, alpha=alpha, eps=eps)
+
+
+def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
+    W = g.mT @ h
+    kinetic = alpha / eps * trace_log(2 * identity(W.shape[-1]) + W + W.mT)
+    WA = act(W, A)
+    return -kinetic - 2 * (1 - alpha) / eps * log(dot(A, A) + dot(A, WA)) - eps * dot(p, act(h, A))
+
+
+SYSTEM = System(
+    name="lagrange-top-moving",
+    title="Lagrange top, moving frame",
+    equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = alpha Omega + (1 - alpha)(Omega A A^T + A A^T Omega)/|A|^2",
+    source="Suris 2001, sections 5 and 6.2",
+    frame=Frame.MOVING,
+    space=MOVING_SPACE,
+    parameters=(
+        Parameter("A", "vector", "from the fixed point to the centre of mass, in the body; its length multiplies "
+                  "the potential <P, A>", nonzero_vector),
+        Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0", nonzero_alpha, 1.0),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    scaling="The transverse moment of inertia is 1; |A| |P| is M g l in that unit. See lagrange-top.",
+    integrals={"spectrum": spectrum, "noether": noether},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
+        to_symmetric=half_kick_back,
+        from_symmetric=half_kick,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
+    ),
+    relations=(
+        Relation(
+            "heavy-top",
+            lambda M, P, g, *, A, alpha: ((M, P), {"A": A, "J": _mass_tensor(A, alpha)}),
+            meaning="a heavy top with two equal moments and its centre of mass on the axis",
+        ),
+    ),
+    notes="For n >= 4 the spectrum alone is not complete: noether, the block Pi M Pi, is needed too.",
+)
+
+
+def _mass_tensor(A, alpha):
+    """alpha/2 across A and 1 - alpha/2 along it."""
+    along = A[..., :, None] * A[..., None, :] / mat(dot(A, A))
+    return mat(alpha / 2) * identity(A.shape[-1]) + mat(1 - alpha) * along

@@ -1,0 +1,121 @@
+"""Totally symmetric Lagrange top, moving frame: the map of the paper's Introduction.
+
+State (M, P) in e(n)*: M (..., n, n) skew, P (..., n).  Plus bracket, F' = {H, F}.  The same equations
+as the rest frame under (m, a, p) = (-M, P, A); any |A| and |P|.  The map is the body form of the unmodified
+Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E13).  [Suris 2001, section 1]
+"""
+
+from kreisel.algebra import (
+    act, bordered_spectrum, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge,
+)
+from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.systems.checks import nonzero_vector
+from kreisel.systems.matrices import border
+
+
+def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
+    return wedge(A, P), -act(M, P)
+
+
+def step(M, P, *, A, eps):
+    M = M + eps * wedge(A, P)
+    return M, cayley_act(-eps / 2 * M, P)
+
+
+def inverse(M, P, *, A, eps):
+    P = cayley_act(eps / 2 * M, P)
+    return M - eps * wedge(A, P), P
+
+
+def adjoint(M, P, *, A, eps):
+    P = cayley_act(-eps / 2 * M, P)
+    return M + eps * wedge(A, P), P
+
+
+def involution(M, P, *, A, eps):
+    return -(M + eps * wedge(A, P)), P
+
+
+def half_kick(M, P, *, A, eps):
+    return M + eps / 2 * wedge(A, P), P
+
+
+def half_kick_back(M, P, *, A, eps):
+    return M - eps / 2 * wedge(A, P), P
+
+
+def shifted(M, P, *, A, eps):
+    return P + eps / 2 * act(M, P) + eps * eps / 4 * vec(dot(P, P)) * A
+
+
+def energy(M, P, *, A, eps=0):
+    return pairing(M, M) / 2 + dot(P, A) + eps / 2 * pairing(M, wedge(A, P))
+
+
+def spectrum(M, P, *, A, eps=0):
+    return bordered_spectrum(-M, shifted(M, P, A=A, eps=eps), A)
+
+
+def noether(M, P, *, A):
+    return project_out(M, A)
+
+
+def lax_matrix(M, P, *, A, lam, eps=0):
+    return border(-M, lam * shifted(M, P, A=A, eps=eps) - A / lam)
+
+
+def lax(M, P, *, A, lam):
+    return lax_matrix(M, P, A=A, lam=lam), border(0 * M, lam * P)
+
+
+def conjugator(M, P, *, A, lam, eps):
+    return moebius(eps / 2 * border(0 * M, lam * P))
+
+
+def velocity(M, P):  # Omega = M
+    return M
+
+
+def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
+    return eps / 2 * M1
+
+
+def lagrangian(g, h, p, *, A, eps):
+    W = g.mT @ h
+    return -trace_log(2 * identity(W.shape[-1]) + W + W.mT) / eps - eps * dot(p, act(g, A))
+
+
+SYSTEM = System(
+    name="symmetric-top",
+    title="Totally symmetric Lagrange top, moving frame",
+    equations="M' = A ^ P,  P' = -M P",
+    source="Suris 2001, section 1",
+    frame=Frame.MOVING,
+    space=MOVING_SPACE,
+    parameters=(Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector),),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
+    integrals={"spectrum": spectrum, "noether": noether},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
+        to_symmetric=half_kick,
+        from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        source="Suris 2001, section 1 (Introduction)",
+    ),
+    relations=(
+        Relation("lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": 1}), "adjoint", "alpha = 1"),
+        Relation("lagrange-top", lambda M, P, g, *, A: ((-M, P), {"p": A, "alpha": 1}), "step", "(m, a, p) = (-M, P, A)"),
+    ),
+    notes="For n >= 4 the spectrum alone is not complete: noether is needed too.",
+)
