@@ -51,6 +51,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         prepare=prepare,
         rate=rate,
         observe=observe_all,
+        reopen=prepare,
         outcomes=outcomes,
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
     )

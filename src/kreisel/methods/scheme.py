@@ -32,6 +32,7 @@ class Scheme:
     step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
+    reopen(x)              -> z         from an observed state back to the method's own variables
     """
 
     name: str
@@ -42,6 +43,7 @@ class Scheme:
     prepare: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     observe: Callable[[tuple[Array, ...]], dict[str, Array]]
     outcomes: Mapping[str, Outcome]
+    reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
     options: Mapping[str, Any] | None = None

@@ -30,11 +30,13 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     components = with_orientation(model, oriented)
     letters = model.system.space.letters
 
+    def reopen(x: tuple[Array, ...]) -> tuple[Array, ...]:
+        own = x[: len(letters)]
+        return (*(model.call(phi.from_symmetric, *own, **eps) if order == 2 else own), *x[len(letters) :])
+
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
-        own = x0[: len(letters)]
-        _check_domain(model, own, dt)
-        start = model.call(phi.from_symmetric, *own, **eps) if order == 2 else own
-        return (*start, *x0[len(letters) :])
+        _check_domain(model, x0[: len(letters)], dt)
+        return reopen(x0)
 
     def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
         own = z[: len(letters)]
@@ -52,6 +54,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         prepare=prepare,
         step=step,
         observe=observe,
+        reopen=reopen,
         outcomes=outcomes,
         options={"order": order},
     )

@@ -264,7 +264,8 @@ def open_archive(path: Path) -> xr.Dataset:
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
     if run.attrs.get("kreisel_format") != FORMAT:
         raise InputError(f"{path} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
-    return run
+    order = ("state", "orientation", "casimir", "integral", "function")
+    return run[sorted(run.data_vars, key=lambda name: (order.index(run[name].attrs["kind"]), str(name)))]
 
 
 def model_of(run: xr.Dataset) -> Model:

@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
+KINDS = ("casimir", "integral", "function")
+
+
+def _place(variable: xr.DataArray) -> int:
+    kind = variable.attrs.get("kind")
+    return KINDS.index(kind) if kind in KINDS else -1
+
+
 def drift(run: xr.Dataset) -> pd.DataFrame:
     """One row for each Casimir and integral of a run.
 
@@ -47,9 +55,9 @@ def kept_series(run: xr.Dataset, every_kind: bool = False) -> Iterator[tuple[str
 
 def _all_series(run: xr.Dataset) -> Iterator[tuple[str, str, np.ndarray, float]]:
     """Every component of every Casimir and integral, the worst lane of each."""
-    for name, variable in run.data_vars.items():
+    for name, variable in sorted(run.data_vars.items(), key=lambda item: _place(item[1])):
         kind = variable.attrs.get("kind")
-        if kind not in ("casimir", "integral", "function"):
+        if kind not in KINDS:
             continue
         values = np.asarray(variable.values)
         lanes = "lane" in variable.dims
@@ -67,7 +75,7 @@ def _row(series: np.ndarray, time: np.ndarray, scale: float, steps: int) -> dict
     slope = float(centred @ change / (centred @ centred)) if len(time) > 1 else 0.0
     largest, band = float(abs(change).max()), MACHINE_EPSILON * scale * np.sqrt(steps)
     return {
-        "start": float(series[0]),
+        "start": float(series[0]) + 0.0,
         "max_change": largest,
         "roundoff": band,
         "ratio": largest / band if band > 0 else (0.0 if largest == 0 else np.inf),

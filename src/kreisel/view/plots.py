@@ -13,16 +13,18 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-MOST_POINTS = 20_000  # drawn of a trajectory: a contiguous piece from the start, so that the curve is true
-SPHERE_STEPS_PER_POINT = 25
+ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
+MOST_GAP = 0.5  # radii between saved states beyond which a line would cut corners: dots then
+MOST_DOTS = 4000
+STATES_SHOWN = 120
 
 
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
-    The drift of each Casimir and integral that the method keeps is drawn on a logarithmic scale, with the
-    width eps_machine * sensitivity * sqrt(steps) of a random walk of rounding errors.  `compare` is a second
-    run of the same system whose integrals are drawn in grey behind.
+    The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
+    relative to the integral's sensitivity (`kr.drift`), with the width eps_machine * sqrt(steps) of a random
+    walk of rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -56,72 +58,66 @@ def _vector_letter(run: xr.Dataset) -> str:
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
-    xyz = np.asarray(run[letter].values[:MOST_POINTS])
-    radius = float(np.linalg.norm(xyz, axis=-1).max())
+    xyz = np.asarray(run[letter].values)
+    radius = float(np.linalg.norm(xyz[:1], axis=-1).max())
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    axes.plot_wireframe(*ball, rstride=4, cstride=4, color=FAINT, linewidth=0.3, alpha=0.6)
-    dense = len(xyz) > 2 and np.linalg.norm(np.diff(xyz, axis=0), axis=-1).mean() < 0.4 * radius
-    if dense:
-        axes.plot(*xyz.T, color=COLOURS[0], linewidth=0.7)
+    axes.plot_wireframe(*ball, rstride=4, cstride=4, color=FAINT, linewidth=0.3, alpha=0.7)
+    arc = np.linalg.norm(np.diff(xyz, axis=0), axis=-1)
+    if len(arc) and arc[:1000].max() < MOST_GAP * radius:
+        shown = int(np.searchsorted(np.cumsum(arc), ARC_SHOWN * radius)) + 1
+        axes.plot(*xyz[:shown].T, color=COLOURS[0], linewidth=0.8)
+        told = f"to time {float(run['time'][shown - 1]):.4g}"
     else:
-        axes.plot(*xyz.T, ".", color=COLOURS[0], markersize=1.2)
+        axes.plot(*xyz[:MOST_DOTS].T, ".", color=COLOURS[0], markersize=1.0)
+        told = "saved states"
     axes.plot(*xyz[:1].T, "o", color=COLOURS[1], markersize=4)
-    axes.set_box_aspect((1, 1, 1))
+    axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
-    axes.set_xlabel(f"${letter}_1$", labelpad=-8)
-    axes.set_ylabel(f"${letter}_2$", labelpad=-8)
-    axes.set_zlabel(f"${letter}_3$", labelpad=-8)
-    axes.tick_params(labelbottom=False, labelleft=False, labelright=False, labeltop=False)
+    axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
-    axes.set_title(f"tip of ${letter}$ (dot: start)")
+    axes.set_title(f"tip of ${letter}$ on its sphere, {told}", y=0.97)
 
 
 def _components(axes: Any, run: xr.Dataset, letter: str) -> None:
-    time, values = run["time"].values[:400], run[letter].values[:400]
+    time, values = run["time"].values[:STATES_SHOWN], run[letter].values[:STATES_SHOWN]
     for i, series in enumerate(values.T):
         axes.plot(time, series, color=COLOURS[i % len(COLOURS)], label=f"${letter}_{{{i + 1}}}$")
-    axes.set(xlabel="time", title=f"components of ${letter}$ (first {len(time)} saved states)")
+    axes.set(xlabel="time", title=f"components of ${letter}$, first {len(time)} saved states")
     axes.legend(ncols=min(values.shape[1], 6), loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
 def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
     time = np.asarray(run["time"].values)
     if compare is not None:
-        _grey(axes, compare)
-    colours: dict[str, str] = {}
-    band = np.zeros(len(time))
-    for name, series, scale in kept_series(run):
-        family = name.split("[")[0]
-        first = family not in colours
-        colours.setdefault(family, COLOURS[len(colours) % len(COLOURS)])
-        change = np.maximum(abs(series - series[0]), 1e-18)
-        axes.plot(*_thinned(time, change), color=colours[family], linewidth=0.6, label=_label(run, family) if first else None)
-        band = np.maximum(band, MACHINE_EPSILON * scale * np.sqrt(time / run.attrs["dt"]))
-    if len(colours):
-        axes.plot(time, np.maximum(band, 1e-18), color="black", linestyle="--", linewidth=0.9, label=r"round-off, $\propto\sqrt{\mathrm{steps}}$")
-    axes.set(yscale="log", xlabel="time", title="change of every integral since the start")
-    floor = 1e-17
-    axes.set_ylim(bottom=floor)
-    axes.set_xlim(time[0], time[-1])
+        name = f"worst integral by {compare.attrs['method']}"
+        families = _envelopes(compare, every_kind=True)
+        worst = np.fmax.reduce(list(families.values()))
+        axes.plot(*_thinned(np.asarray(compare["time"].values), worst), color=FAINT, label=name)
+    shown = _envelopes(run, every_kind=run.attrs["method"] == "dop853")
+    for number, (family, change) in enumerate(shown.items()):
+        label = family.replace("_eps", " of the map")
+        axes.plot(*_thinned(time, change), color=COLOURS[number % len(COLOURS)], linewidth=0.7, label=label)
+    band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
+    axes.plot(time[1:], band[1:], color="black", linestyle="--", linewidth=0.9, label=r"$\varepsilon\sqrt{\mathrm{steps}}$")
+    axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(time[0], time[-1]))
+    axes.set_ylim(bottom=1e-17)
+    axes.set_title("what the method keeps" if not run.attrs["method"] == "dop853" else "integrals of the flow")
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
 
 
-def _grey(axes: Any, run: xr.Dataset) -> None:
-    time = np.asarray(run["time"].values)
-    for number, (_, series, _) in enumerate(kept_series(run, every_kind=True)):
-        change = np.maximum(abs(series - series[0]), 1e-18)
-        label = f"the same by {run.attrs['method']}" if number == 0 else None
-        axes.plot(*_thinned(time, change), color=FAINT, linewidth=0.6, label=label)
+def _envelopes(run: xr.Dataset, every_kind: bool) -> dict[str, np.ndarray]:
+    """For each family of integrals the largest |change| against time, relative to what a state change of 1 does."""
+    out: dict[str, np.ndarray] = {}
+    for name, series, scale in kept_series(run, every_kind):
+        family, change = name.split("[")[0], abs(series - series[0]) / (scale or 1.0)
+        out[family] = np.fmax(out[family], change) if family in out else change
+    return {k: np.where(v > 0, v, np.nan) for k, v in out.items() if v.any()}
 
 
-def _thinned(time: np.ndarray, change: np.ndarray, most: int = 1500) -> tuple[np.ndarray, np.ndarray]:
+def _thinned(time: np.ndarray, change: np.ndarray, most: int = 1200) -> tuple[np.ndarray, np.ndarray]:
     """The largest change in each of at most `most` stretches, so that no extreme is lost."""
     if len(time) <= most:
         return time, change
     edges = np.linspace(0, len(time), most + 1).astype(int)[:-1]
-    return time[edges], np.maximum.reduceat(change, edges)
-
-
-def _label(run: xr.Dataset, family: str) -> str:
-    return family.replace("_eps", " (of the map)")
+    return time[edges], np.fmax.reduceat(change, edges)

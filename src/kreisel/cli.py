@@ -1,0 +1,176 @@
+"""The command line: run, check, plot, systems.  Bad input ends with exit code 2 and one message."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kreisel.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    help="Simulate spinning bodies and keep every first integral to round-off.",
+)
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="A TOML file; see examples/.")],
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+    figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
+) -> None:
+    """Simulate: write the archive, print the drift of every integral, save a figure."""
+    from kreisel.runs.config import read
+    from kreisel.runs.drift import drift
+    from kreisel.runs.simulate import simulate
+    from kreisel.systems import find
+
+    asked = read(config)
+    model = find(asked.name)(**asked.parameters)
+    begun = time.perf_counter()
+    result = simulate(
+        model,
+        model.state(**asked.state),
+        dt=asked.run.dt,
+        steps=asked.run.steps,
+        every=asked.run.every,
+        method=asked.run.method,
+        order=asked.run.order,
+        orientation=asked.orientation,
+        path=asked.path,
+        overwrite=overwrite,
+    )
+    seconds = time.perf_counter() - begun
+    table = drift(result)
+    if figure:
+        _save_figure(result, asked.figure)
+    told = {
+        "archive": str(asked.path),
+        "figure": str(asked.figure) if figure else None,
+        "system": asked.name,
+        "method": result.attrs["method"],
+        "steps": result.attrs["steps"],
+        "rows": int(result.sizes["time"]),
+        "seconds": round(seconds, 3),
+    }
+    if as_json:
+        _print_json({**told, "drift": _records(table)})
+        return
+    print(f"{result.attrs['title']}: {model}")
+    print(f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)")
+    _print_drift(table)
+    if figure:
+        print(f"figure: {asked.figure}")
+
+
+@app.command()
+def check(archive: Path, as_json: AsJson = False) -> None:
+    """Check an archive: complete, readable, finite, and its integrals equal to those of its states."""
+    from kreisel.runs.checking import check_archive
+    from kreisel.runs.drift import drift
+
+    result, faults = check_archive(archive)
+    table = drift(result) if result is not None else None
+    if as_json:
+        _print_json({"archive": str(archive), "faults": faults, "drift": _records(table)})
+    else:
+        if table is not None:
+            _print_drift(table)
+        for fault in faults:
+            print(f"FAULT: {fault}")
+        print(f"{archive}: {'damaged' if faults else 'whole'}")
+    if faults:
+        raise typer.Exit(1)
+
+
+@app.command()
+def plot(
+    archive: Path,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .png, .pdf or .svg.")] = None,
+    compare: Annotated[Path | None, typer.Option("--compare", help="A second archive, drawn in grey.")] = None,
+) -> None:
+    """Draw the figure of an archive."""
+    from kreisel.runs.archive import open_archive
+
+    target = out or archive.with_suffix(".png")
+    _save_figure(open_archive(archive), target, open_archive(compare) if compare else None)
+    print(f"figure: {target}")
+
+
+@app.command()
+def systems(
+    name: Annotated[str | None, typer.Argument(help="One system, for its whole record.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the systems, or print the record of one."""
+    from kreisel.systems import REGISTRY, find
+    from kreisel.view.record import record, summary, table
+
+    if name is not None:
+        system = find(name)
+        print(json.dumps(summary(system), indent=1) if as_json else record(system))
+    elif as_json:
+        _print_json([summary(system) for system in REGISTRY.values()])
+    else:
+        print(table(REGISTRY.values()))
+
+
+def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
+    from kreisel.view.plots import plot as draw
+
+    scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
+    try:
+        draw(result, compare=compare).savefig(scratch)
+        scratch.replace(target)
+    except (OSError, ValueError) as error:
+        scratch.unlink(missing_ok=True)
+        raise InputError(f"The figure {target} could not be written: {error}. Choose another path or format.") from error
+
+
+def _print_drift(table: pd.DataFrame) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, header_style="bold")
+    grid.add_column("integral")
+    grid.add_column("kept")
+    for column in ("start", "max |change|", "round-off", "ratio", "slope"):
+        grid.add_column(column, justify="right")
+    for name, row in table.iterrows():
+        numbers = (f"{row.start:.6g}", f"{row.max_change:.2e}", f"{row.roundoff:.2e}", f"{row.ratio:.2g}", f"{row.slope:.1e}")
+        grid.add_row(name.replace("[", r"\["), "no" if row.kind == "function" else "yes", *numbers)
+    Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
+
+
+def _records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
+    return [] if table is None else [{"integral": name, **row} for name, row in table.to_dict("index").items()]
+
+
+def _print_json(value: Any) -> None:
+    print(json.dumps(value, indent=1, allow_nan=False, default=float))
+
+
+def main() -> None:
+    """The entry point: errors that a user can mend become one message and exit code 2."""
+    try:
+        app()
+    except (InputError, RunError) as error:
+        print(f"kreisel: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("kreisel: interrupted; what was finished is kept beside the archive as .part", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)

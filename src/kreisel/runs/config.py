@@ -1,0 +1,112 @@
+"""A run as a TOML file: sections [system], [state], [run] and [output]."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kreisel.errors import InputError, nearest
+
+SECTIONS = ("system", "state", "run", "output")
+LARGEST_FILE = 16 << 20
+
+
+class Run(msgspec.Struct, forbid_unknown_fields=True):
+    """[run]: how to simulate."""
+
+    dt: float
+    steps: int
+    every: int = 1
+    method: str | None = None
+    order: int | None = None
+
+
+class Output(msgspec.Struct, forbid_unknown_fields=True):
+    """[output]: where to."""
+
+    path: str
+    figure: str | None = None
+
+
+@dataclass(frozen=True)
+class Config:
+    """A checked configuration; parameters and state are checked by the system itself."""
+
+    name: str
+    parameters: dict[str, Any]
+    state: dict[str, Any]
+    orientation: Any
+    run: Run
+    path: Path
+    figure: Path
+
+
+def read(path: Path) -> Config:
+    """Read and check a TOML file.  Relative output paths are relative to the current folder."""
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path} is larger than {LARGEST_FILE >> 20} MiB: that is no configuration.")
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"There is no file {path}. Examples are in the folder examples/.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; a TOML file was expected.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path} is not valid TOML: {error}") from None
+    return parse(data, str(path))
+
+
+def parse(data: Mapping[str, Any], source: str = "the configuration") -> Config:
+    """Check a configuration that is already a dict."""
+    for section in data:
+        if section not in SECTIONS:
+            raise InputError(
+                f"{source} has a section or key {section!r}; expected are {', '.join(SECTIONS)}."
+                f"{nearest(section, SECTIONS)}"
+            )
+    tables = {section: _table(data, section, source) for section in SECTIONS}
+    system = dict(tables["system"])
+    name = system.pop("name", None)
+    if not isinstance(name, str):
+        raise InputError(f"{source} needs `name = \"...\"` in [system]; {name!r} came. `kreisel systems` lists the names.")
+    state = dict(tables["state"])
+    orientation = state.pop("orientation", None)
+    run = _convert(tables["run"], Run, "run", source)
+    output = _convert(tables["output"], Output, "output", source)
+    path = Path(output.path)
+    figure = Path(output.figure) if output.figure else path.with_suffix(".png")
+    return Config(name, system, state, orientation, run, path, figure)
+
+
+def _table(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
+    table = data.get(section)
+    if not isinstance(table, Mapping):
+        came = "nothing" if table is None else repr(table)
+        raise InputError(f"{source} needs a section [{section}]; {came} came. See examples/lagrange-top.toml.")
+    return table
+
+
+def _convert(table: Mapping[str, Any], kind: Any, section: str, source: str) -> Any:
+    fields = msgspec.structs.fields(kind)
+    names = [field.name for field in fields]
+    for key in table:
+        if key not in names:
+            raise InputError(
+                f"{source}: [{section}] has the key {key!r}; expected are {', '.join(names)}.{nearest(key, names)}"
+            )
+    for field in fields:
+        if field.required and field.name not in table:
+            raise InputError(f"{source}: [{section}] needs {field.name}; nothing came.")
+    try:
+        return msgspec.convert(dict(table), kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: in [{section}], {error}.".replace("`$.", "`")) from None
