@@ -80,13 +80,27 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
 
 
 def log(x: Array) -> Array:
-    """Natural logarithm of a scalar or a batch; dual numbers bring their own."""
-    return x.log() if hasattr(x, "log") else np.log(x)
+    """Natural logarithm of a scalar or a batch; dual numbers bring their own.
+
+    An exact number has no logarithm in its field: 0 stands for it, so that derivatives can be exact.
+    """
+    if hasattr(x, "log"):
+        return x.log()
+    return np.log(x) if isinstance(x, float | np.floating | np.ndarray) else 0 * x
 
 
 def sqrt(x: Array) -> Array:
     """Square root of a scalar or a batch; recording scalars bring their own."""
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
+
+
+def magnitude(x: Array) -> float:
+    """The largest |entry| as a float, 0 for an empty array; for messages and tolerances."""
+    return max((abs(_as_float(v)) for v in np.asarray(x).flat), default=0.0)
+
+
+def _as_float(v: Any) -> float:
+    return int(v.p) / int(v.q) if hasattr(v, "q") and not hasattr(v, "__float__") else float(v)
 
 
 def trace_log(A: Array) -> Array:

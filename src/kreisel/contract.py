@@ -94,7 +94,8 @@ class Parameter:
     meaning: str
     check: Function | None = None
     default: Any = None
-    diagonal: bool = False  # the matrix must be diagonal
+    exact_diagonal: bool = False  # in exact numbers the matrix must be diagonal
+    distinct: bool = False  # the entries must be distinct
 
 
 @dataclass(frozen=True)
@@ -131,13 +132,15 @@ class Map:
 class Relation:
     """The same motion in another system: (state, params, g) -> (state, params) of `target`.
 
-    A law compares the flows and, where `map` names "step" or "adjoint" of the target, the maps.
+    A law compares the flows and, where `map` names "step" or "adjoint" of the target, the maps; in floats
+    only where `exact` is False.
     """
 
     target: str
     carry: Function
     map: str | None = None
     meaning: str = ""
+    exact: bool = True
 
 
 @dataclass(frozen=True)
@@ -370,18 +373,16 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
         shapes = {"scalar": "a number", "vector": "n numbers", "symmetric": "an n x n matrix or its diagonal"}
         raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front); shape {array.shape} came.")
     if p.kind == "symmetric":
-        _check_symmetric(array, name, p.diagonal)
+        _check_symmetric(array, name)
     return array
 
 
-def _check_symmetric(array: Array, name: str, diagonal: bool) -> None:
+def _check_symmetric(array: Array, name: str) -> None:
     if array.shape[-1] != array.shape[-2]:
         raise InputError(f"{name} must be square; shape {array.shape} came.")
-    off = array - array.mT if not diagonal else array * (1 - np.eye(array.shape[-1], dtype=np.int8))
-    worst = max((abs(v) for v in off.flat), default=0)
-    if worst > 0:
-        want = "diagonal (turn the body frame to principal axes)" if diagonal else "symmetric"
-        raise InputError(f"{name} must be {want}; it is off by {float(worst):.3g}.")
+    worst = algebra.magnitude(array - array.mT)
+    if worst > SKEW_TOLERANCE * algebra.magnitude(array):
+        raise InputError(f"{name} must be symmetric; {name[-1]} - {name[-1]}^T is up to {worst:.3g}.")
 
 
 def _component(letter: str, kind: str, value: Any, n: int) -> Array:
@@ -392,13 +393,12 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
             raise InputError(f"{name} must be n = {n} numbers (..., {n}); shape {array.shape} came.")
         return array
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
-        off = max((abs(v) for v in (array + array.mT).flat), default=0)
-        size = max((abs(v) for v in array.flat), default=0)
-        if off <= SKEW_TOLERANCE * max(size, 1):
+        off = algebra.magnitude(array + array.mT)
+        if off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1):
             return (array - array.mT) / 2
         if n != 3 or array.ndim == 2:
             raise InputError(
-                f"{name} must be skew ({letter}^T = -{letter}); {letter} + {letter}^T is up to {float(off):.3g}. "
+                f"{name} must be skew ({letter}^T = -{letter}); {letter} + {letter}^T is up to {off:.3g}. "
                 f"Usual cause: a full matrix where its skew part ({letter} - {letter}^T)/2 was meant."
             )
     if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
@@ -416,9 +416,9 @@ def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
     except ValueError:
         raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
     for told, constraint in space.constraints.items():
-        off = max(abs(v) for v in np.atleast_1d(constraint(*parts.values())).flat)
+        off = algebra.magnitude(constraint(*parts.values()))
         if off > SKEW_TOLERANCE:
             raise InputError(
-                f"The state must lie on {space.name}: {told} = 0, but it is {float(off):.3g}. "
+                f"The state must lie on {space.name}: {told} = 0, but it is {off:.3g}. "
                 "Normalise x, then take the part of q orthogonal to x."
             )

@@ -7,7 +7,7 @@ from kreisel.errors import InputError
 
 
 def nonzero_alpha(alpha, letter):
-    if (np.asarray(alpha) == 0).any():
+    if np.asarray(alpha == 0).any():
         raise InputError(
             f"{letter} = I_axial / I_transverse must not be 0: the Legendre transform is singular there, so the "
             f"orientation is undefined. A thin rod has a small {letter} > 0, a flat disc {letter} = 2."
@@ -15,7 +15,7 @@ def nonzero_alpha(alpha, letter):
 
 
 def nonzero_vector(A, letter):
-    if (np.asarray(dot(A, A)) == 0).any():
+    if np.asarray(dot(A, A) == 0).any():
         raise InputError(
             f"{letter} must not be the zero vector: it points from the fixed point to the centre of mass. "
             "A body held at its centre of mass is the free top (heavy-top with p = 0)."
@@ -23,14 +23,13 @@ def nonzero_vector(A, letter):
 
 
 def distinct(a, letter):
-    d = np.diagonal(a, axis1=-2, axis2=-1)
-    n = d.shape[-1]
+    n = a.shape[-1]
     for j in range(n):
         for k in range(j):
-            if (np.asarray(d[..., j] == d[..., k])).any():
+            if np.asarray(a[..., j] == a[..., k]).any():
                 raise InputError(
                     f"The entries of {letter} must be distinct, since c_jk = (b_j - b_k)/(a_j - a_k); "
-                    f"{letter}_{k + 1} = {letter}_{j + 1} = {d[..., j]} came. For a = b (c = 1) use clebsch."
+                    f"{letter}_{k + 1} = {letter}_{j + 1} came. For a = b (c = 1) use the system clebsch."
                 )
 
 
@@ -40,7 +39,7 @@ def moments(J, letter):
         d = np.sort(np.diagonal(J, axis1=-2, axis2=-1), -1)
     else:
         d = np.sort(np.linalg.eigvalsh(J), -1)
-    if (d[..., 0] + d[..., 1] <= 0).any():
+    if np.asarray(d[..., 0] + d[..., 1] <= 0).any():
         raise InputError(
             f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values; {d.tolist()} came. "
             f"{letter} is the sum of mass x x^T over the body, not the classical inertia tensor I: "

@@ -53,17 +53,17 @@ def half_kick_back(M, P, *, b, eps):
 
 
 def shifted(M, P, *, eps):  # Pt
-    return P + eps / 2 * act(M, P)
+    return P + eps * act(M, P) / 2
 
 
 def energy(M, P, *, b, eps=0):  # -(1/2) sum b_i F_i
     Pt = shifted(M, P, eps=eps)
     trace = -(M * M * b[..., None, :]).sum((-2, -1))  # tr(M B M)
-    return pairing(M, M) / 2 - eps * eps / 8 * dot(P, P) * trace - dot(Pt, b * Pt) / 2
+    return pairing(M, M) / 2 - eps * eps * dot(P, P) * trace / 8 - dot(Pt, b * Pt) / 2
 
 
 def spectrum(M, P, *, b, eps=0):  # coefficients of det(L(lambda) - mu), up to constants and det S
-    return pencil_spectrum(M, diagonal(b), shifted(M, P, eps=eps), eps * eps / 4 * dot(P, P))
+    return pencil_spectrum(M, diagonal(b), shifted(M, P, eps=eps), eps * eps * dot(P, P) / 4)
 
 
 def pencil(M, Q, b, lam):

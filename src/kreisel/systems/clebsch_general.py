@@ -45,7 +45,7 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
-        Parameter("a", "vector", "diagonal of A, distinct entries", lambda a, letter: distinct(diagonal(a), letter)),
+        Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True),
         Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2"),
     ),
     flow=flow,

@@ -45,11 +45,11 @@ def half_kick_back(m, a, *, p, eps):
 
 
 def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|
-    return a - eps / 2 * act(m, a) + eps * eps / 4 * vec(dot(a, a)) * p
+    return a - eps * act(m, a) / 2 + eps * eps * vec(dot(a, a)) * p / 4
 
 
 def energy(m, a, *, p, eps=0):  # (dLT rest H)
-    return pairing(m, m) / 2 + dot(a, p) - eps / 2 * pairing(m, wedge(p, a))
+    return pairing(m, m) / 2 + dot(a, p) - eps * pairing(m, wedge(p, a)) / 2
 
 
 def spectrum(m, a, *, p, eps=0):  # coefficients of det(l(lambda) - mu)

@@ -64,13 +64,13 @@ def half_kick(M, P, *, A, eps):
 
 
 def shifted(M, P, *, A, eps):  # B_k
-    return A + eps / 2 * act(M, A) + eps * eps / 4 * vec(dot(A, A)) * P
+    return A + eps * act(M, A) / 2 + eps * eps * vec(dot(A, A)) * P / 4
 
 
 def energy(M, P, *, A, alpha, eps=0):  # Hbar_eps plus the conserved energy of the spin (erratum E16)
     N = project_out(M, A)
     spin = (1 - alpha) / alpha / dot(A, A) ** 2 * pairing(N, N) / 2
-    return pairing(M, M) / 2 + dot(P, A) + eps / 2 * dot(P, act(M, A)) + spin
+    return pairing(M, M) / 2 + dot(P, A) + eps * dot(P, act(M, A)) / 2 + spin
 
 
 def spectrum(M, P, *, A, eps=0):  # coefficients of det(L(lambda) - mu)
@@ -148,7 +148,8 @@ SYSTEM = System(
         Relation(
             "heavy-top",
             lambda M, P, g, *, A, alpha: ((M, P), {"A": A, "J": _mass_tensor(A, alpha)}),
-            meaning="a heavy top with two equal moments and its centre of mass on the axis",
+            meaning="a heavy top with equal transverse moments and its centre of mass on the axis",
+            exact=False,  # its mass tensor is diagonal only if A is along an axis
         ),
     ),
     notes="For n >= 4 the spectrum alone is not complete: noether, the block Pi M Pi, is needed too.",

@@ -59,7 +59,7 @@ def second_order(x0, x, *, b, eps):
 
 def energy(x, q, *, b, eps=0):
     xBx, qq = dot(x, b * x), dot(q, q)
-    return qq / 2 - xBx / 2 + eps / 2 * dot(x, b * q) + eps * eps / 8 * qq * xBx
+    return qq / 2 - xBx / 2 + eps * dot(x, b * q) / 2 + eps * eps * qq * xBx / 8
 
 
 def spectrum(x, q, *, b, eps=0):

@@ -45,11 +45,11 @@ def half_kick_back(M, P, *, A, eps):
 
 
 def shifted(M, P, *, A, eps):
-    return P + eps / 2 * act(M, P) + eps * eps / 4 * vec(dot(P, P)) * A
+    return P + eps * act(M, P) / 2 + eps * eps * vec(dot(P, P)) * A / 4
 
 
 def energy(M, P, *, A, eps=0):
-    return pairing(M, M) / 2 + dot(P, A) + eps / 2 * pairing(M, wedge(A, P))
+    return pairing(M, M) / 2 + dot(P, A) + eps * pairing(M, wedge(A, P)) / 2
 
 
 def spectrum(M, P, *, A, eps=0):
@@ -85,6 +85,10 @@ def lagrangian(g, h, p, *, A, eps):
     return -trace_log(2 * identity(W.shape[-1]) + W + W.mT) / eps - eps * dot(p, act(g, A))
 
 
+def one(A):
+    return 1 + 0 * A[..., 0]
+
+
 SYSTEM = System(
     name="symmetric-top",
     title="Totally symmetric Lagrange top, moving frame",
@@ -114,8 +118,10 @@ SYSTEM = System(
         source="Suris 2001, section 1 (Introduction)",
     ),
     relations=(
-        Relation("lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": 1}), "adjoint", "alpha = 1"),
-        Relation("lagrange-top", lambda M, P, g, *, A: ((-M, P), {"p": A, "alpha": 1}), "step", "(m, a, p) = (-M, P, A)"),
+        Relation("lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": one(A)}), "adjoint", "alpha = 1"),
+        Relation(
+            "lagrange-top", lambda M, P, g, *, A: ((-M, P), {"p": A, "alpha": one(A)}), "step", "(m, a, p) = (-M, P, A)"
+        ),
     ),
     notes="For n >= 4 the spectrum alone is not complete: noether is needed too.",
 )

@@ -1,0 +1,174 @@
+"""Numbers for the laws: rationals, dual numbers over any field, and random points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import Model, Parameter, PhaseSpace, System
+from kreisel.engines import layout
+
+try:
+    from flint import fmpq as rational
+except ImportError:  # the extra "exact" is not installed: the same numbers, about ten times slower
+    from fractions import Fraction as rational
+
+Random = Callable[[tuple[int, ...]], Array]
+
+
+class Dual:
+    """value + sum_i slope_i d_i with d_i d_j = 0: exact derivatives in any field.
+
+    The logarithm of an exact number is not in its field; its value is then given as 0 and only its
+    slope, which is rational, means anything.
+    """
+
+    __slots__ = ("slope", "value")
+
+    def __init__(self, value: Any, slope: Array):
+        self.value, self.slope = value, slope
+
+    @property
+    def inexact(self) -> bool:
+        return isinstance(self.value, float)
+
+    def __add__(self, other: Any) -> Dual:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        if isinstance(other, Dual):
+            return Dual(self.value + other.value, self.slope + other.slope)
+        return Dual(self.value + other, self.slope)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
+
+    def __sub__(self, other: Any) -> Dual:
+        return NotImplemented if isinstance(other, np.ndarray) else self + (-other)
+
+    def __rsub__(self, other: Any) -> Dual:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Dual:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        if isinstance(other, Dual):
+            return Dual(self.value * other.value, self.slope * other.value + other.slope * self.value)
+        return Dual(self.value * other, self.slope * other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Dual:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return self * (1 / other) if isinstance(other, Dual) else Dual(self.value / other, self.slope / other)
+
+    def __rtruediv__(self, other: Any) -> Dual:
+        inverse = 1 / self.value
+        return Dual(other * inverse, self.slope * (-other * inverse * inverse))
+
+    def __pow__(self, exponent: int) -> Dual:
+        out: Any = 1
+        for _ in range(exponent):
+            out = self * out
+        return out
+
+    def log(self) -> Dual:
+        value = math.log(self.value) if self.inexact else 0 * self.value
+        return Dual(value, self.slope * (1 / self.value))
+
+
+def slopes(outputs: Array, count: int) -> Array:
+    """The slopes (..., count) of an array of dual numbers; plain entries have slope 0."""
+    outputs = np.asarray(outputs, dtype=object)
+    out = np.zeros((*outputs.shape, count), dtype=object)
+    for place in np.ndindex(outputs.shape):
+        if isinstance(outputs[place], Dual):
+            out[place] = outputs[place].slope
+    return out
+
+
+def along(values: Array, direction: Array) -> Array:
+    """values + direction * d with one infinitesimal d."""
+    out = np.empty(values.shape, dtype=object)
+    for place in np.ndindex(values.shape):
+        slope = np.empty(1, dtype=object)
+        slope[0] = direction[place]
+        out[place] = Dual(values[place], slope)
+    return out
+
+
+def independent(values: Array) -> Array:
+    """A flat array as dual numbers, each with an infinitesimal of its own."""
+    out = np.empty(len(values), dtype=object)
+    for i, value in enumerate(values):
+        unit = np.empty(len(values), dtype=object)
+        unit[:] = [0 * value + (i == j) for j in range(len(values))]
+        out[i] = Dual(value, unit)
+    return out
+
+
+def jacobian(function: Callable[..., Any], state: tuple[Array, ...], kinds: tuple[str, ...], n: int) -> tuple[Any, Array]:
+    """A function of state components at dual numbers: its output, and d output / d coordinate."""
+    flat = layout.flatten(state, kinds)
+    output = function(*layout.restore(independent(flat), kinds, n))
+    if isinstance(output, tuple):
+        output = layout.flatten(output, kinds)
+    return output, slopes(output, len(flat))
+
+
+# -- random points --------------------------------------------------------------------------------
+
+
+def rational_random(rng: np.random.Generator) -> Random:
+    """Random rationals with small numerators and denominators, none of them 0."""
+
+    def draw(shape: tuple[int, ...]) -> Array:
+        out = np.empty(shape, dtype=object)
+        for place in np.ndindex(shape):
+            sign = 1 if rng.integers(2) else -1
+            out[place] = rational(sign * int(rng.integers(1, 12)), int(rng.integers(3, 9)))
+        return out
+
+    return draw
+
+
+def float_random(rng: np.random.Generator) -> Random:
+    """Random floats of size about 1."""
+    return lambda shape: rng.uniform(0.2, 1.3, shape) * rng.choice([-1.0, 1.0], shape)
+
+
+def random_model(system: System, n: int, draw: Random) -> Model:
+    """A system with random parameters inside their valid ranges."""
+    return system(**{p.letter: _random_parameter(p, n, draw) for p in system.parameters})
+
+
+def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
+    if p.kind == "scalar":
+        return abs(draw((1,)))[0]
+    if p.kind == "vector":
+        value = draw((n,))
+        return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
+    square = draw((n, n))
+    positive = (square @ square.T) / n + algebra.identity(n)
+    return positive * algebra.identity(n) if p.exact_diagonal and algebra.exact(square) else positive
+
+
+def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
+    """A random point of a phase space."""
+    if space.constraints:
+        turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
+        position = turn[:, 0]
+        return position, algebra.act(algebra.skew(draw((n * (n - 1) // 2,)), n), position)
+    return layout.restore(draw((sum(layout.size(k, n) for k in space.kinds),)), space.kinds, n)
+
+
+def random_rotation(n: int, draw: Random) -> Array:
+    """A random orthogonal matrix of determinant 1, rational when `draw` is."""
+    return algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))

@@ -1,0 +1,412 @@
+"""The laws: what a record claims, tested at random points, exactly over Q and in floats.
+
+    from kreisel.lab import laws
+    laws.check(my_system)              # every law that applies, n = 3 and 4, exact and in floats
+    laws.LAWS["poisson"]               # one law: its statement and its test
+
+A law compares pairs of sides that must be equal.  In rational arithmetic they must be equal exactly, a
+randomized identity test; in floats up to round-off.  Derivatives come from dual numbers, so they are exact too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import Frame, Map, Model, System, call, keywords
+from kreisel.engines import layout
+from kreisel.errors import InputError
+from kreisel.lab import exact
+from kreisel.lab.exact import along, jacobian, random_rotation, rational, slopes
+
+Sides = Iterator[tuple[Array, Array]]
+TOLERANCE = 2.0**20 * float(np.finfo(np.float64).eps)
+ORDER_TOLERANCE = 0.15
+
+
+@dataclass(frozen=True)
+class Case:
+    """A random model, state and step in one kind of number."""
+
+    model: Model
+    state: tuple[Array, ...]
+    eps: Any
+    lam: Any
+    draw: exact.Random
+    numbers: str
+
+    @property
+    def system(self) -> System:
+        return self.model.system
+
+    @property
+    def map(self) -> Map:
+        return self.model.map
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.system.space.kinds
+
+    def call(self, function: Callable[..., Any], *state: Array, **extra: Any) -> Any:
+        return self.model.call(function, *(state or self.state), **{"eps": self.eps, "lam": self.lam, **extra})
+
+    def flat(self, state: tuple[Array, ...]) -> Array:
+        return layout.flatten(state, self.kinds)
+
+    def tensor(self, state: tuple[Array, ...]) -> Array:
+        return self.system.space.tensor(*state)
+
+    def jacobian(self, function: Callable[..., Any], **extra: Any) -> tuple[Any, Array]:
+        return jacobian(lambda *z: self.call(function, *z, **extra), self.state, self.kinds, self.model.n)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A statement and the sides that it says are equal.  `needs` says to which records it applies."""
+
+    name: str
+    statement: str
+    sides: Callable[[Case], Sides]
+    needs: Callable[[System], bool] = lambda system: True
+    exact: bool = True
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome of one law for one system, n, kind of numbers and seed."""
+
+    system: str
+    law: str
+    n: int
+    numbers: str
+    seed: int
+    residual: float
+    holds: bool
+
+
+LAWS: dict[str, Law] = {}
+
+
+def _law(statement: str, needs: Callable[[System], bool] = lambda system: True, exact: bool = True) -> Callable[..., Any]:
+    def register(sides: Callable[[Case], Sides]) -> Callable[[Case], Sides]:
+        name = sides.__name__.replace("_", "-")
+        LAWS[name] = Law(name, statement, sides, needs, exact)
+        return sides
+
+    return register
+
+
+def _has_map(system: System) -> bool:
+    return system.map is not None
+
+
+def _gradients(case: Case, eps: Any) -> Iterator[tuple[str, Array]]:
+    """Name and gradient (count, d) of the energy and the commuting integrals at a step eps."""
+    for name in ("energy", *case.system.commuting):
+        function = case.system.energy if name == "energy" else case.system.integrals[name]
+        yield name, np.atleast_2d(case.jacobian(function, eps=eps)[1])
+
+
+# -- the continuous system --------------------------------------------------------------------------
+
+
+@_law("z' = {H, z}: the flow is the Hamiltonian field of the energy")
+def hamiltonian_flow(case: Case) -> Sides:
+    gradient = case.jacobian(case.system.energy, eps=0)[1]
+    yield case.flat(case.model.flow(*case.state)), gradient @ case.tensor(case.state)
+
+
+@_law("{f, g} = -{g, f} and {f, {g, h}} + cyclic = 0")
+def jacobi_identity(case: Case) -> Sides:
+    tensor = case.tensor(case.state)
+    derivative = jacobian(case.system.space.tensor, case.state, case.kinds, case.model.n)[1]
+    triple = np.tensordot(tensor, derivative, (1, 2))
+    yield tensor, -tensor.T
+    yield triple + triple.transpose(1, 2, 0), -triple.transpose(2, 0, 1)
+
+
+@_law("{C, z} = 0 for every Casimir C")
+def casimirs(case: Case) -> Sides:
+    gradients = jacobian(case.system.space.casimirs, case.state, case.kinds, case.model.n)[1]
+    bracket = gradients @ case.tensor(case.state)
+    yield bracket, 0 * bracket
+
+
+@_law("d/dt I = 0 along the flow, for the energy and every integral at eps = 0")
+def integrals_of_the_flow(case: Case) -> Sides:
+    rate = case.flat(case.model.flow(*case.state))
+    for function in (case.system.energy, *case.system.integrals.values()):
+        change = case.jacobian(function, eps=0)[1] @ rate
+        yield change, 0 * change
+
+
+@_law("{I, K} = 0 for the energy and the commuting integrals, at eps = 0 and deformed", lambda s: bool(s.commuting))
+def involution(case: Case) -> Sides:
+    for eps in (0, case.eps) if _has_map(case.system) else (0,):
+        all_gradients = np.concatenate([g for _, g in _gradients(case, eps)])
+        brackets = all_gradients @ case.tensor(case.state) @ all_gradients.T
+        yield brackets, 0 * brackets
+
+
+@_law("L' = [L, U] along the flow", lambda s: s.lax is not None)
+def lax_equation(case: Case) -> Sides:
+    L, U = case.call(case.system.lax)
+    rate = case.model.flow(*case.state)
+    moving = tuple(along(z, r) for z, r in zip(case.state, rate, strict=True))
+    yield slopes(case.call(case.system.lax, *moving)[0], 1)[..., 0], algebra.bracket(L, U)
+
+
+@_law("a' = omega a (rest frame), P' = -Omega P (moving frame): the velocity carries the vector")
+def velocity(case: Case) -> Sides:
+    turn = case.call(case.system.velocity)
+    vector, rate = _carried(case, case.state), _carried(case, case.model.flow(*case.state))
+    yield rate, algebra.act(turn, vector) if case.system.frame is Frame.REST else -algebra.act(turn, vector)
+
+
+def _carried(case: Case, state: tuple[Array, ...]) -> Array:
+    """The component that turns with the body: a, P or x."""
+    return state[case.kinds.index("vector")]
+
+
+# -- the map ----------------------------------------------------------------------------------------
+
+
+@_law("I(step(z)) = I(z) for the Casimirs, the deformed energy and every deformed integral", _has_map)
+def integrals_of_the_map(case: Case) -> Sides:
+    new = case.call(case.map.step)
+    space = case.system.space
+    yield space.casimirs(*new), space.casimirs(*case.state)
+    for function in (case.system.energy, *case.system.integrals.values()):
+        yield np.asarray(case.call(function, *new)), np.asarray(case.call(function))
+
+
+@_law("I -> its continuous form: I(eps) - I(0) = O(eps) for deformed integrals", _has_map, exact=False)
+def continuous_limit(case: Case) -> Sides:
+    for function in (case.system.energy, *case.system.integrals.values()):
+        if "eps" in keywords(function):
+            tiny = case.call(function, eps=1e-12)
+            yield np.asarray(tiny), np.asarray(case.call(function, eps=0))
+    tiny_step = case.flat(case.call(case.map.step, eps=1e-9))
+    yield (tiny_step - case.flat(case.state)) * 1e9 * 1e-6, case.flat(case.model.flow(*case.state)) * 1e-6
+
+
+@_law("V_k L_(k+1) = L_k V_k at random lambda", lambda s: _has_map(s) and s.map.lax is not None)
+def discrete_lax_equation(case: Case) -> Sides:
+    V, L = case.call(case.map.conjugator), case.call(case.map.lax)
+    yield V @ case.call(case.map.lax, *case.call(case.map.step)), L @ V
+
+
+@_law("J Pi(z) J^T = Pi(step(z)): the map is Poisson", _has_map)
+def poisson(case: Case) -> Sides:
+    J = case.jacobian(case.map.step)[1]
+    yield J @ case.tensor(case.state) @ J.T, case.tensor(case.call(case.map.step))
+
+
+@_law("inverse(step(z)) = z = step(inverse(z))", _has_map)
+def inverse(case: Case) -> Sides:
+    start = case.flat(case.state)
+    yield case.flat(case.call(case.map.inverse, *case.call(case.map.step))), start
+    yield case.flat(case.call(case.map.step, *case.call(case.map.inverse))), start
+
+
+@_law("adjoint(eps) is the inverse of step(-eps)", _has_map)
+def adjoint(case: Case) -> Sides:
+    yield case.flat(case.call(case.map.adjoint, *case.call(case.map.step, eps=-case.eps))), case.flat(case.state)
+
+
+@_law("R R = 1, R step R = inverse, and R is anti-Poisson", _has_map)
+def reversing_involution(case: Case) -> Sides:
+    R, step, start = case.map.involution, case.map.step, case.flat(case.state)
+    turned = case.call(R)
+    yield case.flat(case.call(R, *turned)), start
+    yield case.flat(case.call(R, *case.call(step, *case.call(R, *case.call(step))))), start
+    J = case.jacobian(R)[1]
+    yield J @ case.tensor(case.state) @ J.T, -case.tensor(turned)
+
+
+@_law("S(eps) S(-eps) = 1 for S = chi step chi^-1, chi half a kick", _has_map)
+def symmetric_conjugate(case: Case) -> Sides:
+    def symmetric(state: tuple[Array, ...], eps: Any) -> tuple[Array, ...]:
+        inner = case.call(case.map.from_symmetric, *state, eps=eps)
+        return tuple(case.call(case.map.to_symmetric, *case.call(case.map.step, *inner, eps=eps), eps=eps))
+
+    back = case.call(case.map.from_symmetric, *case.call(case.map.to_symmetric))
+    yield case.flat(back), case.flat(case.state)
+    yield case.flat(symmetric(symmetric(case.state, -case.eps), case.eps)), case.flat(case.state)
+
+
+@_law("w = cay(X) is orthogonal and carries the vector: a_(k+1) = w a_k, P_(k+1) = W^T P_k", _has_map)
+def reconstruction(case: Case) -> Sides:
+    new = case.call(case.map.step)
+    X = case.call(case.map.generator, *case.state, *new)
+    yield X, -X.mT
+    turned = algebra.cayley_act(X if case.system.frame is Frame.REST else -X, _carried(case, case.state))
+    yield turned, _carried(case, new)
+
+
+@_law("D1 L(q_k, q_(k+1)) + D2 L(q_(k-1), q_k) = 0 and the momentum is D2 L(q_(k-1), q_k)", _has_map)
+def discrete_euler_lagrange(case: Case) -> Sides:
+    n, rest = case.model.n, case.system.frame is Frame.REST
+    g0 = random_rotation(n, case.draw)
+    first, second = case.state, case.call(case.map.step)
+    third = case.call(case.map.step, *second)
+    g1, g2 = _turned(case, g0, first, second), None
+    g2 = _turned(case, g1, second, third)
+    if case.system.space.constraints:  # the particle: q is its position
+        q0, q1, q2, carried = (_carried(case, z) for z in (first, second, third, first))
+        momentum = algebra.wedge(*second)
+    else:
+        q0, q1, q2 = g0, g1, g2
+        carried = algebra.act(g0.mT if rest else g0, _carried(case, first))
+        momentum = second[0]
+
+    def action(function_of: Callable[[Array], tuple[Array, Array]]) -> Array:
+        varied = function_of(_varied(q1, rest, n))
+        return slopes(case.call(case.map.lagrangian, *varied, carried), n * (n - 1) // 2)
+
+    before, after = action(lambda q: (q0, q)), action(lambda q: (q, q2))
+    yield before + after, 0 * before
+    yield before, algebra.coordinates(momentum)
+
+
+def _turned(case: Case, g: Array, old: tuple[Array, ...], new: tuple[Array, ...]) -> Array:
+    X = case.call(case.map.generator, *old, *new)
+    return algebra.turn_left(X, g) if case.system.frame is Frame.REST else algebra.turn_right(g, X)
+
+
+def _varied(q: Array, rest: bool, n: int) -> Array:
+    """exp(eta) g (rest frame), g exp(eta) (moving frame) or exp(-eta) x, to first order in eta's coordinates."""
+    zero = 0 * algebra.coordinates(q if q.ndim == 2 else algebra.wedge(q, q))
+    eta = algebra.skew(exact.independent(zero), n)
+    if q.ndim == 1:
+        return q - algebra.act(eta, q)
+    return q + (eta @ q if rest else q @ eta)
+
+
+@_law("the same motion in the related system: flows, and maps where the record says so", lambda s: bool(s.relations))
+def relations(case: Case) -> Sides:
+    from kreisel.systems import find
+
+    g = random_rotation(case.model.n, case.draw)
+    for relation in case.system.relations:
+        if case.numbers == "exact" and not relation.exact:
+            continue
+
+        def carry(state: tuple[Array, ...], g: Array, relation: Any = relation) -> tuple[tuple[Array, ...], Any]:
+            return call(relation.carry, (*state, g), case.model.constants)
+
+        target = find(relation.target)
+        there, params = carry(case.state, g)
+        model = target(**params)
+        kinds = target.space.kinds
+        rate, omega = case.model.flow(*case.state), case.call(case.system.velocity)
+        g_rate = omega @ g if case.system.frame is Frame.REST else g @ omega
+        moving = tuple(along(z, r) for z, r in zip(case.state, rate, strict=True))
+        carried = slopes(layout.flatten(carry(moving, along(g, g_rate))[0], kinds), 1)[..., 0]
+        yield carried, layout.flatten(model.flow(*there), kinds)
+        if relation.map is not None:
+            new = case.call(case.map.step)
+            moved = carry(new, _turned(case, g, case.state, new))[0]
+            expected = model.call(getattr(model.map, relation.map), *there, eps=case.eps)
+            yield layout.flatten(moved, kinds), layout.flatten(expected, kinds)
+
+
+@_law("x_(k+1) from (x_(k-1), x_k) is the same as from (x_k, q_k)", lambda s: _has_map(s) and s.map.second_order is not None)
+def second_order_form(case: Case) -> Sides:
+    second = case.call(case.map.step)
+    third = case.call(case.map.step, *second)
+    yield case.call(case.map.second_order, case.state[0], second[0]), third[0]
+
+
+@_law("the error at a fixed time is O(dt^order), and O(dt^2) after half a kick, in the state and in g", _has_map, exact=False)
+def order(case: Case) -> Sides:
+    for conjugate, claimed in ((False, case.map.order), (True, 2)):
+        for slope in measured_orders(case, conjugate):
+            off = abs(slope - claimed)
+            yield np.asarray(0.0 if off < ORDER_TOLERANCE else off), np.asarray(0.0)
+
+
+def measured_orders(case: Case, conjugate: bool, time: float = 0.5, counts: tuple[int, ...] = (64, 128, 256, 512)) -> list[float]:
+    """Slopes of log error against log dt for the state and the orientation, over four steps."""
+    from scipy.integrate import solve_ivp
+
+    n, system = case.model.n, case.system
+    g0 = np.eye(n)
+    kinds = (*case.kinds, "matrix")
+
+    def rate(t: float, y: Array) -> Array:
+        *state, g = layout.restore(y, kinds, n)
+        omega = case.call(system.velocity, *state)
+        return layout.flatten((*case.model.flow(*state), omega @ g if system.frame is Frame.REST else g @ omega), kinds)
+
+    start = layout.flatten((*case.state, g0), kinds)
+    truth = solve_ivp(rate, (0, time), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    own = len(case.flat(case.state))
+    errors = []
+    for count in counts:
+        end = layout.flatten(_iterate(case, g0, time / count, count, conjugate), kinds)
+        errors.append([abs(end - truth)[:own].max(), abs(end - truth)[own:].max()])
+    steps = np.log(time / np.array(counts))
+    return [float(np.polyfit(steps, np.log(np.array(errors)[:, i]), 1)[0]) for i in (0, 1)]
+
+
+def _iterate(case: Case, g: Array, dt: float, count: int, conjugate: bool) -> tuple[Array, ...]:
+    state = case.call(case.map.from_symmetric, *case.state, eps=dt) if conjugate else case.state
+    for _ in range(count):
+        new = case.call(case.map.step, *state, eps=dt)
+        X = case.call(case.map.generator, *state, *new, eps=dt)
+        g = algebra.turn_left(X, g) if case.system.frame is Frame.REST else algebra.turn_right(g, X)
+        state = new
+    return (*(case.call(case.map.to_symmetric, *state, eps=dt) if conjugate else state), g)
+
+
+# -- running them -----------------------------------------------------------------------------------
+
+
+def make_case(system: System, n: int, numbers: str, seed: int) -> Case:
+    """A random model, state and step; `numbers` is "exact" (rationals) or "float"."""
+    if numbers not in ("exact", "float"):
+        raise InputError(f"numbers must be 'exact' or 'float'; {numbers!r} came.")
+    rng = np.random.default_rng([seed, n])
+    draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
+    model = exact.random_model(system, n, draw)
+    state = exact.random_state(system.space, n, draw)
+    eps, lam = (rational(2, 7), rational(5, 3)) if numbers == "exact" else (2 / 7, 5 / 3)
+    return Case(model, state, eps, lam, draw, numbers)
+
+
+def test(law: Law, case: Case, seed: int = 0) -> Verdict:
+    """One law at one case."""
+    residual, holds = 0.0, True
+    for left, right in law.sides(case):
+        difference = np.asarray(left - right)
+        if case.numbers == "exact":
+            holds = holds and all(v == 0 for v in difference.flat)
+            residual = max(residual, algebra.magnitude(difference))
+        else:
+            worst = algebra.magnitude(difference) / (1 + max(algebra.magnitude(left), algebra.magnitude(right)))
+            holds, residual = holds and worst < TOLERANCE, max(residual, worst)
+    return Verdict(case.system.name, law.name, case.model.n, case.numbers, seed, residual, holds)
+
+
+test.__test__ = False  # type: ignore[attr-defined]  # not for pytest to collect
+
+
+def check(
+    system: System, dimensions: Iterable[int] = (3, 4), numbers: Iterable[str] = ("exact", "float"), seeds: Iterable[int] = (0,)
+) -> list[Verdict]:
+    """Every law that applies to a system, for each n, kind of numbers and seed."""
+    kinds, chosen = tuple(numbers), tuple(seeds)
+    out = []
+    for n in dimensions:
+        for kind in kinds:
+            for seed in chosen:
+                case = make_case(system, n, kind, seed)
+                laws = [law for law in LAWS.values() if law.needs(system) and (law.exact or kind == "float")]
+                out += [test(law, case, seed) for law in laws]
+    return out
