@@ -149,8 +149,8 @@ def integrals_of_the_flow(case: Case) -> Sides:
 def involution(case: Case) -> Sides:
     for eps in (0, case.eps) if _has_map(case.system) else (0,):
         all_gradients = np.concatenate([g for _, g in _gradients(case, eps)])
-        brackets = all_gradients @ case.tensor(case.state) @ all_gradients.T
-        yield brackets, 0 * brackets
+        half = all_gradients @ np.triu(case.tensor(case.state)) @ all_gradients.T  # {I_i, I_k} = half_ik - half_ki
+        yield half, half.T
 
 
 @_law("L' = [L, U] along the flow", lambda s: s.lax is not None)
@@ -255,7 +255,7 @@ def discrete_euler_lagrange(case: Case) -> Sides:
     g0 = random_rotation(n, case.draw)
     first, second = case.state, case.call(case.map.step)
     third = case.call(case.map.step, *second)
-    g1, g2 = _turned(case, g0, first, second), None
+    g1 = _turned(case, g0, first, second)
     g2 = _turned(case, g1, second, third)
     if case.system.space.constraints:  # the particle: q is its position
         q0, q1, q2, carried = (_carried(case, z) for z in (first, second, third, first))

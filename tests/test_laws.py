@@ -1,0 +1,39 @@
+"""Every law over the whole registry, n = 3...6, exactly over Q and in floats."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from kreisel.lab import laws
+from kreisel.systems import REGISTRY
+
+CLAIMS = [
+    (name, law, n, numbers)
+    for name, system in REGISTRY.items()
+    for law, stated in laws.LAWS.items()
+    if stated.needs(system)
+    for n in (3, 4, 5, 6)
+    for numbers in ("exact", "float")
+    if stated.exact or numbers == "float"
+]
+SEEDS = {3: (0, 1, 2, 3), 4: (0, 1), 5: (0,), 6: (0,)}
+
+
+@cache
+def case(name: str, n: int, numbers: str, seed: int) -> laws.Case:
+    return laws.make_case(REGISTRY[name], n, numbers, seed)
+
+
+@pytest.mark.parametrize(("name", "law", "n", "numbers"), CLAIMS, ids=lambda v: str(v))
+def test_law(name: str, law: str, n: int, numbers: str) -> None:
+    for seed in SEEDS[n]:
+        verdict = laws.test(laws.LAWS[law], case(name, n, numbers, seed), seed)
+        assert verdict.holds, f"{laws.LAWS[law].statement}: residual {verdict.residual:.3g}, seed {seed}"
+
+
+def test_check_runs_every_law_that_applies() -> None:
+    verdicts = laws.check(REGISTRY["neumann"], dimensions=(3,), numbers=("exact", "float"))
+    assert {v.law for v in verdicts} == {n for n, law in laws.LAWS.items() if law.needs(REGISTRY["neumann"])}
+    assert all(v.holds for v in verdicts)

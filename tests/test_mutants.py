@@ -1,0 +1,190 @@
+"""Every law catches its mutants: a record with one formula spoiled must fail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from kreisel.algebra import act, cayley_act, dot, log, mat, moebius, pairing, trace_log, vec, wedge
+from kreisel.contract import System
+from kreisel.lab import laws
+from kreisel.systems import clebsch, lagrange_top, lagrange_top_moving, neumann
+from kreisel.systems.matrices import border
+
+TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
+
+
+def mapped(system: System, **changes: object) -> System:
+    return replace(system, map=replace(system.map, **changes))
+
+
+def wrong_space(system: System, **changes: object) -> System:
+    return replace(system, space=replace(system.space, **changes))
+
+
+# the five mutants of the step of the Lagrange top
+def turned_backwards(m, a, *, p, eps):
+    m = m + eps * wedge(a, p)
+    return m, cayley_act(-eps / 2 * m, a)
+
+
+def kicked_backwards(m, a, *, p, eps):
+    m = m - eps * wedge(a, p)
+    return m, cayley_act(eps / 2 * m, a)
+
+
+def old_momentum(m, a, *, p, eps):
+    return m + eps * wedge(a, p), cayley_act(eps / 2 * m, a)
+
+
+def lost_half(m, a, *, p, eps):
+    m = m + eps * wedge(a, p)
+    return m, cayley_act(eps * m, a)
+
+
+def euler_for_cayley(m, a, *, p, eps):
+    m = m + eps * wedge(a, p)
+    return m, a + eps * act(m, a)
+
+
+STEPS = [turned_backwards, kicked_backwards, old_momentum, lost_half, euler_for_cayley]
+
+
+def printed_b(m, a, *, p, eps=0):  # erratum E11: (eps^2/4) p for any |a|
+    return a - eps * act(m, a) / 2 + eps * eps * p / 4
+
+
+def printed_lax(m, a, *, p, lam, eps):
+    return border(m, lam * printed_b(m, a, p=p, eps=eps) - p / lam)
+
+
+def printed_conjugator(M, P, *, A, alpha, lam, eps):  # erratum E2: -lambda A^T in U
+    W = lagrange_top_moving.cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=eps))
+    turn = border(W, 0 * P)
+    turn[..., -1, -1] = 1
+    return turn @ moebius(eps / 2 * border(0 * M, lam * A, -lam * A))
+
+
+def printed_lagrangian(g, h, p, *, b, eps):  # erratum E1: 4/eps for 2/eps
+    P = act(g.mT, p)
+    kinetic = lagrange_top_moving.lagrangian(g, h, 0 * p, A=p, alpha=1, eps=eps)
+    return kinetic + 4 / eps * log(clebsch.denominator(P, b=b, eps=eps))
+
+
+def printed_pencil(M, P, *, b, lam, eps):  # erratum E10: S = I + eps^2/4 B for any |P|
+    S = 1 + eps * eps / 4 * b
+    return clebsch.pencil(M, clebsch.shifted(M, P, eps=eps), b, lam) / S[..., :, None]
+
+
+def rough_kick(M, P, *, b, eps):  # a Clebsch step without its denominator
+    M = M + eps * wedge(P, b * P)
+    return M, cayley_act(-eps / 2 * M, P)
+
+
+def not_poisson(m, a, *, p, eps):
+    m = m + eps * wedge(a, p)
+    return m, cayley_act(eps / 2 * m * mat(1 + eps * dot(a, p)), a)
+
+
+def without_curvature(x0, x, *, b, eps):
+    z = vec(eps * eps / 2 / clebsch.denominator(x, b=b, eps=eps)) * (b * x) - x0 / vec(1 + dot(x, x0))
+    return z / vec(1 - dot(x, z))
+
+
+def doubled_flow(m, a, *, p):
+    return 2 * wedge(a, p), act(m, a)
+
+
+def transposed_turn(m, a, m1, a1, *, alpha, eps):
+    return -lagrange_top.generator(m, a, m1, a1, alpha=alpha, eps=eps)
+
+
+def isotropic_turn(m, a, m1, a1, *, alpha, eps):
+    return eps / 2 * m1 / mat(alpha)
+
+
+def constant_alpha(g, h, A, *, p, alpha, eps):
+    return lagrange_top.lagrangian(g, h, A, p=p, alpha=1, eps=eps)
+
+
+def unnormalised(g, h, A, *, p, alpha, eps):  # erratum E11: 1 for |A|^2
+    w, a, a1 = h @ g.mT, act(g, A), act(h, A)
+    kinetic = alpha / eps * trace_log(2 * lagrange_top.identity(w.shape[-1]) + w + w.mT)
+    return -kinetic - 2 * (1 - alpha) / eps * log(1 + dot(a, a1)) - eps * dot(p, a)
+
+
+def same(m, a, *, p, eps):
+    return m, a
+
+
+def whole_kick(m, a, *, p, eps):
+    return m + eps * wedge(a, p), a
+
+
+def whole_kick_back(m, a, *, p, eps):
+    return m - eps * wedge(a, p), a
+
+
+MUTANTS = [
+    ("hamiltonian-flow", replace(TOP, flow=doubled_flow), 3),
+    ("hamiltonian-flow", replace(TOP, energy=lambda m, a, *, p, eps=0: pairing(m, m) / 2 - dot(a, p)), 3),
+    ("hamiltonian-flow", wrong_space(TOP, tensor=MOVING.space.tensor), 3),
+    ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: TOP.space.tensor(m, a) * mat(pairing(m, m))), 3),
+    ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: abs(TOP.space.tensor(m, a))), 3),
+    ("casimirs", wrong_space(TOP, casimirs=lambda m, a: laws.algebra.stack([dot(a, a), pairing(m, m)])), 3),
+    ("integrals-of-the-flow", replace(TOP, integrals={"squares": lambda m, a: pairing(m, m)}), 3),
+    ("integrals-of-the-flow", replace(TOP, flow=lambda m, a, *, p: (wedge(p, a), act(m, a))), 3),
+    ("involution", replace(TOP, integrals={"noether": lambda m, a, *, p: laws.algebra.coordinates(lagrange_top.noether(m, a, p=p))}, commuting=("noether",)), 4),
+    ("involution", replace(CLEBSCH, integrals={"spectrum": lambda M, P, *, b, eps=0: clebsch.spectrum(M, P, b=b * b, eps=eps)}), 4),
+    ("lax-equation", replace(TOP, lax=lambda m, a, *, p, lam: (lagrange_top.lax_matrix(m, a, p=p, lam=lam), border(0 * m, lam * a, -lam * a))), 3),
+    ("velocity", replace(TOP, velocity=lambda m, a, *, alpha: -m), 3),
+    ("integrals-of-the-map", replace(TOP, integrals={"b": lambda m, a, *, p, eps=0: dot(printed_b(m, a, p=p, eps=eps), printed_b(m, a, p=p, eps=eps))}), 3),
+    *(("integrals-of-the-map", mapped(TOP, step=step), 3) for step in STEPS),
+    ("integrals-of-the-map", mapped(CLEBSCH, step=rough_kick), 3),
+    ("continuous-limit", mapped(TOP, step=turned_backwards), 3),
+    ("continuous-limit", replace(TOP, energy=lambda m, a, *, p, eps=0: lagrange_top.energy(m, a, p=p, eps=eps) + (eps != 0)), 3),
+    ("discrete-lax-equation", mapped(TOP, lax=printed_lax), 3),
+    ("discrete-lax-equation", mapped(MOVING, conjugator=printed_conjugator), 3),
+    ("discrete-lax-equation", mapped(CLEBSCH, lax=printed_pencil), 3),
+    ("poisson", mapped(TOP, step=not_poisson), 3),
+    ("poisson", mapped(TOP, step=euler_for_cayley), 3),
+    ("inverse", mapped(TOP, inverse=lagrange_top.adjoint), 3),
+    ("adjoint", mapped(TOP, adjoint=lagrange_top.step), 3),
+    ("reversing-involution", mapped(TOP, involution=lambda m, a: (-m, a)), 3),
+    ("reversing-involution", mapped(TOP, involution=same), 3),
+    ("symmetric-conjugate", mapped(TOP, to_symmetric=whole_kick, from_symmetric=whole_kick_back), 3),
+    ("symmetric-conjugate", mapped(TOP, to_symmetric=same), 3),
+    ("reconstruction", mapped(TOP, generator=transposed_turn), 3),
+    ("reconstruction", mapped(TOP, generator=isotropic_turn), 3),
+    ("discrete-euler-lagrange", mapped(CLEBSCH, lagrangian=printed_lagrangian), 3),
+    ("discrete-euler-lagrange", mapped(TOP, lagrangian=constant_alpha), 3),
+    ("discrete-euler-lagrange", mapped(TOP, lagrangian=unnormalised), 3),
+    ("relations", replace(TOP, relations=(replace(TOP.relations[0], map="step"),)), 3),
+    ("relations", replace(NEUMANN, relations=(replace(NEUMANN.relations[0], carry=lambda x, q, g, *, b: ((wedge(q, x), x), {"b": b})),)), 3),
+    ("second-order-form", mapped(NEUMANN, second_order=without_curvature), 3),
+    ("order", mapped(TOP, to_symmetric=same, from_symmetric=same), 3),
+    ("order", mapped(TOP, generator=lambda m, a, m1, a1, *, alpha, eps: eps / 2 * m1), 3),
+]
+
+
+def test_every_law_has_a_mutant() -> None:
+    assert {law for law, _, _ in MUTANTS} == set(laws.LAWS)
+
+
+@pytest.mark.parametrize(("law", "mutant", "n"), MUTANTS, ids=[f"{law}-{i}" for i, (law, _, _) in enumerate(MUTANTS)])
+@pytest.mark.parametrize("numbers", ["exact", "float"])
+def test_mutant_is_caught(law: str, mutant: System, n: int, numbers: str) -> None:
+    stated = laws.LAWS[law]
+    if numbers == "exact" and not stated.exact:
+        numbers = "float"
+    verdict = laws.test(stated, laws.make_case(mutant, n, numbers, 1))
+    assert not verdict.holds
+
+
+@pytest.mark.parametrize(("law", "mutant", "n"), MUTANTS, ids=[f"{law}-{i}" for i, (law, _, _) in enumerate(MUTANTS)])
+def test_the_record_itself_passes_there(law: str, mutant: System, n: int) -> None:
+    from kreisel.systems import find
+
+    numbers = "exact" if laws.LAWS[law].exact else "float"
+    assert laws.test(laws.LAWS[law], laws.make_case(find(mutant.name), n, numbers, 1)).holds
