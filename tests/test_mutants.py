@@ -131,19 +131,51 @@ MUTANTS = [
     ("hamiltonian-flow", replace(TOP, energy=lambda m, a, *, p, eps=0: pairing(m, m) / 2 - dot(a, p)), 3),
     ("hamiltonian-flow", wrong_space(TOP, tensor=MOVING.space.tensor), 3),
     ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: TOP.space.tensor(m, a) * mat(pairing(m, m))), 3),
-    ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: abs(TOP.space.tensor(m, a))), 3),
+    ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: TOP.space.tensor(m, a) ** 2), 3),
     ("casimirs", wrong_space(TOP, casimirs=lambda m, a: laws.algebra.stack([dot(a, a), pairing(m, m)])), 3),
     ("integrals-of-the-flow", replace(TOP, integrals={"squares": lambda m, a: pairing(m, m)}), 3),
     ("integrals-of-the-flow", replace(TOP, flow=lambda m, a, *, p: (wedge(p, a), act(m, a))), 3),
-    ("involution", replace(TOP, integrals={"noether": lambda m, a, *, p: laws.algebra.coordinates(lagrange_top.noether(m, a, p=p))}, commuting=("noether",)), 4),
-    ("involution", replace(CLEBSCH, integrals={"spectrum": lambda M, P, *, b, eps=0: clebsch.spectrum(M, P, b=b * b, eps=eps)}), 4),
-    ("lax-equation", replace(TOP, lax=lambda m, a, *, p, lam: (lagrange_top.lax_matrix(m, a, p=p, lam=lam), border(0 * m, lam * a, -lam * a))), 3),
+    (
+        "involution",
+        replace(
+            TOP,
+            integrals={"noether": lambda m, a, *, p: laws.algebra.coordinates(lagrange_top.noether(m, a, p=p))},
+            commuting=("noether",),
+        ),
+        4,
+    ),
+    (
+        "involution",
+        replace(CLEBSCH, integrals={"spectrum": lambda M, P, *, b, eps=0: clebsch.spectrum(M, P, b=b * b, eps=eps)}),
+        4,
+    ),
+    (
+        "lax-equation",
+        replace(
+            TOP,
+            lax=lambda m, a, *, p, lam: (lagrange_top.lax_matrix(m, a, p=p, lam=lam), border(0 * m, lam * a, -lam * a)),
+        ),
+        3,
+    ),
     ("velocity", replace(TOP, velocity=lambda m, a, *, alpha: -m), 3),
-    ("integrals-of-the-map", replace(TOP, integrals={"b": lambda m, a, *, p, eps=0: dot(printed_b(m, a, p=p, eps=eps), printed_b(m, a, p=p, eps=eps))}), 3),
+    (
+        "integrals-of-the-map",
+        replace(
+            TOP,
+            integrals={
+                "b": lambda m, a, *, p, eps=0: dot(printed_b(m, a, p=p, eps=eps), printed_b(m, a, p=p, eps=eps))
+            },
+        ),
+        3,
+    ),
     *(("integrals-of-the-map", mapped(TOP, step=step), 3) for step in STEPS),
     ("integrals-of-the-map", mapped(CLEBSCH, step=rough_kick), 3),
     ("continuous-limit", mapped(TOP, step=turned_backwards), 3),
-    ("continuous-limit", replace(TOP, energy=lambda m, a, *, p, eps=0: lagrange_top.energy(m, a, p=p, eps=eps) + (eps != 0)), 3),
+    (
+        "continuous-limit",
+        replace(TOP, energy=lambda m, a, *, p, eps=0: lagrange_top.energy(m, a, p=p, eps=eps) + (eps != 0)),
+        3,
+    ),
     ("discrete-lax-equation", mapped(TOP, lax=printed_lax), 3),
     ("discrete-lax-equation", mapped(MOVING, conjugator=printed_conjugator), 3),
     ("discrete-lax-equation", mapped(CLEBSCH, lax=printed_pencil), 3),
@@ -161,7 +193,14 @@ MUTANTS = [
     ("discrete-euler-lagrange", mapped(TOP, lagrangian=constant_alpha), 3),
     ("discrete-euler-lagrange", mapped(TOP, lagrangian=unnormalised), 3),
     ("relations", replace(TOP, relations=(replace(TOP.relations[0], map="step"),)), 3),
-    ("relations", replace(NEUMANN, relations=(replace(NEUMANN.relations[0], carry=lambda x, q, g, *, b: ((wedge(q, x), x), {"b": b})),)), 3),
+    (
+        "relations",
+        replace(
+            NEUMANN,
+            relations=(replace(NEUMANN.relations[0], carry=lambda x, q, g, *, b: ((wedge(q, x), x), {"b": b})),),
+        ),
+        3,
+    ),
     ("second-order-form", mapped(NEUMANN, second_order=without_curvature), 3),
     ("order", mapped(TOP, to_symmetric=same, from_symmetric=same), 3),
     ("order", mapped(TOP, generator=lambda m, a, m1, a1, *, alpha, eps: eps / 2 * m1), 3),

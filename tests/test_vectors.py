@@ -18,12 +18,23 @@ def rationals(*words: str) -> np.ndarray:
 
 HALF = Fraction(1, 2)
 M = algebra.skew(rationals("1", "-2", "3"), 3)
-U, P, A, B = rationals("2/3", "-1/3", "2/3"), rationals("1", "2", "-1"), rationals("0", "0", "1"), rationals("1", "2", "-1")
+U, P, A, B = (
+    rationals("2/3", "-1/3", "2/3"),
+    rationals("1", "2", "-1"),
+    rationals("0", "0", "1"),
+    rationals("1", "2", "-1"),
+)
 ALPHA = Fraction(7, 10)
 VECTORS = {
     "rest": (kr.LagrangeTop(p=P, alpha=ALPHA), U, "11/6 -8/3 5/2", "-518/1767 781/1767 1498/1767", "20/3"),
     "intro": (kr.SymmetricTop(A=P), U, "1/6 -4/3 7/2", "1234/1623 -707/1623 -782/1623", "6"),
-    "moving": (kr.LagrangeTopMoving(A=A, alpha=ALPHA), P, "1 -18405/7514 29164/18785", "-727/3757 37582/18785 7/5", "7"),
+    "moving": (
+        kr.LagrangeTopMoving(A=A, alpha=ALPHA),
+        P,
+        "1 -18405/7514 29164/18785",
+        "-727/3757 37582/18785 7/5",
+        "7",
+    ),
     "clebsch": (kr.Clebsch(b=B), U, "65/73 -178/73 243/73", "24408/30037 -2349/30037 -17348/30037", "65/8"),
 }
 

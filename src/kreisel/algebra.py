@@ -28,9 +28,13 @@ Array = Any  # an array of any library, or a NumPy object array of any field
 
 def exact(x: Array) -> bool:
     """True for numbers without round-off (an object array of a field), False for floats and their records."""
-    if getattr(x, "dtype", None) != object:
+    if not _holds_objects(x):
         return False
     return not getattr(x.flat[0] if x.size else None, "inexact", False)
+
+
+def _holds_objects(x: Array) -> bool:
+    return hasattr(x, "dtype") and x.dtype.kind == "O"
 
 
 def identity(n: int) -> Array:
@@ -56,7 +60,7 @@ def solve(A: Array, B: Array) -> Array:
     """
     if hasattr(A, "record_solve"):
         return A.record_solve(B)
-    if A.dtype == object or getattr(B, "dtype", None) == object:
+    if _holds_objects(A) or _holds_objects(B):
         return _eliminate(A, B)[1]
     if isinstance(A, np.ndarray):
         return np.linalg.solve(A, B)
@@ -104,8 +108,8 @@ def _as_float(v: Any) -> float:
 
 
 def trace_log(A: Array) -> Array:
-    """tr log A = log det A for A (..., n, n) with positive leading minors."""
-    if A.dtype != object:
+    """Tr log A = log det A for A (..., n, n) with positive leading minors."""
+    if not _holds_objects(A):
         return np.linalg.slogdet(A)[1]
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
@@ -124,7 +128,7 @@ def pairing(X: Array, Y: Array) -> Array:
 
 
 def wedge(x: Array, y: Array) -> Array:
-    """x ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
+    """X ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
     return x[..., :, None] * y[..., None, :] - y[..., :, None] * x[..., None, :]
 
 
@@ -171,7 +175,7 @@ def skew(x: Array, n: int) -> Array:
 
 
 def hat(v: Array) -> Array:
-    """The skew matrix of an axial vector: hat(v) x = v x x, n = 3.  Inverse: `axial`."""
+    """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
     return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)
 
 
@@ -249,7 +253,7 @@ def turn_left(X: Array, g: Array) -> Array:
 
 
 def turn_right(g: Array, X: Array) -> Array:
-    """g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
+    """G cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
     return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(_quaternion_product(g, _half_turn(X)))
 
 
@@ -313,9 +317,7 @@ def faddeev_leverrier_pencil(M: Array, B: Array) -> tuple[list[list[Array]], lis
     c: list[list[Array]] = [[1]]
     for k in range(1, n + 1):
         previous = adj[-1]
-        product = [
-            (M @ previous[i] if i < k else 0) + (B @ previous[i - 1] if i > 0 else 0) for i in range(k + 1)
-        ]
+        product = [(M @ previous[i] if i < k else 0) + (B @ previous[i - 1] if i > 0 else 0) for i in range(k + 1)]
         c.append([-_trace(term) / k for term in product])
         if k < n:
             adj.append([term + mat(ck) * identity(n) for term, ck in zip(product, c[-1], strict=True)])
@@ -330,7 +332,7 @@ def form(x: Array, A: Array, y: Array) -> Array:
 def stack(scalars: list[Array]) -> Array:
     """A family of scalars (...) as one array (..., k)."""
     shape = np.broadcast_shapes(*(np.shape(s) for s in scalars))
-    if any(getattr(s, "dtype", object) == object for s in scalars):
+    if any(not hasattr(s, "dtype") or _holds_objects(s) for s in scalars):
         out = np.empty((*shape, len(scalars)), dtype=object)
         for i, s in enumerate(scalars):
             out[..., i] = s

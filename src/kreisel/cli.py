@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
     help="Simulate spinning bodies and keep every first integral to round-off.",
 )
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
@@ -68,7 +70,9 @@ def run(
         _print_json({**told, "drift": _records(table)})
         return
     print(f"{result.attrs['title']}: {model}")
-    print(f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)")
+    print(
+        f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)"
+    )
     _print_drift(table)
     if figure:
         print(f"figure: {asked.figure}")
@@ -135,7 +139,9 @@ def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
         scratch.replace(target)
     except (OSError, ValueError) as error:
         scratch.unlink(missing_ok=True)
-        raise InputError(f"The figure {target} could not be written: {error}. Choose another path or format.") from error
+        raise InputError(
+            f"The figure {target} could not be written: {error}. Choose another path or format."
+        ) from error
 
 
 def _print_drift(table: pd.DataFrame) -> None:
@@ -147,14 +153,28 @@ def _print_drift(table: pd.DataFrame) -> None:
     grid.add_column("kept")
     for column in ("start", "max |change|", "round-off", "ratio", "slope"):
         grid.add_column(column, justify="right")
-    for name, row in table.iterrows():
-        numbers = (f"{row.start:.6g}", f"{row.max_change:.2e}", f"{row.roundoff:.2e}", f"{row.ratio:.2g}", f"{row.slope:.1e}")
+    for label, row in table.iterrows():
+        name = str(label)
+        numbers = (
+            f"{row.start:.6g}",
+            f"{row.max_change:.2e}",
+            f"{row.roundoff:.2e}",
+            f"{row.ratio:.2g}",
+            f"{row.slope:.1e}",
+        )
         grid.add_row(name.replace("[", r"\["), "no" if row.kind == "function" else "yes", *numbers)
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
 
 
 def _records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
-    return [] if table is None else [{"integral": name, **row} for name, row in table.to_dict("index").items()]
+    return (
+        []
+        if table is None
+        else [
+            {"integral": str(name), **{str(k): v for k, v in row.items()}}
+            for name, row in table.to_dict("index").items()
+        ]
+    )
 
 
 def _print_json(value: Any) -> None:

@@ -52,10 +52,12 @@ class PhaseSpace:
 
     @property
     def letters(self) -> tuple[str, ...]:
+        """The letters of the components, in order."""
         return tuple(letter for letter, _ in self.components)
 
     @property
     def kinds(self) -> tuple[str, ...]:
+        """The kinds of the components: "skew" or "vector"."""
         return tuple(kind for _, kind in self.components)
 
 
@@ -189,8 +191,12 @@ class System:
     def __signature__(self) -> inspect.Signature:
         keyword = inspect.Parameter.KEYWORD_ONLY
         return inspect.Signature(
-            inspect.Parameter(p.letter, keyword, default=inspect.Parameter.empty if p.default is None else p.default)
-            for p in self.parameters
+            [
+                inspect.Parameter(
+                    p.letter, keyword, default=inspect.Parameter.empty if p.default is None else p.default
+                )
+                for p in self.parameters
+            ]
         )
 
 
@@ -238,6 +244,7 @@ class State(Mapping[str, Array]):
 
     @property
     def axial(self) -> State:
+        """The same state with axial vectors (..., 3) for skew matrices when n = 3."""
         parts = {
             k: algebra.axial(v) if self._kinds[k] == "skew" and v.shape[-1] == 3 else v
             for k, v in self._components.items()
@@ -258,8 +265,7 @@ class Model:
         for letter in params:
             if letter not in known:
                 raise InputError(
-                    f"{system.name} has the parameters {', '.join(known)}; {letter!r} came."
-                    f"{nearest(letter, known)}"
+                    f"{system.name} has the parameters {', '.join(known)}; {letter!r} came.{nearest(letter, known)}"
                 )
         self.params: dict[str, Array] = {}
         for p in system.parameters:
@@ -274,10 +280,14 @@ class Model:
         for p in system.parameters:
             if p.check is not None:
                 p.check(self.params[p.letter], p.letter)
-        batches = [v.shape[: v.ndim - PARAMETER_AXES[p.kind]] for p, v in zip(system.parameters, self.params.values(), strict=True)]
+        batches = [
+            v.shape[: v.ndim - PARAMETER_AXES[p.kind]]
+            for p, v in zip(system.parameters, self.params.values(), strict=True)
+        ]
         self.batch = np.broadcast_shapes(*batches)
         spread = {
-            k: np.broadcast_to(v, self.batch + v.shape[len(b) :]) for (k, v), b in zip(self.params.items(), batches, strict=True)
+            k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
+            for (k, v), b in zip(self.params.items(), batches, strict=True)
         }
         self.constants: dict[str, Array] = dict(spread)
         if system.derive is not None:
@@ -285,9 +295,7 @@ class Model:
         self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
 
     def _dimension(self) -> int:
-        sizes = {
-            p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"
-        }
+        sizes = {p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"}
         if len(set(sizes.values())) != 1:
             told = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
             raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {told}.")
@@ -371,7 +379,9 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
         array = array[..., None] * np.eye(array.shape[-1], dtype=np.int8)
     if array.ndim < axes or array.ndim > axes + 1:
         shapes = {"scalar": "a number", "vector": "n numbers", "symmetric": "an n x n matrix or its diagonal"}
-        raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front); shape {array.shape} came.")
+        raise InputError(
+            f"{name} must be {shapes[p.kind]} (a batch axis may stand in front); shape {array.shape} came."
+        )
     if p.kind == "symmetric":
         _check_symmetric(array, name)
     return array
@@ -408,9 +418,7 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
 
 
 def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
-    batches = [
-        v.shape[: v.ndim - COMPONENT_AXES[k]] for v, k in zip(parts.values(), space.kinds, strict=True)
-    ]
+    batches = [v.shape[: v.ndim - COMPONENT_AXES[k]] for v, k in zip(parts.values(), space.kinds, strict=True)]
     try:
         np.broadcast_shapes(*batches)
     except ValueError:

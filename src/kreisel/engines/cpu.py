@@ -18,7 +18,6 @@ from types import ModuleType
 
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
@@ -38,7 +37,7 @@ from numpy.linalg import solve
 
 '''
 
-ADVANCE = '''
+ADVANCE = """
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], i8)", {options})
 def kernel(z, c, out, every):
     for lane in range(z.shape[0]):
@@ -48,15 +47,15 @@ def kernel(z, c, out, every):
 {body}
 {save}
 {store}
-'''
+"""
 
-RATE = '''
+RATE = """
 @njit("void(f8[::1], f8[::1], f8[::1])", {options})
 def kernel(z, c, out):
 {load}
 {body}
 {save}
-'''
+"""
 
 
 def cache_folder() -> Path:
@@ -105,10 +104,11 @@ class Recording:
         count = sum(layout.size(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
         flat = np.array([Scalar(self.tape, name) for name in self.state], dtype=object)
-        entries = np.array([_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])], dtype=object)
+        entries = np.array(
+            [_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])], dtype=object
+        )
         known = {
-            name: entries[place].reshape((self.n,) * self.scheme.axes[name])
-            for name, place in self.columns.items()
+            name: entries[place].reshape((self.n,) * self.scheme.axes[name]) for name, place in self.columns.items()
         }
         known = {k: v[()] if v.ndim == 0 else v for k, v in known.items()}
         new = _function(self.scheme)(*layout.restore(flat, self.kinds, self.n), **known)
@@ -165,7 +165,7 @@ class Recording:
 
 LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector"}
 STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store"}
-ARRAY_HEAD = '''
+ARRAY_HEAD = """
 @njit({options})
 def number(flat, n):
     return flat[0]
@@ -205,7 +205,7 @@ def store_skew(X, flat):
             k += 1
 
 
-'''
+"""
 
 
 def _indented(lines: list[str], indent: int) -> str:
@@ -245,7 +245,7 @@ class Kernel:
     """
 
     def __init__(self, scheme: Scheme, z0: Floats):
-        self.z = np.ascontiguousarray(z0, dtype=np.float64)
+        self.z = np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         record = Recording(scheme, self.constants, columns)
         self.source = _head(scheme, record) + ADVANCE.format(

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from kreisel.engines.cpu import compiled_rate, flat_constants
 from kreisel.engines.layout import Floats
 from kreisel.errors import RunError
 from kreisel.methods.scheme import Scheme
+
+Rate = Callable[[float, Floats, Floats], Floats]
+
+
+def _bound(rate: Rate, constants: Floats) -> Callable[[float, Floats], Floats]:
+    return lambda t, y: rate(t, y, constants)
 
 
 class Reference:
@@ -23,7 +32,7 @@ class Reference:
         options = scheme.options or {}
         tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
         self._solvers = [
-            DOP853(lambda t, y, c=row: rate(t, y, c), 0.0, start, np.inf, **tolerances)
+            DOP853(_bound(rate, row), 0.0, start, np.inf, **tolerances)
             for start, row in zip(self.z, constants, strict=True)
         ]
 
@@ -34,9 +43,9 @@ class Reference:
                 row[lane] = self._to(solver, self._steps * self._dt)
             self.z[:] = row
 
-    def _to(self, solver: object, t: float) -> Floats:
-        while solver.t < t:  # type: ignore[attr-defined]
-            told = solver.step()  # type: ignore[attr-defined]
-            if solver.status == "failed":  # type: ignore[attr-defined]
-                raise RunError(f"DOP853 gave up at time {solver.t:g}: {told}. Try a map instead.")  # type: ignore[attr-defined]
-        return solver.y if solver.t == t else solver.dense_output()(t)  # type: ignore[attr-defined]
+    def _to(self, solver: Any, t: float) -> Floats:
+        while solver.t < t:
+            told = solver.step()
+            if solver.status == "failed":
+                raise RunError(f"DOP853 gave up at time {solver.t:g}: {told}. Try a map instead.")
+        return solver.y if solver.t == t else solver.dense_output()(t)

@@ -178,7 +178,9 @@ class Matrix:
         return self._new(f"{left} {symbol} {right}", np.broadcast_shapes(self.shape, shape), self.name, *needs)
 
     def __add__(self, other: Any) -> Any:
-        return self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "+")
+        return (
+            self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "+")
+        )
 
     __radd__ = __add__
 

@@ -1,0 +1,1 @@
+"""The laboratory: laws, and the numbers they are tested in."""

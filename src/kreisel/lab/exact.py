@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ from kreisel.contract import Model, Parameter, PhaseSpace, System
 from kreisel.engines import layout
 
 try:
-    from flint import fmpq as rational
-except ImportError:  # the extra "exact" is not installed: the same numbers, about ten times slower
-    from fractions import Fraction as rational
+    import flint
+
+    rational: Any = flint.fmpq
+except ImportError:  # the extra "exact" is not installed: the same numbers, more slowly
+    rational = Fraction
 
 Random = Callable[[tuple[int, ...]], Array]
 
@@ -95,7 +98,7 @@ def slopes(outputs: Array, count: int) -> Array:
 
 
 def along(values: Array, direction: Array) -> Array:
-    """values + direction * d with one infinitesimal d."""
+    """Values + direction * d with one infinitesimal d."""
     out = np.empty(values.shape, dtype=object)
     for place in np.ndindex(values.shape):
         slope = np.empty(1, dtype=object)
@@ -114,7 +117,9 @@ def independent(values: Array) -> Array:
     return out
 
 
-def jacobian(function: Callable[..., Any], state: tuple[Array, ...], kinds: tuple[str, ...], n: int) -> tuple[Any, Array]:
+def jacobian(
+    function: Callable[..., Any], state: tuple[Array, ...], kinds: tuple[str, ...], n: int
+) -> tuple[Any, Array]:
     """A function of state components at dual numbers: its output, and d output / d coordinate."""
     flat = layout.flatten(state, kinds)
     output = function(*layout.restore(independent(flat), kinds, n))

@@ -16,7 +16,7 @@ ORIENTATION = "g"
 
 
 def orientation_component(n: int) -> tuple[str, str]:
-    """g as a unit quaternion for n = 3, as an orthogonal matrix otherwise."""
+    """G as a unit quaternion for n = 3, as an orthogonal matrix otherwise."""
     return (ORIENTATION, "quaternion" if n == 3 else "matrix")
 
 
@@ -26,7 +26,7 @@ def with_orientation(model: Model, oriented: bool) -> Components:
 
 
 def functions(model: Model, eps: float | None) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
-    """name -> (what it is, function, whether it takes the map's own variables).
+    """Name -> (what it is, function, whether it takes the map's own variables).
 
     With `eps` (a step of the map) the deformed integrals come under names ending in `_eps`, and the
     undeformed ones that the map does not keep are marked as functions.  Without, nothing is kept.

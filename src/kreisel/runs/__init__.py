@@ -1,0 +1,1 @@
+"""Runs: plans, simulation, archives, drift."""

@@ -180,7 +180,7 @@ class Archive:
                     dims = ("time",) if name == "time" else dimensions(self.plan, name, value.shape)
                     self._create(name, value, dims, TIME if name == "time" else self._variable[name])
                 else:
-                    array = self._group[name]
+                    array: Any = self._group[name]
                     array.resize((stop, *array.shape[1:]))
                     array[start:stop] = value
         self._rows = stop
@@ -191,7 +191,9 @@ class Archive:
             self._variables = attributes(self.plan)
         return self._variables
 
-    def _create(self, name: str, value: Array, dims: tuple[str, ...], attrs: Mapping[str, Any], grows: bool = True) -> None:
+    def _create(
+        self, name: str, value: Array, dims: tuple[str, ...], attrs: Mapping[str, Any], grows: bool = True
+    ) -> None:
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
         chunk = (block_rows(self.plan), *value.shape[1:]) if grows else value.shape
@@ -207,7 +209,9 @@ class Archive:
         )
         array[...] = value
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if error is None:
             with self._disk("be finished"):
                 self._group.attrs["complete"] = True
@@ -234,7 +238,9 @@ class _DiskTrouble:
     def __enter__(self) -> None:
         return None
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if not isinstance(error, OSError):
             return
         archive = self._archive

@@ -1,4 +1,4 @@
-"""kreisel check: is an archive whole, and do its integrals belong to its states?"""
+"""What `kreisel check` does: is an archive whole, and do its integrals belong to its states."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
             run[name].load()
         except Exception as error:  # whatever a damaged chunk makes the libraries raise
             faults.append(f"{name} cannot be read: {error}")
-            run = run.drop_vars(name)
+            run = run.drop_vars([name])
     faults += [
         f"{name} is not finite at row {int(np.argmin(np.isfinite(v.values.reshape(len(v), -1)).all(1)))}"
         for name, v in run.data_vars.items()
@@ -54,9 +54,7 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     options = json.loads(run.attrs["options"])
     plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
     kinds = dict(model.system.space.components)
-    state = tuple(
-        algebra.hat(run[k].values) if kinds[k] == "skew" and model.n == 3 else run[k].values for k in kinds
-    )
+    state = tuple(algebra.hat(run[k].values) if kinds[k] == "skew" and model.n == 3 else run[k].values for k in kinds)
     outputs = plan.observe(plan.reopen(state))
     faults = []
     for name, value in outputs.items():

@@ -77,7 +77,9 @@ def parse(data: Mapping[str, Any], source: str = "the configuration") -> Config:
     system = dict(tables["system"])
     name = system.pop("name", None)
     if not isinstance(name, str):
-        raise InputError(f"{source} needs `name = \"...\"` in [system]; {name!r} came. `kreisel systems` lists the names.")
+        raise InputError(
+            f'{source} needs `name = "..."` in [system]; {name!r} came. `kreisel systems` lists the names.'
+        )
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
     run = _convert(tables["run"], Run, "run", source)

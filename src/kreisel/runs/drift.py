@@ -40,9 +40,7 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
     time = np.asarray(run["time"].values)
     steps = run.attrs["steps"]
-    rows = {
-        name: {"kind": kind, **_row(series, time, scale, steps)} for name, kind, series, scale in _all_series(run)
-    }
+    rows = {name: {"kind": kind, **_row(series, time, scale, steps)} for name, kind, series, scale in _all_series(run)}
     return pd.DataFrame.from_dict(rows, orient="index")
 
 

@@ -25,7 +25,8 @@ class Marcher(Protocol):
 
     z: Floats
 
-    def advance(self, out: Floats, every: int) -> None: ...
+    def advance(self, out: Floats, every: int) -> None:
+        """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there."""
 
 
 @dataclass
@@ -49,10 +50,12 @@ class Plan:
 
     @property
     def rows(self) -> int:
+        """How many rows are saved."""
         return 1 + self.steps // self.every + (self.steps % self.every > 0)
 
     @property
     def kinds(self) -> list[str]:
+        """The kinds of the components that are stepped."""
         return [kind for _, kind in self.scheme.components]
 
     def observe(self, z: Floats) -> dict[str, Array]:

@@ -22,6 +22,7 @@ class Progress:
         return self
 
     def advance(self, steps: int) -> None:
+        """Count steps that are done."""
         self.done += steps
         if self._bar is None and self._show and time.perf_counter() - self._begun > SHOW_AFTER_SECONDS:
             self._bar, self._task = _bar(self.total)
@@ -29,7 +30,9 @@ class Progress:
             rate = self.done / (time.perf_counter() - self._begun)
             self._bar.update(self._task, completed=self.done, rate=f"{_short(rate)} steps/s")
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if self._bar is not None:
             self._bar.stop()
 

@@ -54,9 +54,7 @@ def simulate(
     for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
     a state is no longer finite or the archive cannot be written.
     """
-    plan = make_plan(
-        system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation
-    )
+    plan = make_plan(system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation)
     from kreisel.runs.archive import Archive, describe, in_memory, open_archive
 
     with Progress(plan.steps * plan.lanes, progress) as bar:

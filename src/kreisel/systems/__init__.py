@@ -42,7 +42,5 @@ REGISTRY: dict[str, System] = {
 def find(name: str) -> System:
     """The system of that name.  Raises `InputError` with the nearest name."""
     if name not in REGISTRY:
-        raise InputError(
-            f"No system is called {name!r}.{nearest(name, REGISTRY)} There are: {', '.join(REGISTRY)}."
-        )
+        raise InputError(f"No system is called {name!r}.{nearest(name, REGISTRY)} There are: {', '.join(REGISTRY)}.")
     return REGISTRY[name]

@@ -47,8 +47,13 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
-        Parameter("J", "symmetric", "mass tensor sum m x x^T (n = 3: J = tr(I)/2 - I from the classical inertia "
-                  "tensor I)", moments, exact_diagonal=True),
+        Parameter(
+            "J",
+            "symmetric",
+            "mass tensor sum m x x^T (n = 3: J = tr(I)/2 - I from the classical inertia tensor I)",
+            moments,
+            exact_diagonal=True,
+        ),
         Parameter("A", "vector", "from the fixed point to the centre of mass, in the body"),
     ),
     flow=flow,

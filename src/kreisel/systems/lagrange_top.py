@@ -6,7 +6,19 @@ the rest frame; p is the constant gravity vector (potential <p, a>).  Minus brac
 """
 
 from kreisel.algebra import (
-    act, bordered_spectrum, cayley_act, dot, identity, log, mat, moebius, pairing, project_out, trace_log, vec, wedge,
+    act,
+    bordered_spectrum,
+    cayley_act,
+    dot,
+    identity,
+    log,
+    mat,
+    moebius,
+    pairing,
+    project_out,
+    trace_log,
+    vec,
+    wedge,
 )
 from kreisel.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.systems.checks import nonzero_alpha
@@ -99,8 +111,13 @@ SYSTEM = System(
     space=REST_SPACE,
     parameters=(
         Parameter("p", "vector", "gravity vector in the rest frame: the potential energy is <p, a>"),
-        Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0; only the orientation feels it",
-                  nonzero_alpha, 1.0),
+        Parameter(
+            "alpha",
+            "scalar",
+            "axial over transverse moment of inertia, not 0; only the orientation feels it",
+            nonzero_alpha,
+            1.0,
+        ),
     ),
     flow=flow,
     energy=energy,

@@ -7,8 +7,22 @@ mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
 """
 
 from kreisel.algebra import (
-    act, bordered_spectrum, cayley, cayley_act, cayley_columns, dot, identity, log, mat, moebius, pairing, project_out,
-    resolvent, trace_log, vec, wedge,
+    act,
+    bordered_spectrum,
+    cayley,
+    cayley_act,
+    cayley_columns,
+    dot,
+    identity,
+    log,
+    mat,
+    moebius,
+    pairing,
+    project_out,
+    resolvent,
+    trace_log,
+    vec,
+    wedge,
 )
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.systems.checks import nonzero_alpha, nonzero_vector
@@ -115,13 +129,17 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
 SYSTEM = System(
     name="lagrange-top-moving",
     title="Lagrange top, moving frame",
-    equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = alpha Omega + (1 - alpha)(Omega A A^T + A A^T Omega)/|A|^2",
+    equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = alpha Omega + (1 - alpha)(Omega AA^T + AA^T Omega)/|A|^2",
     source="Suris 2001, sections 5 and 6.2",
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
-        Parameter("A", "vector", "from the fixed point to the centre of mass, in the body; its length multiplies "
-                  "the potential <P, A>", nonzero_vector),
+        Parameter(
+            "A",
+            "vector",
+            "from the fixed point to the centre of mass, in the body; its length multiplies the potential <P, A>",
+            nonzero_vector,
+        ),
         Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0", nonzero_alpha, 1.0),
     ),
     flow=flow,

@@ -50,7 +50,10 @@ def half_kick_back(x, q, *, b, eps):
 
 
 def second_order(x0, x, *, b, eps):
-    """x_(k+1) from x_(k-1), x_k: x_(k+1)/(1+<x_k,x_(k+1)>) + x_(k-1)/(1+<x_k,x_(k-1)>) = (eps^2/2) B x_k/den + mu x_k."""
+    """x_(k+1) from x_(k-1), x_k.
+
+    x_(k+1)/(1+<x_k,x_(k+1)>) + x_(k-1)/(1+<x_k,x_(k-1)>) = (eps^2/2) B x_k/den + mu x_k.
+    """
     z = vec(eps * eps / 2 / clebsch.denominator(x, b=b, eps=eps)) * (b * x) - x0 / vec(1 + dot(x, x0))
     zx = dot(z, x)
     y = z + vec(((1 - zx) * (1 - zx) - dot(z, z)) / 2) * x
@@ -124,8 +127,6 @@ SYSTEM = System(
         second_order=second_order,
         source="Suris 2001, section 7, end (Adler's discretization)",
     ),
-    relations=(
-        Relation("clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x"),
-    ),
+    relations=(Relation("clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x"),),
     notes="On the sphere the spectrum has rank n - 1, which is complete.",
 )

@@ -6,7 +6,17 @@ Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E1
 """
 
 from kreisel.algebra import (
-    act, bordered_spectrum, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge,
+    act,
+    bordered_spectrum,
+    cayley_act,
+    dot,
+    identity,
+    moebius,
+    pairing,
+    project_out,
+    trace_log,
+    vec,
+    wedge,
 )
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.systems.checks import nonzero_vector
@@ -118,7 +128,9 @@ SYSTEM = System(
         source="Suris 2001, section 1 (Introduction)",
     ),
     relations=(
-        Relation("lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": one(A)}), "adjoint", "alpha = 1"),
+        Relation(
+            "lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": one(A)}), "adjoint", "alpha = 1"
+        ),
         Relation(
             "lagrange-top", lambda M, P, g, *, A: ((-M, P), {"p": A, "alpha": one(A)}), "step", "(m, a, p) = (-M, P, A)"
         ),

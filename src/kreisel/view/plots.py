@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -29,9 +29,9 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(cast("Any", STYLE)):
         figure = Figure(figsize=(9.2, 4.4), layout="constrained")
-        left, right = figure.subfigures(1, 2, width_ratios=[1, 1.25])
+        left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run)
         one = run.isel(lane=0) if "lane" in run.dims else run
         if one.sizes["axis"] == 3:
@@ -99,7 +99,9 @@ def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
         label = family.replace("_eps", " of the map")
         axes.plot(*_thinned(time, change), color=COLOURS[number % len(COLOURS)], linewidth=0.7, label=label)
     band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
-    axes.plot(time[1:], band[1:], color="black", linestyle="--", linewidth=0.9, label=r"$\varepsilon\sqrt{\mathrm{steps}}$")
+    axes.plot(
+        time[1:], band[1:], color="black", linestyle="--", linewidth=0.9, label=r"$\varepsilon\sqrt{\mathrm{steps}}$"
+    )
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(time[0], time[-1]))
     axes.set_ylim(bottom=1e-17)
     axes.set_title("what the method keeps" if not run.attrs["method"] == "dop853" else "integrals of the flow")

@@ -54,7 +54,9 @@ def record(system: System) -> str:
     told = summary(system)
     lines = [f"{system.name}: {system.title}", f"  {system.equations}", ""]
     state = ", ".join(f"{letter} in {SHORT[kind]}" for letter, kind in system.space.components)
-    lines.append(f"  state       {state}; {told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}")
+    lines.append(
+        f"  state       {state}; {told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}"
+    )
     for p in system.parameters:
         default = "" if p.default is None else f" (default {p.default:g})"
         lines.append(f"  parameter   {p.letter}: {p.meaning}{default}")

@@ -1,0 +1,147 @@
+"""One definition, any kind of number: the same step on floats, complex numbers, fractions, SymPy and JAX."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from kreisel import algebra
+from kreisel.lab import exact
+from kreisel.systems import REGISTRY
+
+MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
+
+
+def fractions_of(x: np.ndarray) -> np.ndarray:
+    return np.vectorize(lambda v: Fraction(int(v.p), int(v.q)), otypes=[object])(x)
+
+
+def floats_of(x: np.ndarray) -> np.ndarray:
+    return np.vectorize(lambda v: int(v.p) / int(v.q), otypes=[float])(x)
+
+
+def rational_case(name: str, n: int) -> tuple[object, tuple[np.ndarray, ...]]:
+    draw = exact.rational_random(np.random.default_rng([5, n]))
+    model = exact.random_model(REGISTRY[name], n, draw)
+    return model, exact.random_state(REGISTRY[name].space, n, draw)
+
+
+@pytest.mark.parametrize("n", [3, 4])
+@pytest.mark.parametrize("name", MAPS)
+def test_kinds_of_number_agree(name: str, n: int) -> None:
+    import jax
+    import sympy
+
+    jax.config.update("jax_enable_x64", True)
+    model, state = rational_case(name, n)
+    system, params = model.system, model.params
+    reference = [floats_of(c) for c in model.step(*state, eps=exact.rational(1, 3))]
+
+    def step(convert, eps):
+        converted = {k: convert(v) for k, v in params.items()}
+        return model.system.map.step, [convert(c) for c in state], converted, eps
+
+    kinds = {
+        "fraction": (fractions_of, Fraction(1, 3)),
+        "float": (floats_of, 1 / 3),
+        "complex": (lambda x: floats_of(x).astype(complex), 1 / 3),
+        "sympy": (np.vectorize(lambda v: sympy.Rational(int(v.p), int(v.q)), otypes=[object]), sympy.Rational(1, 3)),
+        "jax": (lambda x: jax.numpy.asarray(floats_of(x)), 1 / 3),
+    }
+    from kreisel.contract import call
+
+    for kind, (convert, eps) in kinds.items():
+        function, parts, converted, step_eps = step(convert, eps)
+        new = call(function, tuple(parts), {**converted, "eps": step_eps})
+        for got, want in zip(new, reference, strict=True):
+            assert np.allclose(np.asarray(got).astype(complex), want, rtol=1e-12, atol=1e-13), (kind, system.name)
+
+
+def test_single_precision_stays_single() -> None:
+    top = REGISTRY["lagrange-top"].map
+    m, a, p = (np.asarray(v, dtype=np.float32) for v in (algebra.hat(np.array([0.1, 0.2, 1.5])), [0.6, 0, 0.8], [0, 0, 1]))
+    new = top.step(m, a, p=p, eps=np.float32(0.1))
+    assert all(c.dtype == np.float32 for c in new)
+
+
+@pytest.mark.parametrize("n", [3, 5])
+@pytest.mark.parametrize("name", list(REGISTRY))
+def test_batch_axes_in_front(name: str, n: int) -> None:
+    draw = exact.float_random(np.random.default_rng(n))
+    system = REGISTRY[name]
+    models = [exact.random_model(system, n, draw) for _ in range(3)]
+    states = [exact.random_state(system.space, n, draw) for _ in range(3)]
+    batch = system(**{k: np.stack([m.params[k] for m in models]) for k in models[0].params})
+    together = tuple(np.stack(parts) for parts in zip(*states, strict=True))
+    functions = [system.flow, system.energy, system.velocity, *system.integrals.values()]
+    if system.map is not None:
+        functions += [system.map.step, system.map.inverse, system.map.adjoint, system.map.involution]
+    for function in functions:
+        all_at_once = batch.call(function, *together, eps=0.1)
+        for lane, (model, state) in enumerate(zip(models, states, strict=True)):
+            one = model.call(function, *state, eps=0.1)
+            pairs = zip(all_at_once, one, strict=True) if isinstance(one, tuple) else [(all_at_once, one)]
+            for many, single in pairs:
+                assert np.allclose(many[lane], single, rtol=1e-11, atol=1e-11), function
+
+
+def test_axial_vectors_and_matrices_are_the_same() -> None:
+    v, x = np.array([1.0, -2, 3]), np.array([0.3, 0.1, -0.7])
+    assert (algebra.act(algebra.hat(v), x) == np.cross(v, x)).all()
+    assert (algebra.axial(algebra.hat(v)) == v).all()
+    assert np.allclose(algebra.wedge(v, x), algebra.hat(np.cross(x, v)))
+    assert algebra.pairing(algebra.hat(v), algebra.hat(x)) == pytest.approx(v @ x)
+
+
+@pytest.mark.parametrize("n", [3, 4, 7])
+def test_cayley_forms_agree(n: int) -> None:
+    draw = exact.float_random(np.random.default_rng(n))
+    X, v = algebra.skew(draw((n * (n - 1) // 2,)), n), draw((n,))
+    naive = np.linalg.solve(np.eye(n) - X, np.eye(n) + X)
+    assert np.allclose(algebra.cayley(X), naive)
+    assert np.allclose(algebra.moebius(X), naive)
+    assert np.allclose(algebra.cayley_act(X, v), naive @ v)
+    x, y = draw((n,)), draw((n,))
+    assert np.allclose(algebra.cayley_plane(x, y, v), algebra.cayley_act(algebra.wedge(x, y), v))
+
+
+def test_quaternions_turn_like_matrices() -> None:
+    draw = exact.float_random(np.random.default_rng(2))
+    g, X = exact.random_rotation(3, draw), algebra.skew(draw((3,)), 3)
+    q = algebra.unit_quaternion(g)
+    assert np.allclose(algebra.rotation_matrix(q), g)
+    assert np.allclose(algebra.rotation_matrix(algebra.turn_left(X, q)), algebra.turn_left(X, g))
+    assert np.allclose(algebra.rotation_matrix(algebra.turn_right(q, X)), algebra.turn_right(g, X))
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6])
+def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
+    """det(mu - L(lambda)) from the coefficients against the determinant itself."""
+    draw = exact.float_random(np.random.default_rng(n))
+    m, b, p, lam, mu = algebra.skew(draw((n * (n - 1) // 2,)), n), draw((n,)), draw((n,)), 0.7, 0.4
+    from kreisel.systems.matrices import border, diagonal
+
+    L = border(m, lam * b - p / lam)
+    coefficients = iter(algebra.bordered_spectrum(m, b, p))
+    total = mu ** (n + 1)
+    for k in range(0, n, 2):
+        bb, bp = next(coefficients), next(coefficients)
+        pp = next(coefficients) if k else p @ p
+        total += mu ** (n - 1 - k) * (-(lam**2) * bb + bp - pp / lam**2)
+    assert total == pytest.approx(np.linalg.det(mu * np.eye(n + 1) - L))
+
+    q, B = draw((n,)), diagonal(draw((n,)))
+    c, _ = algebra.faddeev_leverrier_pencil(m, B)
+    spectrum = iter(algebra.pencil_spectrum(m, B, q, 0.3))
+    nu, kappa = 0.8, 0.3
+    whole = (nu + kappa * mu) * mu**n + sum(
+        mu ** (n - k) * next(spectrum) * nu**i for k in range(1, n + 1) for i in range(k - 1, -1, -2)
+    )
+    whole += sum(mu ** (n - k) * nu ** (k + 1) * c[k][k] for k in range(1, n + 1))
+    whole += kappa * sum(mu ** (n + 1 - k) * nu**k * c[k][k] for k in range(1, n + 1))
+    inner = mu * np.eye(n) - nu * B - m
+    determinant = np.linalg.det(inner)
+    expected = (nu + kappa * mu) * determinant - q @ (determinant * np.linalg.inv(inner)) @ q
+    assert whole == pytest.approx(expected)
