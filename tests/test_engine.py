@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +18,6 @@ from kreisel.systems import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
 FLOPS_TOLERANCE = 2.0**12 * float(np.finfo(float).eps)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("KREISEL_CACHE", str(tmp_path_factory.mktemp("kernels")))
-        yield
 
 
 def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndarray, ...]]:

@@ -61,7 +61,9 @@ def test_kinds_of_number_agree(name: str, n: int) -> None:
 
 def test_single_precision_stays_single() -> None:
     top = REGISTRY["lagrange-top"].map
-    m, a, p = (np.asarray(v, dtype=np.float32) for v in (algebra.hat(np.array([0.1, 0.2, 1.5])), [0.6, 0, 0.8], [0, 0, 1]))
+    m, a, p = (
+        np.asarray(v, dtype=np.float32) for v in (algebra.hat(np.array([0.1, 0.2, 1.5])), [0.6, 0, 0.8], [0, 0, 1])
+    )
     new = top.step(m, a, p=p, eps=np.float32(0.1))
     assert all(c.dtype == np.float32 for c in new)
 

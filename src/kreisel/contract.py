@@ -414,7 +414,9 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
     if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
         return algebra.hat(array)
     axial = ", or an axial vector (..., 3)" if n == 3 else ""
-    raise InputError(f"{name} must be a skew matrix (..., {n}, {n}){axial}; shape {array.shape} came.")
+    raise InputError(
+        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters; shape {array.shape} came."
+    )
 
 
 def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:

@@ -126,8 +126,8 @@ class Recording:
         parts = [Matrix(self.tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
         known = {name: Matrix(self.tape, f"c_{name}", (self.n,) * self.scheme.axes[name]) for name in self.columns}
         new = _function(self.scheme)(*parts, **known)
-        self.new = [v.name for v in new]
-        self.lines = self.tape.needed(self.new)
+        self.lines = self.tape.needed([v.name for v in new])
+        self.new = [f"mirror({v.name})" if k == "skew" else v.name for v, k in zip(new, self.kinds, strict=True)]
         edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
         self.places = [
             (kind, slice(int(a), int(b)), name)
@@ -188,6 +188,17 @@ def skew(flat, n):
         for j in range(i + 1, n):
             X[i, j], X[j, i] = flat[k], -flat[k]
             k += 1
+    return X
+
+
+@njit({options})
+def mirror(X):
+    # the entries i < j are the state; the others would drift away from their negatives
+    n = X.shape[0]
+    for i in range(n):
+        X[i, i] = 0.0
+        for j in range(i + 1, n):
+            X[j, i] = -X[i, j]
     return X
 
 

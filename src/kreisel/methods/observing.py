@@ -91,5 +91,5 @@ def _entries(X: Array) -> Array:
 def orientation_outcome(model: Model) -> Outcome:
     """What g means in the frame of the system."""
     carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
-    form = "unit quaternion (w, x, y, z)" if model.n == 3 else "orthogonal matrix"
+    form = "unit quaternion (w, x, y, z), w >= 0" if model.n == 3 else "orthogonal matrix"
     return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])

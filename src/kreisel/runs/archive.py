@@ -6,6 +6,7 @@ whole.  Every chunk carries a CRC-32C.  Archives are data: arrays and JSON attri
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import importlib.metadata
 import json
@@ -20,8 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Model
+from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import Plan
@@ -31,8 +34,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 1
-SAMPLES = 64  # perturbed states that measure how an integral feels a relative change of the state
-NUDGE = 1e-6
+SAMPLES = 16  # perturbations of a state that measure how an integral feels them
+NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
+MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
 def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
@@ -80,32 +84,66 @@ def describe(plan: Plan) -> dict[str, Any]:
     }
 
 
-def roundoff_scales(plan: Plan) -> dict[str, list[float]]:
-    """For each Casimir and integral: sqrt(sum_i (z_i dI/dz_i)^2) at the start, the change of I per relative
-    change of the state.  Times the machine epsilon it is the rounding error that one step may make.
+def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
+    """What rounding does to each Casimir and integral, in units of eps_machine.
+
+    roundoff_scale    in a step: the root mean square, over up to 32 states of the first block, of the change
+                      when every coordinate of a component moves by the component's largest, signs at random
+    evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
     """
-    rng = np.random.default_rng(0)
-    z = plan.engine.z
-    signs = rng.choice([-1.0, 1.0], (SAMPLES, *z.shape))
-    size = np.maximum(abs(z), 1e-3 * abs(z).max(-1, keepdims=True))
-    up, down = plan.observe(z + NUDGE * signs * size), plan.observe(z - NUDGE * signs * size)
+    z = _spread(plan, first)
+    directions = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, *z.shape)) * _largest(plan, z)
+    here = plan.observe(z)
+    up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)
+    a_bit_up, a_bit_down = _moved(plan, z, HAIR * directions), _moved(plan, z, -HAIR * directions)
     out = {}
     for name, outcome in plan.scheme.outcomes.items():
         if outcome.kind in ("casimir", "integral", "function"):
-            felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean(0))
-            felt = felt.max(0) if plan.batched else felt
-            out[name] = [float(v) for v in np.atleast_1d(felt)]
+            felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
+            noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
+            computed = np.maximum(noise.max((0, 1)), abs(here[name]).max(0))
+            out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
     return out
 
 
-def attributes(plan: Plan) -> dict[str, dict[str, Any]]:
-    """Attributes of every variable."""
-    scales = roundoff_scales(plan)
+def _moved(plan: Plan, z: Floats, by: Floats) -> dict[str, Array]:
+    """Outputs at z + by for `by` (samples, rows, lanes, d); samples and rows in front."""
+    outputs = plan.observe((z + by).reshape(-1, *z.shape[1:]))
+    return {name: value.reshape((*by.shape[:2], *value.shape[1:])) for name, value in outputs.items()}
+
+
+def _listed(scale: Array, plan: Plan) -> list[float]:
+    """A scale for each part of an integral, the largest over the lanes."""
+    return [float(v) for v in np.atleast_1d(scale.max(0) if plan.batched else scale)]
+
+
+def _largest(plan: Plan, z: Floats) -> Floats:
+    """For each coordinate the largest of its component, in the shape of z."""
+    parts = zip(layout.restore(z, plan.kinds, plan.model.n), plan.kinds, strict=True)
+    flat = [abs(layout.flatten((part,), (kind,))) for part, kind in parts]
+    return np.concatenate([np.broadcast_to(f.max(-1, keepdims=True), f.shape) for f in flat], -1)
+
+
+def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
+    """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d)."""
+    kinds = dict(plan.model.system.space.components)
+    rows = np.unique(np.linspace(0, len(first["casimir"]) - 1, 32).astype(int))
+    parts = []
+    for letter, kind in (*kinds.items(), *(c for c in plan.scheme.components if c[0] not in kinds)):
+        value = np.asarray(first[letter])[rows].astype(np.float64)
+        value = value.reshape((len(rows), plan.lanes, *value.shape[1 + plan.batched :]))
+        axial = kind == "skew" and plan.model.n == 3
+        parts.append(algebra.hat(value) if axial else value)
+    return np.asarray(layout.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))
+
+
+def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
+    """Attributes of every variable, from the plan and the first block of a run."""
+    scales = roundoff_scales(plan, first)
     out: dict[str, dict[str, Any]] = {}
     for name, outcome in plan.scheme.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
-        if name in scales:
-            out[name]["roundoff_scale"] = scales[name]
+        out[name] |= scales.get(name, {})
     return out
 
 
@@ -123,7 +161,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
     """Blocks of outputs as a Dataset."""
     import xarray as xr
 
-    attrs = attributes(plan)
+    attrs = attributes(plan, blocks[0])
     data = {}
     for name in plan.scheme.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
@@ -137,15 +175,24 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
 class Archive:
     """A Zarr store that grows block by block under NAME.part and gets its name when it is whole."""
 
-    def __init__(self, path: Path, plan: Plan, attrs: Mapping[str, Any], overwrite: bool):
+    def __init__(self, path: Path, plan: Plan, overwrite: bool):
         self.path, self.part, self.plan = path, path.with_name(path.name + ".part"), plan
-        self._attrs, self._overwrite = dict(attrs), overwrite
-        self._rows = 0
+        self._overwrite, self._rows = overwrite, 0
         self._times = saved_times(plan)
 
     def __enter__(self) -> Archive:
         import zarr
 
+        with self._disk("be created"):
+            self._make_room()
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._group = zarr.open_group(str(self.part), mode="w-", zarr_format=3)
+            self._group.attrs.update({**describe(self.plan), "complete": False})
+            if self.plan.batched:
+                self._create("lane", np.arange(self.plan.lanes), ("lane",), {}, grows=False)
+        return self
+
+    def _make_room(self) -> None:
         if self.path.exists() and not self._overwrite:
             raise InputError(
                 f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
@@ -158,13 +205,6 @@ class Archive:
                     "then remove it, or start over with --overwrite (overwrite=True)."
                 )
             shutil.rmtree(self.part)
-        with self._disk("be created"):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._group = zarr.open_group(str(self.part), mode="w-", zarr_format=3)
-            self._group.attrs.update({**self._attrs, "complete": False})
-            if self.plan.batched:
-                self._create("lane", np.arange(self.plan.lanes), ("lane",), {}, grows=False)
-        return self
 
     def _disk(self, what: str) -> _DiskTrouble:
         return _DiskTrouble(self, what)
@@ -174,22 +214,17 @@ class Archive:
         count = len(next(iter(block.values())))
         start, stop = self._rows, self._rows + count
         values = {"time": self._times[start:stop], **block}
+        attrs = {"time": TIME, **attributes(self.plan, block)} if start == 0 else {}
         with self._disk("be written"):
             for name, value in values.items():
                 if start == 0:
                     dims = ("time",) if name == "time" else dimensions(self.plan, name, value.shape)
-                    self._create(name, value, dims, TIME if name == "time" else self._variable[name])
+                    self._create(name, value, dims, attrs[name])
                 else:
                     array: Any = self._group[name]
                     array.resize((stop, *array.shape[1:]))
                     array[start:stop] = value
         self._rows = stop
-
-    @property
-    def _variable(self) -> dict[str, dict[str, Any]]:
-        if not hasattr(self, "_variables"):
-            self._variables = attributes(self.plan)
-        return self._variables
 
     def _create(
         self, name: str, value: Array, dims: tuple[str, ...], attrs: Mapping[str, Any], grows: bool = True
@@ -218,6 +253,16 @@ class Archive:
                 self._take_name()
         elif self._rows == 0:
             shutil.rmtree(self.part, ignore_errors=True)
+        else:
+            with contextlib.suppress(OSError):  # a full disk may refuse even this; check then names the damage
+                self._cut_back()
+
+    def _cut_back(self) -> None:
+        """Take back a block that was written in part, so that all variables have the same rows."""
+        for name in self._group.array_keys():
+            array: Any = self._group[name]
+            if name != "lane" and array.shape[0] > self._rows:
+                array.resize((self._rows, *array.shape[1:]))
 
     def _take_name(self) -> None:
         old = None

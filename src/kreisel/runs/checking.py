@@ -60,7 +60,7 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     for name, value in outputs.items():
         if plan.outcomes[name].kind in ("casimir", "integral", "function"):
             off = abs(value - run[name].values)
-            scale = np.asarray(run[name].attrs["roundoff_scale"]) + abs(value)
+            scale = np.asarray(run[name].attrs["evaluation_scale"]) + abs(value)
             worst = float((off / np.maximum(scale, 1e-300)).max())
             if worst > RELATIVE:
                 faults.append(f"{name} does not belong to the saved states: it is off by {worst:.2g} relative")

@@ -29,8 +29,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
                 method does not keep)
     start       value at the first saved time
     max_change  largest |change| since then
-    roundoff    eps_machine * sensitivity * sqrt(steps): the width of a random walk of rounding errors, with
-                sensitivity = sqrt(sum_i (z_i dI/dz_i)^2) at the start
+    roundoff    eps_machine * (sensitivity * sqrt(steps) + size): the width of a random walk of rounding errors,
+                and of the error of computing the integral once; the sensitivity is what a relative error of 1
+                in the state does to it
     ratio       max_change / roundoff: about 1 or less for an integral that is kept
     slope       least-squares slope of the change against time
 
@@ -39,13 +40,12 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
     time = np.asarray(run["time"].values)
-    steps = run.attrs["steps"]
-    rows = {name: {"kind": kind, **_row(series, time, scale, steps)} for name, kind, series, scale in _all_series(run)}
+    rows = {name: {"kind": kind, **_row(series, time, scale)} for name, kind, series, scale in _all_series(run)}
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
 def kept_series(run: xr.Dataset, every_kind: bool = False) -> Iterator[tuple[str, np.ndarray, float]]:
-    """Name, values against time and sensitivity of each scalar that the method keeps (or of all)."""
+    """Name, values and round-off over the run / eps_machine of each scalar that the method keeps (or of all)."""
     for name, kind, series, scale in _all_series(run):
         if every_kind or kind != "function":
             yield name, series, scale
@@ -60,18 +60,19 @@ def _all_series(run: xr.Dataset) -> Iterator[tuple[str, str, np.ndarray, float]]
         values = np.asarray(variable.values)
         lanes = "lane" in variable.dims
         parts = values.reshape((*values.shape[: 1 + lanes], -1))
-        for part, scale in enumerate(np.atleast_1d(variable.attrs["roundoff_scale"])):
+        scales = np.atleast_1d(variable.attrs["roundoff_scale"]) * np.sqrt(run.attrs["steps"])
+        for part, scale in enumerate(scales + np.atleast_1d(variable.attrs["evaluation_scale"])):
             series = parts[..., part].reshape(len(values), -1)
             worst = int(abs(series - series[0]).max(0).argmax())
             label = f"{name}[{part}]" if values.ndim > 1 + lanes else str(name)
             yield label, kind, series[:, worst], float(scale)
 
 
-def _row(series: np.ndarray, time: np.ndarray, scale: float, steps: int) -> dict[str, float]:
+def _row(series: np.ndarray, time: np.ndarray, scale: float) -> dict[str, float]:
     change = series - series[0]
     centred = time - time.mean()
     slope = float(centred @ change / (centred @ centred)) if len(time) > 1 else 0.0
-    largest, band = float(abs(change).max()), MACHINE_EPSILON * scale * np.sqrt(steps)
+    largest, band = float(abs(change).max()), MACHINE_EPSILON * scale
     return {
         "start": float(series[0]) + 0.0,
         "max_change": largest,

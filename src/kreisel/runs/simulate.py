@@ -55,14 +55,13 @@ def simulate(
     a state is no longer finite or the archive cannot be written.
     """
     plan = make_plan(system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation)
-    from kreisel.runs.archive import Archive, describe, in_memory, open_archive
+    from kreisel.runs.archive import Archive, in_memory, open_archive
 
     with Progress(plan.steps * plan.lanes, progress) as bar:
         if path is None:
             _check_memory(plan)
-            blocks = list(march(plan, bar.advance))
-            return in_memory(plan, blocks)
-        with Archive(Path(path), plan, describe(plan), overwrite) as archive:
+            return in_memory(plan, list(march(plan, bar.advance)))
+        with Archive(Path(path), plan, overwrite) as archive:
             for block in march(plan, bar.advance):
                 archive.append(block)
     return open_archive(Path(path))
@@ -106,8 +105,9 @@ class _Pace:
         rows = min(len(out), max(1, self.burst // every))
         left = every if rows == 1 else 0
         while left > self.burst:
-            self._call(self.scratch, self.burst)
-            left -= self.burst
+            burst = self.burst  # the call changes it
+            self._call(self.scratch, burst)
+            left -= burst
         self._call(out[:rows], left or every)
         return rows
 
@@ -130,7 +130,7 @@ def _finished(plan: Plan, rows: Floats, done: int) -> dict[str, Array]:
             f"The state is no longer finite at or before step {step} (time {step * plan.dt:g}). "
             "Usual cause: a step far too long, or a state so large that its square overflows. Use a smaller dt."
         )
-    return plan.observe(rows)
+    return plan.observe(rows.copy())  # the buffer is filled again
 
 
 def _check_memory(plan: Plan) -> None:

@@ -112,7 +112,7 @@ def _envelopes(run: xr.Dataset, every_kind: bool) -> dict[str, np.ndarray]:
     """For each family of integrals the largest |change| against time, relative to what a state change of 1 does."""
     out: dict[str, np.ndarray] = {}
     for name, series, scale in kept_series(run, every_kind):
-        family, change = name.split("[")[0], abs(series - series[0]) / (scale or 1.0)
+        family, change = name.split("[")[0], abs(series - series[0]) * np.sqrt(run.attrs["steps"]) / (scale or 1.0)
         out[family] = np.fmax(out[family], change) if family in out else change
     return {k: np.where(v > 0, v, np.nan) for k, v in out.items() if v.any()}
 

@@ -1,0 +1,23 @@
+"""Shared: a top, a state, a folder of one's own, one cache of kernels for the session."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("KREISEL_CACHE", str(Path(tempfile.gettempdir()) / f"kreisel-tests-{os.getuid()}"))
+
+import kreisel as kr
+
+
+@pytest.fixture
+def top() -> object:
+    return kr.LagrangeTop(p=(0, 0, 1))
+
+
+@pytest.fixture
+def x0(top: object) -> object:
+    return top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))

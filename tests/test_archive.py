@@ -1,0 +1,165 @@
+"""Archives: whole or under another name, open with xarray, checked, flat in memory."""
+
+from __future__ import annotations
+
+import errno
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+
+import kreisel as kr
+from kreisel.runs import archive as archives
+from kreisel.runs import simulate as runs
+from kreisel.runs.checking import check_archive
+
+OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
+
+
+def test_archive_is_the_dataset(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 7)  # several chunks
+    path = tmp_path / "deep" / "run.zarr"
+    written = kr.simulate(top, x0, path=path, orientation=(1, 0, 0, 0), **OPTIONS)
+    memory = kr.simulate(top, x0, orientation=(1, 0, 0, 0), **OPTIONS)
+    plain = xr.open_zarr(path, consolidated=False)
+    for run in (written, plain):
+        for name in memory.variables:
+            assert (run[name].values == memory[name].values).all()
+            assert run[name].dims == memory[name].dims
+            assert run[name].attrs == memory[name].attrs
+    same = {k: v for k, v in memory.attrs.items() if k != "created"}
+    assert {k: v for k, v in plain.attrs.items() if k not in ("created", "complete")} == same
+    assert plain.attrs["complete"] is True
+    assert not list(tmp_path.rglob("*.part"))
+    assert json.loads(plain.attrs["parameters"])["p"] == [0.0, 0.0, 1.0]
+    assert check_archive(path)[1] == []
+
+
+def test_existing_archive_is_refused_and_kept(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    with pytest.raises(kr.InputError, match="exists already.*overwrite"):
+        kr.simulate(top, x0, path=path, dt=0.2, steps=10)
+    assert xr.open_zarr(path, consolidated=False).attrs["dt"] == 0.1
+    kr.simulate(top, x0, path=path, dt=0.2, steps=10, overwrite=True)
+    assert xr.open_zarr(path, consolidated=False).attrs["dt"] == 0.2
+    assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+
+
+def test_failed_overwrite_keeps_the_old_archive(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    huge = top.state(m=(1e200, 0, 0), a=(0.6, 0, 0.8))
+    with np.errstate(all="ignore"), pytest.raises(kr.RunError, match="no longer finite"):
+        kr.simulate(top, huge, path=path, overwrite=True, **OPTIONS)
+    assert xr.open_zarr(path, consolidated=False).attrs["complete"] is True
+    assert not path.with_name("run.zarr.part").exists()
+
+
+def fail_after(calls: int, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    original, count = zarr.Array.__setitem__, iter(range(10**6))
+
+    def write(self: object, *args: object) -> None:
+        if next(count) >= calls:
+            raise OSError(number, "simulated")
+        original(self, *args)
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", write)
+
+
+def test_full_disk(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 5)
+    fail_after(40, errno.ENOSPC, monkeypatch)
+    path = tmp_path / "run.zarr"
+    with pytest.raises(kr.RunError, match="disk is full"):
+        kr.simulate(top, x0, path=path, **OPTIONS)
+    monkeypatch.undo()
+    part = tmp_path / "run.zarr.part"
+    assert not path.exists()
+    kept = xr.open_zarr(part, consolidated=False)
+    assert kept.attrs["complete"] is False
+    with pytest.raises(kr.InputError, match=r"interrupted"):
+        kr.simulate(top, x0, path=path, **OPTIONS)
+    assert "interrupted" in check_archive(part)[1][0]
+    kr.simulate(top, x0, path=path, overwrite=True, **OPTIONS)
+    assert not part.exists()
+
+
+def test_interrupted_run_keeps_its_rows(
+    top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 5)
+    blocks = iter(range(100))
+    original = archives.Archive.append
+
+    def append(self: archives.Archive, block: object) -> None:
+        if next(blocks) == 3:
+            raise KeyboardInterrupt
+        original(self, block)
+
+    monkeypatch.setattr(archives.Archive, "append", append)
+    with pytest.raises(KeyboardInterrupt):
+        kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
+    kept = xr.open_zarr(tmp_path / "run.zarr.part", consolidated=False)
+    assert kept.sizes["time"] == 15
+    assert np.isfinite(kept.a.values).all()
+
+
+def test_check_finds_a_flipped_byte(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    chunk = next(p for p in (path / "a" / "c").rglob("*") if p.is_file())
+    data = bytearray(chunk.read_bytes())
+    data[len(data) // 2] ^= 1
+    chunk.write_bytes(bytes(data))
+    faults = check_archive(path)[1]
+    assert len(faults) == 1
+    assert faults[0].startswith("a cannot be read")
+
+
+def test_check_finds_a_changed_state(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    array = zarr.open_group(path)["a"]
+    array[5, 2] = array[5, 2] + 1e-9
+    faults = check_archive(path)[1]
+    assert any(fault.startswith("energy_eps does not belong") for fault in faults)
+
+
+def test_check_finds_missing_rows(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    group = zarr.open_group(path)
+    group.attrs["steps"] = 200
+    assert any("rows were expected" in fault for fault in check_archive(path)[1])
+
+
+@pytest.mark.parametrize("name", ["nothing", "text", "folder", "foreign"])
+def test_what_is_no_archive(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if name == "text":
+        path.write_text("not an archive")
+    elif name == "folder":
+        path.mkdir()
+    elif name == "foreign":
+        xr.Dataset({"v": ("t", [1.0])}).to_zarr(path, consolidated=False, zarr_format=3)
+    with pytest.raises(kr.InputError):
+        check_archive(path)
+
+
+def test_unwritable_places(top: object, x0: object, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(kr.RunError, match="could not be created"):
+        kr.simulate(top, x0, path=tmp_path / "file" / "run.zarr", **OPTIONS)
+    with pytest.raises(kr.RunError, match="shorter name"):
+        kr.simulate(top, x0, path=tmp_path / ("x" * 300), **OPTIONS)
+
+
+def test_lanes_on_disk(top: object, tmp_path: Path) -> None:
+    state = top.state(m=np.full((4, 3), 0.5), a=np.eye(3)[[0, 1, 2, 0]])
+    run = kr.simulate(top, state, path=tmp_path / "run.zarr", **OPTIONS)
+    assert run.a.dims == ("time", "lane", "axis")
+    assert check_archive(tmp_path / "run.zarr")[1] == []

@@ -1,0 +1,56 @@
+"""The house: arrows run one way, the import is light, claims in the README are what the code prints."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import kreisel as kr
+
+SOURCE = Path(kr.__file__).parent
+RANK = {
+    "errors": 0,
+    "algebra": 1,
+    "contract": 2,
+    "systems": 3,
+    "methods": 3,
+    "physical": 4,
+    "engines": 4,
+    "runs": 5,
+    "lab": 6,
+    "view": 6,
+    "cli": 7,
+}
+
+
+def imports(path: Path) -> set[str]:
+    """Parts of kreisel that a module imports at its head."""
+    found = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "kreisel":
+            names = [node.module] if "." in node.module else [f"kreisel.{alias.name}" for alias in node.names]
+            found |= {name.split(".")[1] for name in names}
+    return found
+
+
+def test_arrows_run_one_way() -> None:
+    for path in SOURCE.rglob("*.py"):
+        part = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+        if part == "__init__":
+            continue
+        for other in imports(path):
+            assert RANK[other] <= RANK[part], f"{path.name} ({part}) imports {other}"
+
+
+def test_import_is_light() -> None:
+    code = "import sys, kreisel; print(*(m for m in ('numba', 'xarray', 'zarr', 'matplotlib', 'scipy', 'pandas', 'flint', 'jax') if m in sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.split() == []
+
+
+def test_version_stands_in_one_place() -> None:
+    from importlib.metadata import version
+
+    assert kr.__version__ == version("kreisel")

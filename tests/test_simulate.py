@@ -1,0 +1,143 @@
+"""kr.simulate and kr.drift: what is saved, what stands still, what the reference loses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.lab import exact
+from kreisel.runs import simulate as runs
+from kreisel.systems import REGISTRY
+
+MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
+
+
+def random_run(name: str, n: int, **options: object) -> xr.Dataset:
+    draw = exact.float_random(np.random.default_rng([7, n]))
+    model = exact.random_model(REGISTRY[name], n, draw)
+    state = exact.random_state(model.system.space, n, draw)
+    return kr.simulate(model, dict(zip(model.system.space.letters, state, strict=True)), **options)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("n", [3, 4, 5, 9])
+@pytest.mark.parametrize("name", MAPS)
+def test_integrals_stand_still(name: str, n: int, order: int) -> None:
+    steps = 20_000 if n < 9 else 300
+    run = random_run(name, n, dt=0.1, steps=steps, every=steps // 100, order=order)
+    table = kr.drift(run)
+    kept = table[table.kind != "function"]
+    assert len(kept) >= 4
+    bound = 2 if n == 3 else 3  # in units of the band; more operations a step for larger n
+    assert (kept.ratio < bound).all(), kept[kept.ratio >= bound].to_string()
+    assert table.loc["energy", "ratio"] > 100  # the true energy is not kept: the test can fail
+
+
+def test_reference_drifts_and_agrees(top: object, x0: object) -> None:
+    options = {"dt": 0.005, "steps": 2000, "every": 200, "orientation": np.eye(3)}
+    ours, theirs = kr.simulate(top, x0, order=2, **options), kr.simulate(top, x0, method="dop853", **options)
+    assert abs(ours.a - theirs.a).max() < 2e-4
+    assert abs(ours.g - theirs.g).max() < 2e-4
+    assert kr.drift(theirs).ratio.max() > 100 > 2 > kr.drift(ours).query("kind != 'function'").ratio.max()
+    assert kr.drift(theirs).kind.drop(["casimir[0]", "casimir[1]"]).eq("function").all()
+
+
+@pytest.mark.parametrize("name", list(REGISTRY))
+@pytest.mark.parametrize("n", [3, 4])
+def test_orientation_carries_the_vectors(name: str, n: int) -> None:
+    """g is orthogonal; g A = a (rest frame), g^T p = P (moving frame)."""
+    run = random_run(name, n, dt=0.05, steps=200, every=10, orientation=np.eye(n))
+    g = algebra.rotation_matrix(run.g.values) if n == 3 else run.g.values
+    method_error = 1e-7 if run.attrs["method"] == "dop853" else 1e-12
+    assert abs(g @ g.mT - np.eye(n)).max() < method_error
+    letter = REGISTRY[name].space.letters[REGISTRY[name].space.kinds.index("vector")]
+    vector = run[letter].values
+    turned = algebra.act(g if run.attrs["frame"] == "rest" else g.mT, vector[0])
+    assert abs(turned - vector).max() < method_error
+
+
+def test_saved_steps_and_times(top: object, x0: object) -> None:
+    run = kr.simulate(top, x0, dt=0.5, steps=10, every=4)
+    assert run.time.values.tolist() == [0.0, 2.0, 4.0, 5.0]
+    all_steps = kr.simulate(top, x0, dt=0.5, steps=10, every=1)
+    assert (run.a.values == all_steps.a.values[[0, 4, 8, 10]]).all()
+    assert np.allclose(run.a[0], [0.6, 0, 0.8])
+
+
+def test_blocks_do_not_change_the_numbers(top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = kr.simulate(top, x0, dt=0.1, steps=1003, every=3)
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 5)
+    monkeypatch.setattr(runs, "TICK_SECONDS", 0.0)  # shortest calls of the engine
+    pieces = kr.simulate(top, x0, dt=0.1, steps=1003, every=3)
+    xr.testing.assert_identical(whole.drop_attrs(), pieces.drop_attrs())
+
+
+def test_lanes_equal_single_runs_bitwise(top: object) -> None:
+    m = np.array([[0.1, 0.2, 1.5], [0.3, -0.2, 4.0]])
+    a = np.array([[0.6, 0, 0.8], [0.6, 0, -0.8]])
+    together = kr.simulate(top, top.state(m=m, a=a), dt=0.1, steps=50, every=5)
+    assert together.sizes["lane"] == 2
+    for lane in (0, 1):
+        alone = kr.simulate(top, top.state(m=m[lane], a=a[lane]), dt=0.1, steps=50, every=5)
+        for name in ("m", "a", "energy_eps", "spectrum_eps", "casimir"):
+            assert (together[name].isel(lane=lane).values == alone[name].values).all()
+
+
+def test_lanes_over_parameters(x0: object) -> None:
+    many = kr.LagrangeTop(p=[(0, 0, 1), (0, 0.6, 0.8)], alpha=[1.0, 0.5])
+    run = kr.simulate(many, many.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.1, steps=20, orientation=(1, 0, 0, 0))
+    one = kr.LagrangeTop(p=(0, 0.6, 0.8), alpha=0.5)
+    alone = kr.simulate(one, x0, dt=0.1, steps=20, orientation=(1, 0, 0, 0))
+    assert np.allclose(run.a.isel(lane=1), alone.a, atol=1e-14)
+    assert np.allclose(run.g.isel(lane=1), alone.g, atol=1e-14)
+
+
+def test_order_two_is_the_conjugate_map(top: object, x0: object) -> None:
+    """chi phi chi^-1 by hand, chi half a kick."""
+    eps, phi = 0.2, top.system.map
+    z = top.call(phi.from_symmetric, *x0.values(), eps=eps)
+    for _ in range(3):
+        z = top.step(*z, eps=eps)
+    m, a = top.call(phi.to_symmetric, *z, eps=eps)
+    run = kr.simulate(top, x0, dt=eps, steps=3, order=2)
+    assert np.allclose(run.m[-1], algebra.axial(m), atol=1e-14)
+    assert np.allclose(run.a[-1], a, atol=1e-14)
+
+
+def test_axial_and_matrix_states_are_the_same(top: object) -> None:
+    v = np.array([0.1, 0.2, 1.5])
+    x = top.state(m=algebra.hat(v), a=(0.6, 0, 0.8))
+    assert (x.m == top.state(m=v, a=(0.6, 0, 0.8)).m).all()
+    assert (x.axial.m == v).all()
+
+
+def test_drift_measures_change_and_slope() -> None:
+    time = np.linspace(0, 10, 11)
+    attrs = {"kind": "integral", "roundoff_scale": [2.0], "evaluation_scale": [5.0]}
+    run = xr.Dataset({"I": ("time", 5 + 0.5 * time, attrs)}, {"time": time}, {"steps": 100})
+    row = kr.drift(run).loc["I"]
+    assert (row.start, row.max_change) == (5.0, 5.0)
+    assert row.slope == pytest.approx(0.5)
+    assert row.roundoff == pytest.approx(np.finfo(float).eps * (2 * 10 + 5))
+
+
+def test_default_method_and_names() -> None:
+    assert kr.systems() == list(REGISTRY)
+    assert random_run("kirchhoff", 3, dt=0.1, steps=2).attrs["method"] == "dop853"
+    assert random_run("clebsch", 3, dt=0.1, steps=2).attrs["method"] == "suris"
+
+
+def test_plot_draws_both_panels(top: object, x0: object) -> None:
+    run = kr.simulate(top, x0, dt=0.05, steps=2000, every=5)
+    figure = kr.plot(run, compare=kr.simulate(top, x0, dt=0.05, steps=200, method="dop853"))
+    sphere, drift = (sub.axes[0] for sub in figure.subfigs)
+    path = np.array(sphere.lines[0].get_data_3d()).T
+    assert np.allclose(path, run.a.values[: len(path)])
+    labels = [line.get_label() for line in drift.lines]
+    assert "worst integral by dop853" in labels
+    assert "energy of the map" in labels
+    other = kr.plot(random_run("clebsch", 4, dt=0.05, steps=50))
+    assert len(other.subfigs[0].axes[0].lines) == 4
