@@ -27,10 +27,11 @@ Array = Any  # an array of any library, or a NumPy object array of any field
 
 
 def exact(x: Array) -> bool:
-    """True for numbers without round-off (an object array of a field), False for floats and their records."""
-    if getattr(x, "dtype", None) != object:
-        return False
-    return not getattr(x.flat[0] if x.size else None, "inexact", False)
+    """True for numbers without round-off (an object array of a field), False for floats and their records.
+
+    One recorded number anywhere makes an array inexact: its zeros, as on the diagonal of a skew matrix, are plain.
+    """
+    return getattr(x, "dtype", None) == object and not any(getattr(entry, "inexact", False) for entry in x.flat)
 
 
 def identity(n: int) -> Array:
