@@ -7,7 +7,7 @@ mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
 """
 
 from kreisel.algebra import (
-    act, bordered_spectrum, cayley, cayley_act, cayley_columns, dot, identity, log, mat, moebius, pairing, project_out,
+    act, bordered_spectrum, cayley, cayley_act, cayley_conjugate, dot, identity, log, mat, moebius, pairing, project_out,
     resolvent, trace_log, vec, wedge,
 )
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
@@ -25,12 +25,13 @@ def flow(M, P, *, A, alpha):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
 
 
 def legendre(M, P, *, A, alpha, eps):  # X with W = cay(X), the inverse of (dmLT W thru M), any |A|
-    y = resolvent(eps / 2 * M, A[..., None] + 0 * M[..., :1])[..., 0]
-    return eps / 2 * M / mat(alpha) + mat((1 - alpha) / alpha / dot(A, y)) * wedge(A, y)
+    U = eps / 2 * M  # X = U / alpha + (1/alpha - 1) A ^ y / <A, y> = U + (1/alpha - 1) pi U pi,  pi = I - y y^T / |y|^2
+    y = resolvent(U, A[..., None] + 0 * M[..., :1])[..., 0]
+    return U + mat((1 - alpha) / alpha / dot(y, y)) * project_out(U, y)
 
 
 def turn_back(X, M):  # W^T M W
-    return cayley_columns(-X, cayley_columns(-X, M).mT).mT
+    return cayley_conjugate(-X, M)
 
 
 def step(M, P, *, A, alpha, eps):  # (dmLT body)

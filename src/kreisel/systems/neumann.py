@@ -15,8 +15,8 @@ def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x
     return q, b * x - vec(dot(x, b * x) + dot(q, q)) * x
 
 
-def kick(x, *, b, eps):  # the tangential part of eps Bx / den
-    return vec(eps / clebsch.denominator(x, b=b, eps=eps)) * (b * x - vec(dot(x, b * x)) * x)
+def kick(x, *, b, eps):  # the tangential part of eps Bx / den; with |x|^2 for 1, or <x, q> would sum up |x|^2 - 1
+    return vec(eps / clebsch.denominator(x, b=b, eps=eps)) * (b * x - vec(dot(x, b * x) / dot(x, x)) * x)
 
 
 def turn(x, q, eps):  # cay(-(eps/2) x ^ q) on both: a great circle
