@@ -41,7 +41,7 @@ def test_archive_is_the_dataset(top: object, x0: object, tmp_path: Path, monkeyp
 def test_existing_archive_is_refused_and_kept(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
-    with pytest.raises(kr.InputError, match="exists already.*overwrite"):
+    with pytest.raises(kr.InputError, match=r"exists already.*overwrite"):
         kr.simulate(top, x0, path=path, dt=0.2, steps=10)
     assert xr.open_zarr(path, consolidated=False).attrs["dt"] == 0.1
     kr.simulate(top, x0, path=path, dt=0.2, steps=10, overwrite=True)

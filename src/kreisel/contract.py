@@ -177,6 +177,7 @@ class System:
     notes: str = ""
 
     def __call__(self, **params: Any) -> Model:
+        """The system with these parameters."""
         return Model(self, params)
 
     def __repr__(self) -> str:
@@ -415,7 +416,8 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
         return algebra.hat(array)
     axial = ", or an axial vector (..., 3)" if n == 3 else ""
     raise InputError(
-        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters; shape {array.shape} came."
+        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters; "
+        f"shape {array.shape} came."
     )
 
 

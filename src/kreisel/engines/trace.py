@@ -215,10 +215,10 @@ class Matrix:
     def mT(self) -> Matrix:
         return self._new(f"ascontiguousarray({self.name}.T)", self.shape[::-1], self.name)
 
-    def sum(self, axis: int | tuple[int, ...]) -> Matrix:
-        if self.ndim == 1 or axis == (-2, -1):
+    def sum(self, axis: int) -> Matrix:
+        if self.ndim == 1:
             return self._new(f"{self.name}.sum()", (), self.name)
-        place = axis % self.ndim if isinstance(axis, int) else axis[0] % self.ndim
+        place = axis % self.ndim
         return self._new(f"{self.name}.sum({place})", self.shape[:place] + self.shape[place + 1 :], self.name)
 
     def __getitem__(self, index: Any) -> Matrix:

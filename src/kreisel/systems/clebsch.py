@@ -69,7 +69,7 @@ def shifted(M, P, *, eps):  # Pt
 
 def energy(M, P, *, b, eps=0):  # -(1/2) sum b_i F_i
     Pt = shifted(M, P, eps=eps)
-    trace = -(M * M * b[..., None, :]).sum((-2, -1))  # tr(M B M)
+    trace = -(M * M * b[..., None, :]).sum(-1).sum(-1)  # tr(M B M)
     return pairing(M, M) / 2 - eps * eps * dot(P, P) * trace / 8 - dot(Pt, b * Pt) / 2
 
 

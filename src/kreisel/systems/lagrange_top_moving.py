@@ -11,7 +11,7 @@ from kreisel.algebra import (
     bordered_spectrum,
     cayley,
     cayley_act,
-    cayley_columns,
+    cayley_conjugate,
     dot,
     identity,
     log,
@@ -39,30 +39,34 @@ def flow(M, P, *, A, alpha):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
 
 
 def legendre(M, P, *, A, alpha, eps):  # X with W = cay(X), the inverse of (dmLT W thru M), any |A|
-    y = resolvent(eps / 2 * M, A[..., None] + 0 * M[..., :1])[..., 0]
-    return eps / 2 * M / mat(alpha) + mat((1 - alpha) / alpha / dot(A, y)) * wedge(A, y)
+    U = eps / 2 * M  # X = U / alpha + (1/alpha - 1) A ^ y / <A, y> = U + (1/alpha - 1) pi U pi,  pi = I - y y^T / |y|^2
+    y = resolvent(U, A[..., None] + 0 * M[..., :1])[..., 0]
+    return U + mat((1 - alpha) / alpha / dot(y, y)) * project_out(U, y)
 
 
-def turn_back(X, M):  # W^T M W
-    return cayley_columns(-X, cayley_columns(-X, M).mT).mT
+def turn(M, P, *, A, alpha, eps):  # W^T M W and W^T P with W = cay(U) cay(-V) cay(V / alpha) = cay(legendre)
+    """Of the three turns, the first leaves M alone and the others leave A alone.
+
+    With W in one piece rounding errors of X tilt M from A: after 1e7 steps (n = 3, four states, eps = 0.05 to 1)
+    integrals had changed by up to 175 bands of round-off, here by up to 3.
+    """
+    U = eps / 2 * M
+    V = project_out(U, A) / mat(dot(A, A))
+    P = cayley_act(-V / mat(alpha), cayley_act(V, cayley_act(-U, P)))
+    return cayley_conjugate(-V / mat(alpha), cayley_conjugate(V, M)), P
 
 
 def step(M, P, *, A, alpha, eps):  # (dmLT body)
-    X = legendre(M, P, A=A, alpha=alpha, eps=eps)
-    P = cayley_act(-X, P)
-    return turn_back(X, M) + eps * wedge(A, P), P
+    M, P = turn(M, P, A=A, alpha=alpha, eps=eps)
+    return M + eps * wedge(A, P), P
 
 
 def inverse(M, P, *, A, alpha, eps):
-    M = M - eps * wedge(A, P)
-    X = legendre(-M, P, A=A, alpha=alpha, eps=eps)
-    return turn_back(X, M), cayley_act(-X, P)
+    return turn(M - eps * wedge(A, P), P, A=A, alpha=alpha, eps=-eps)
 
 
 def adjoint(M, P, *, A, alpha, eps):
-    M = M + eps * wedge(A, P)
-    X = legendre(M, P, A=A, alpha=alpha, eps=eps)
-    return turn_back(X, M), cayley_act(-X, P)
+    return turn(M + eps * wedge(A, P), P, A=A, alpha=alpha, eps=eps)
 
 
 def involution(M, P, *, A, eps):
