@@ -19,7 +19,7 @@ from kreisel.runs.progress import Progress
 if TYPE_CHECKING:
     import xarray as xr
 
-BLOCK_BYTES = 4 << 20  # of states, held at once
+BLOCK_BYTES = 1 << 20  # of states, held at once
 TICK_SECONDS = 0.1  # between two looks at the clock
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from kreisel.runs.archive import model_of
 from kreisel.runs.drift import MACHINE_EPSILON, kept_series
 from kreisel.view.style import COLOURS, FAINT, STYLE
 
@@ -14,9 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
-MOST_GAP = 0.5  # radii between saved states beyond which a line would cut corners: dots then
+MOST_GAP = 0.5  # radii between saved states beyond which a line would be a guess: dots then
 MOST_DOTS = 4000
 STATES_SHOWN = 120
+STRETCHES = 1200
+MOST_ROWS = 200_000  # read for the picture of the path
 
 
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
@@ -58,15 +61,15 @@ def _vector_letter(run: xr.Dataset) -> str:
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
-    xyz = np.asarray(run[letter].values)
+    xyz = np.asarray(run[letter][:MOST_ROWS].values)
     radius = float(np.linalg.norm(xyz[:1], axis=-1).max())
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     axes.plot_wireframe(*ball, rstride=4, cstride=4, color=FAINT, linewidth=0.3, alpha=0.7)
     arc = np.linalg.norm(np.diff(xyz, axis=0), axis=-1)
-    if len(arc) and arc[:1000].max() < MOST_GAP * radius:
+    if _advance_per_row(run, letter) < MOST_GAP * radius:
         shown = int(np.searchsorted(np.cumsum(arc), ARC_SHOWN * radius)) + 1
-        axes.plot(*xyz[:shown].T, color=COLOURS[0], linewidth=0.8)
+        axes.plot(*_on_sphere(xyz[:shown], radius).T, color=COLOURS[0], linewidth=0.8)
         told = f"to time {float(run['time'][shown - 1]):.4g}"
     else:
         axes.plot(*xyz[:MOST_DOTS].T, ".", color=COLOURS[0], markersize=1.0)
@@ -79,8 +82,24 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
     axes.set_title(f"tip of ${letter}$ on its sphere, {told}", y=0.97)
 
 
+def _advance_per_row(run: xr.Dataset, letter: str) -> float:
+    """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
+    model = model_of(run)
+    kinds = dict(model.system.space.components)
+    start = {k: run[k][0].values for k in kinds}
+    speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
+    return float(speed * run.attrs["dt"] * run.attrs["every"])
+
+
+def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
+    """Points joined by arcs instead of chords."""
+    rows = np.linspace(0, len(xyz) - 1, pieces * (len(xyz) - 1) + 1)
+    chords = np.stack([np.interp(rows, np.arange(len(xyz)), column) for column in xyz.T], -1)
+    return radius * chords / np.linalg.norm(chords, axis=-1, keepdims=True)
+
+
 def _components(axes: Any, run: xr.Dataset, letter: str) -> None:
-    time, values = run["time"].values[:STATES_SHOWN], run[letter].values[:STATES_SHOWN]
+    time, values = run["time"][:STATES_SHOWN].values, run[letter][:STATES_SHOWN].values
     for i, series in enumerate(values.T):
         axes.plot(time, series, color=COLOURS[i % len(COLOURS)], label=f"${letter}_{{{i + 1}}}$")
     axes.set(xlabel="time", title=f"components of ${letter}$, first {len(time)} saved states")
@@ -88,38 +107,39 @@ def _components(axes: Any, run: xr.Dataset, letter: str) -> None:
 
 
 def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
-    time = np.asarray(run["time"].values)
+    reference = run.attrs["method"] == "dop853"
     if compare is not None:
-        name = f"worst integral by {compare.attrs['method']}"
-        families = _envelopes(compare, every_kind=True)
-        worst = np.fmax.reduce(list(families.values()))
-        axes.plot(*_thinned(np.asarray(compare["time"].values), worst), color=FAINT, label=name)
-    shown = _envelopes(run, every_kind=run.attrs["method"] == "dop853")
-    for number, (family, change) in enumerate(shown.items()):
+        worst = np.fmax.reduce(list(_envelopes(compare, every_kind=True).values()))
+        label = f"worst integral by {compare.attrs['method']}"
+        axes.plot(_thinned_time(compare), worst, color=FAINT, label=label)
+    for number, (family, change) in enumerate(_envelopes(run, every_kind=reference).items()):
+        colour = COLOURS[number % len(COLOURS)]
         label = family.replace("_eps", " of the map")
-        axes.plot(*_thinned(time, change), color=COLOURS[number % len(COLOURS)], linewidth=0.7, label=label)
+        axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
+    time = np.linspace(0, float(run["time"][-1]), 400)[1:]
     band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
-    axes.plot(
-        time[1:], band[1:], color="black", linestyle="--", linewidth=0.9, label=r"$\varepsilon\sqrt{\mathrm{steps}}$"
-    )
-    axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(time[0], time[-1]))
+    axes.plot(time, band, color="black", linestyle="--", linewidth=0.9, label=r"$\varepsilon\sqrt{\mathrm{steps}}$")
+    axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(0, time[-1]))
     axes.set_ylim(bottom=1e-17)
-    axes.set_title("what the method keeps" if not run.attrs["method"] == "dop853" else "integrals of the flow")
+    axes.set_title("integrals of the flow" if reference else "what the method keeps")
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
 
 
 def _envelopes(run: xr.Dataset, every_kind: bool) -> dict[str, np.ndarray]:
-    """For each family of integrals the largest |change| against time, relative to what a state change of 1 does."""
+    """For each family of integrals the largest |change|, thinned, relative to what a state change of 1 does."""
+    edges = _edges(run.sizes["time"])
     out: dict[str, np.ndarray] = {}
     for name, series, scale in kept_series(run, every_kind):
-        family, change = name.split("[")[0], abs(series - series[0]) * np.sqrt(run.attrs["steps"]) / (scale or 1.0)
-        out[family] = np.fmax(out[family], change) if family in out else change
+        relative = np.sqrt(run.attrs["steps"]) / (scale or 1.0)
+        family, change = name.split("[")[0], np.maximum.reduceat(abs(series - series[0]), edges) * relative
+        out[family] = np.maximum(out[family], change) if family in out else change
     return {k: np.where(v > 0, v, np.nan) for k, v in out.items() if v.any()}
 
 
-def _thinned(time: np.ndarray, change: np.ndarray, most: int = 1200) -> tuple[np.ndarray, np.ndarray]:
-    """The largest change in each of at most `most` stretches, so that no extreme is lost."""
-    if len(time) <= most:
-        return time, change
-    edges = np.linspace(0, len(time), most + 1).astype(int)[:-1]
-    return time[edges], np.fmax.reduceat(change, edges)
+def _edges(rows: int) -> np.ndarray:
+    """Starts of at most 1200 stretches; the largest change in each is drawn, so that no extreme is lost."""
+    return np.unique(np.linspace(0, rows, min(rows, STRETCHES) + 1).astype(int)[:-1])
+
+
+def _thinned_time(run: xr.Dataset) -> np.ndarray:
+    return np.asarray(run["time"].values[_edges(run.sizes["time"])])

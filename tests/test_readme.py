@@ -1,0 +1,31 @@
+"""The README's code runs, and its output is what it prints: same rows and values, changes at round-off."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+README = Path(__file__).parent.parent / "README.md"
+
+
+def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = README.read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (shown,) = re.findall(r"```text\n(.*?)```", text, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})
+    rows, claimed = (
+        [line.split() for line in words.strip().splitlines()] for words in (printed.getvalue(), shown)
+    )
+    assert rows[0] == claimed[0]
+    assert [(row[0], row[1]) for row in rows[1:]] == [(row[0], row[1]) for row in claimed[1:]]
+    for table in (rows, claimed):
+        assert all(float(row[-1]) < 2 for row in table[1:])
+    assert (tmp_path / "top.png").stat().st_size > 10_000
+    assert (tmp_path / "top.zarr").is_dir()
