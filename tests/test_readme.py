@@ -20,9 +20,7 @@ def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(code, {})
-    rows, claimed = (
-        [line.split() for line in words.strip().splitlines()] for words in (printed.getvalue(), shown)
-    )
+    rows, claimed = ([line.split() for line in words.strip().splitlines()] for words in (printed.getvalue(), shown))
     assert rows[0] == claimed[0]
     assert [(row[0], row[1]) for row in rows[1:]] == [(row[0], row[1]) for row in claimed[1:]]
     for table in (rows, claimed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from pathlib import Path
@@ -167,14 +168,15 @@ def _print_drift(table: pd.DataFrame) -> None:
 
 
 def _records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
-    return (
-        []
-        if table is None
-        else [
-            {"integral": str(name), **{str(k): v for k, v in row.items()}}
-            for name, row in table.to_dict("index").items()
-        ]
-    )
+    """Rows as plain data; JSON has no infinity, so a change that no rounding explains has the ratio null."""
+    if table is None:
+        return []
+    rows = table.to_dict("index").items()
+    return [{"integral": str(name), **{str(k): _finite(v) for k, v in row.items()}} for name, row in rows]
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _print_json(value: Any) -> None:
