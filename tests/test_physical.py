@@ -268,6 +268,12 @@ def test_added_moment_of_nearly_equal_axes(apart: float) -> None:
     assert body.added_moments[0] == pytest.approx(wanted, rel=1e-8, abs=1e-15 * body.mass * apart)
 
 
+def test_added_moment_of_axes_one_rounding_apart() -> None:
+    """There 2 - (b^2 + c^2) s comes out as -4e-16 where it is at least alpha0 = 0.27."""
+    body = neutral(4.99, 2.0, np.nextafter(2.0, 3.0))
+    assert 0 <= body.added_moments[0] < 1e-30 * body.mass
+
+
 def test_kirchhoff_parameters_give_velocity_and_energy_back() -> None:
     body, U, Omega = neutral(0.3, 0.2, 0.1), np.array([0.3, -0.2, 0.5]), np.array([0.7, 0.2, -0.4])
     joules = ((body.mass + body.added_masses) @ U**2 + (body.moments + body.added_moments) @ Omega**2) / 2
