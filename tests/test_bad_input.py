@@ -165,6 +165,7 @@ def test_folder_without_permission(tmp_path: Path, top: object, x0: object, monk
         (lambda: kr.SymmetricTop(A=(0, 0, 0)), "zero vector"),
         (lambda: kr.ClebschGeneral(a=(1, 1, 2), b=(1, 2, 3)), "distinct"),
         (lambda: kr.ClebschGeneral(a=(1, 2, 3), b=(1, 2, 3, 4)), "same R\\^n"),
+        (lambda: kr.Kirchhoff(C=(1, 2, 3), B=(1, 2, 3)), "inverse moment of the plane"),
         (lambda: kr.HeavyTop(J=(1, -2, 3), A=(0, 0, 1)), "J_j \\+ J_k > 0"),
         (lambda: kr.HeavyTop(J=[[1, 2, 0], [0, 1, 0], [0, 0, 1]], A=(0, 0, 1)), "symmetric"),
         (lambda: kr.HeavyTop(J=np.ones((3, 2)), A=(0, 0, 1)), "square"),
@@ -177,7 +178,11 @@ def test_folder_without_permission(tmp_path: Path, top: object, x0: object, monk
         (lambda: kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), (1, 2), dt=1, steps=1), "system.state"),
         (
             lambda: kr.simulate(
-                kr.Kirchhoff(C=np.eye(3), B=(1, 2, 3)), {"M": (1, 0, 0), "P": (0, 1, 0)}, dt=1, steps=1, method="suris"
+                kr.Kirchhoff(C=np.ones((3, 3)), B=(1, 2, 3)),
+                {"M": (1, 0, 0), "P": (0, 1, 0)},
+                dt=1,
+                steps=1,
+                method="suris",
             ),
             "No integrable",
         ),

@@ -163,7 +163,7 @@ def _print_drift(table: pd.DataFrame) -> None:
             f"{row.ratio:.2g}",
             f"{row.slope:.1e}",
         )
-        grid.add_row(name.replace("[", r"\["), "no" if row.kind == "function" else "yes", *numbers)
+        grid.add_row(name.replace("[", r"\["), "yes" if row.kept else "no", *numbers)
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
 
 

@@ -29,24 +29,24 @@ def functions(model: Model, eps: float | None) -> dict[str, tuple[Outcome, Calla
     """Name -> (what it is, function, whether it takes the map's own variables).
 
     With `eps` (a step of the map) the deformed integrals come under names ending in `_eps`, and the
-    undeformed ones that the map does not keep are marked as functions.  Without, nothing is kept.
+    undeformed ones are marked as not kept.  Without, nothing is kept.
     """
     system = model.system
+    by_map = eps is not None
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {
-        "casimir": (Outcome("casimir", f"Casimirs of {system.space.name}"), system.space.casimirs, False)
+        "casimir": (Outcome("casimir", f"Casimirs of {system.space.name}", kept=by_map), system.space.casimirs, False)
     }
     named = {"energy": system.energy, **system.integrals}
     for name, function in named.items():
-        deforms = eps is not None and "eps" in keywords(function) and system.map is not None
+        deforms = by_map and "eps" in keywords(function) and system.map is not None
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
         if deforms:
             told = f"{meaning}, not kept by the map: it oscillates by O(dt)"
-            out[name] = (Outcome("function", told), _bind(model, function), False)
+            out[name] = (Outcome("integral", told), _bind(model, function), False)
             told = f"deformed {name}, kept exactly by the map"
-            out[f"{name}_eps"] = (Outcome("integral", told), _bind(model, function, eps=eps), True)
+            out[f"{name}_eps"] = (Outcome("integral", told, kept=True), _bind(model, function, eps=eps), True)
         else:
-            kind = "integral" if eps is not None else "function"
-            out[name] = (Outcome(kind, meaning), _bind(model, function), True)
+            out[name] = (Outcome("integral", meaning, kept=by_map), _bind(model, function), True)
     return out
 
 

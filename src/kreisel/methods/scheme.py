@@ -15,13 +15,14 @@ Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "m
 class Outcome:
     """One variable that `observe` returns: its kind and what it means.
 
-    kind: "state", "orientation", "casimir", "integral" (constant along this method's orbit up to
-    round-off) or "function" (an integral of the flow that this method does not keep).
+    kind: "state", "orientation", "casimir" or "integral"; `kept` says of the last two that this method
+    keeps them constant up to round-off.
     """
 
     kind: str
     meaning: str
     axes: str = ""  # the kind of component ("skew", ...) of a state; "" for a scalar or a family
+    kept: bool = False
 
 
 @dataclass(frozen=True)

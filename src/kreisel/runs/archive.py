@@ -27,6 +27,7 @@ from kreisel.contract import Model
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
+from kreisel.runs.drift import KINDS
 from kreisel.runs.plan import Plan
 from kreisel.runs.simulate import block_rows
 
@@ -98,7 +99,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     a_bit_up, a_bit_down = _moved(plan, z, HAIR * directions), _moved(plan, z, -HAIR * directions)
     out = {}
     for name, outcome in plan.scheme.outcomes.items():
-        if outcome.kind in ("casimir", "integral", "function"):
+        if outcome.kind in KINDS:
             felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
             noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
             computed = np.maximum(noise.max((0, 1)), abs(here[name]).max(0))
@@ -143,7 +144,8 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     out: dict[str, dict[str, Any]] = {}
     for name, outcome in plan.scheme.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
-        out[name] |= scales.get(name, {})
+        if name in scales:
+            out[name] |= {"kept": int(outcome.kept), **scales[name]}
     return out
 
 
@@ -248,8 +250,13 @@ class Archive:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is None:
+            import zarr
+
             with self._disk("be finished"):
                 self._group.attrs["complete"] = True
+                with warnings.catch_warnings():  # Zarr calls the one file that lists all others not yet a standard
+                    warnings.simplefilter("ignore")
+                    zarr.consolidate_metadata(str(self.part))
                 self._take_name()
         elif self._rows == 0:
             shutil.rmtree(self.part, ignore_errors=True)
@@ -315,7 +322,7 @@ def open_archive(path: Path) -> xr.Dataset:
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
     if run.attrs.get("kreisel_format") != FORMAT:
         raise InputError(f"{path} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
-    order = ("state", "orientation", "casimir", "integral", "function")
+    order = ("state", "orientation", *KINDS)
     return run[sorted(run.data_vars, key=lambda name: (order.index(run[name].attrs["kind"]), str(name)))]
 
 

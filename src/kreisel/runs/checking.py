@@ -11,6 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.methods import scheme
 from kreisel.runs.archive import model_of, open_archive
+from kreisel.runs.drift import KINDS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,7 +59,7 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     outputs = plan.observe(plan.reopen(state))
     faults = []
     for name, value in outputs.items():
-        if plan.outcomes[name].kind in ("casimir", "integral", "function"):
+        if plan.outcomes[name].kind in KINDS:
             off = abs(value - run[name].values)
             scale = np.asarray(run[name].attrs["evaluation_scale"]) + abs(value)
             worst = float((off / np.maximum(scale, 1e-300)).max())

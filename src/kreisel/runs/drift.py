@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,19 +15,19 @@ if TYPE_CHECKING:
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
-KINDS = ("casimir", "integral", "function")
+KINDS = ("casimir", "integral")
 
 
-def _place(variable: xr.DataArray) -> int:
-    kind = variable.attrs.get("kind")
-    return KINDS.index(kind) if kind in KINDS else -1
+def _place(variable: xr.DataArray) -> tuple[bool, int]:
+    attrs = variable.attrs
+    return not attrs.get("kept", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
 
 
 def drift(run: xr.Dataset) -> pd.DataFrame:
     """One row for each Casimir and integral of a run.
 
-    kind        "casimir", "integral" (kept by the method) or "function" (an integral of the flow that the
-                method does not keep)
+    kind        "casimir" or "integral"
+    kept        whether the method keeps it; a map keeps its deformed integrals, names ending in _eps
     start       value at the first saved time
     max_change  largest |change| since then
     roundoff    eps_machine * (sensitivity * sqrt(steps) + size): the width of a random walk of rounding errors,
@@ -40,41 +41,52 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
     time = np.asarray(run["time"].values)
-    rows = {name: {"kind": kind, **_row(series, time, scale)} for name, kind, series, scale in _all_series(run)}
+    rows = {
+        series.name: {"kind": series.kind, "kept": series.kept, **_row(series, time, run.attrs["steps"])}
+        for series in all_series(run)
+    }
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
-def kept_series(run: xr.Dataset, every_kind: bool = False) -> Iterator[tuple[str, np.ndarray, float]]:
-    """Name, values and round-off over the run / eps_machine of each scalar that the method keeps (or of all)."""
-    for name, kind, series, scale in _all_series(run):
-        if every_kind or kind != "function":
-            yield name, series, scale
+@dataclass(frozen=True)
+class Series:
+    """One scalar of a run against time; in an ensemble its worst lane.  Scales as in the attributes."""
+
+    name: str
+    family: str
+    kind: str
+    kept: bool
+    values: np.ndarray
+    step_scale: float
+    value_scale: float
 
 
-def _all_series(run: xr.Dataset) -> Iterator[tuple[str, str, np.ndarray, float]]:
-    """Every component of every Casimir and integral, the worst lane of each."""
+def all_series(run: xr.Dataset) -> Iterator[Series]:
+    """Every component of every Casimir and integral, what is kept first."""
     for name, variable in sorted(run.data_vars.items(), key=lambda item: _place(item[1])):
-        kind = variable.attrs.get("kind")
-        if kind not in KINDS:
+        attrs = variable.attrs
+        if attrs.get("kind") not in KINDS:
             continue
         values = np.asarray(variable.values)
         lanes = "lane" in variable.dims
         parts = values.reshape((*values.shape[: 1 + lanes], -1))
-        scales = np.atleast_1d(variable.attrs["roundoff_scale"]) * np.sqrt(run.attrs["steps"])
-        for part, scale in enumerate(scales + np.atleast_1d(variable.attrs["evaluation_scale"])):
+        scales = zip(np.atleast_1d(attrs["roundoff_scale"]), np.atleast_1d(attrs["evaluation_scale"]), strict=True)
+        for part, (step_scale, value_scale) in enumerate(scales):
             series = parts[..., part].reshape(len(values), -1)
             worst = int(abs(series - series[0]).max(0).argmax())
             label = f"{name}[{part}]" if values.ndim > 1 + lanes else str(name)
-            yield label, kind, series[:, worst], float(scale)
+            kept = bool(attrs["kept"])
+            yield Series(label, str(name), attrs["kind"], kept, series[:, worst], float(step_scale), float(value_scale))
 
 
-def _row(series: np.ndarray, time: np.ndarray, scale: float) -> dict[str, float]:
-    change = series - series[0]
+def _row(series: Series, time: np.ndarray, steps: int) -> dict[str, float]:
+    change = series.values - series.values[0]
     centred = time - time.mean()
     slope = float(centred @ change / (centred @ centred)) if len(time) > 1 else 0.0
-    largest, band = float(abs(change).max()), MACHINE_EPSILON * scale
+    largest = float(abs(change).max())
+    band = MACHINE_EPSILON * (series.step_scale * float(np.sqrt(steps)) + series.value_scale)
     return {
-        "start": float(series[0]) + 0.0,
+        "start": float(series.values[0]) + 0.0,
         "max_change": largest,
         "roundoff": band,
         "ratio": largest / band if band > 0 else (0.0 if largest == 0 else np.inf),

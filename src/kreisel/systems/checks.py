@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kreisel.algebra import dot
+from kreisel.algebra import dot, identity, magnitude
 from kreisel.errors import InputError
 
 
@@ -44,4 +44,13 @@ def moments(J, letter):
             f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values; {d.tolist()} came. "
             f"{letter} is the sum of mass x x^T over the body, not the classical inertia tensor I: "
             f"for n = 3, {letter} = tr(I)/2 - I."
+        )
+
+
+def off_diagonal(C, letter):
+    if magnitude(C * (1 - identity(C.shape[-1]))) == 0:
+        raise InputError(
+            f"{letter} must be an n x n matrix with {letter}_jk the inverse moment of the plane (j, k); a diagonal "
+            "came, which is not used. For n = 3 and inverse moments c1, c2, c3 about the axes give "
+            f"{letter} = [[0, c3, c2], [c3, 0, c1], [c2, c1, 0]]."
         )

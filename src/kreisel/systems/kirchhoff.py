@@ -6,6 +6,7 @@ for a body in a fluid B = -diag(1/(mass + added mass)).  Plus bracket, F' = {H, 
 
 from kreisel.algebra import act, dot, pairing, wedge
 from kreisel.contract import MOVING_SPACE, Frame, Parameter, System
+from kreisel.systems.checks import off_diagonal
 
 
 def velocity(M, P, *, C):  # Omega_jk = c_jk M_jk
@@ -29,12 +30,14 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
-        Parameter("C", "symmetric", "inverse moments c_jk, one for each plane (j, k); the diagonal is not used"),
+        Parameter(
+            "C", "symmetric", "inverse moments c_jk, one for each plane (j, k); the diagonal is not used", off_diagonal
+        ),
         Parameter("B", "symmetric", "H has -<P, BP>/2: minus the inverse masses; a matrix or its diagonal"),
     ),
     flow=flow,
     energy=energy,
     velocity=velocity,
-    scaling="Any consistent units. `kreisel.physical.ellipsoid` gives C and B of an ellipsoid from SI data.",
+    scaling="Any consistent units. `kreisel.physical.Ellipsoid` gives C and B of an ellipsoid from SI data.",
     notes="Integrable only for special C and B: Clebsch's case is clebsch-general.",
 )

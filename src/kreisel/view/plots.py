@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel.runs.archive import model_of
-from kreisel.runs.drift import MACHINE_EPSILON, kept_series
+from kreisel.runs.drift import MACHINE_EPSILON, all_series
 from kreisel.view.style import COLOURS, FAINT, STYLE
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
-MOST_GAP = 0.5  # radii between saved states beyond which a line would be a guess: dots then
+MOST_GAP = 0.3  # radii between saved states beyond which a line would be a guess: dots then
 MOST_DOTS = 4000
 STATES_SHOWN = 120
 STRETCHES = 1200
@@ -26,8 +26,8 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
     The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
-    relative to the integral's sensitivity (`kr.drift`), with the width eps_machine * sqrt(steps) of a random
-    walk of rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
+    relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
+    rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -42,13 +42,14 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
         else:
             _components(left.add_subplot(), one, vector)
         _drifts(right.add_subplot(), run, compare)
-        figure.suptitle(_title(run), fontsize=10)
+        figure.suptitle(_title(run, compare), fontsize=10)
     return figure
 
 
-def _title(run: xr.Dataset) -> str:
+def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
     attrs = run.attrs
-    return f"{attrs['title']}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}"
+    beside = "" if compare is None else f" beside {compare.attrs['method']}"
+    return f"{attrs['title']}{beside}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}"
 
 
 def _vector_letter(run: xr.Dataset) -> str:
@@ -109,10 +110,10 @@ def _components(axes: Any, run: xr.Dataset, letter: str) -> None:
 def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
     reference = run.attrs["method"] == "dop853"
     if compare is not None:
-        worst = np.fmax.reduce(list(_envelopes(compare, every_kind=True).values()))
+        worst = np.fmax.reduce(list(_envelopes(compare, everything=True).values()))
         label = f"worst integral by {compare.attrs['method']}"
         axes.plot(_thinned_time(compare), worst, color=FAINT, label=label)
-    for number, (family, change) in enumerate(_envelopes(run, every_kind=reference).items()):
+    for number, (family, change) in enumerate(_envelopes(run, everything=reference).items()):
         colour = COLOURS[number % len(COLOURS)]
         label = family.replace("_eps", " of the map")
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
@@ -125,14 +126,15 @@ def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
 
 
-def _envelopes(run: xr.Dataset, every_kind: bool) -> dict[str, np.ndarray]:
-    """For each family of integrals the largest |change|, thinned, relative to what a state change of 1 does."""
+def _envelopes(run: xr.Dataset, everything: bool) -> dict[str, np.ndarray]:
+    """For each family of integrals the largest |change|, thinned, relative to the integral's scale."""
     edges = _edges(run.sizes["time"])
     out: dict[str, np.ndarray] = {}
-    for name, series, scale in kept_series(run, every_kind):
-        relative = np.sqrt(run.attrs["steps"]) / (scale or 1.0)
-        family, change = name.split("[")[0], np.maximum.reduceat(abs(series - series[0]), edges) * relative
-        out[family] = np.maximum(out[family], change) if family in out else change
+    for series in all_series(run):
+        if series.kept or everything:
+            scale = series.step_scale + series.value_scale
+            change = np.maximum.reduceat(abs(series.values - series.values[0]), edges) / (scale or 1.0)
+            out[series.family] = np.maximum(out[series.family], change) if series.family in out else change
     return {k: np.where(v > 0, v, np.nan) for k, v in out.items() if v.any()}
 
 
