@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench examples roundoff clean help
+.PHONY: demo test lint bench examples picture roundoff clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -42,6 +42,9 @@ examples: $(STAMP)
 	  echo "== kreisel run $$file"; ../$(BIN)/kreisel run $$file --overwrite; done
 	@set -e; cd out; for file in ../examples/*.py; do \
 	  echo "== python $$file"; ../$(BIN)/python $$file; done
+
+picture: $(STAMP)
+	$(BIN)/python examples/compare.py docs
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py
