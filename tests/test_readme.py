@@ -14,12 +14,12 @@ README = Path(__file__).parent.parent / "README.md"
 
 def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = README.read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    shown = re.findall(r"```text\n(.*?)```", text, re.DOTALL)[0]
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (shown,) = re.findall(r"```text\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(code, {})
+        exec("".join(blocks), {})
     rows, claimed = ([line.split() for line in words.strip().splitlines()] for words in (printed.getvalue(), shown))
     assert rows[0] == claimed[0]
     assert [(row[0], row[1]) for row in rows[1:]] == [(row[0], row[1]) for row in claimed[1:]]

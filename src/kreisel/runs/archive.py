@@ -317,7 +317,7 @@ def open_archive(path: Path) -> xr.Dataset:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            run = xr.open_dataset(path, engine="zarr", consolidated=False, cache=False)
+            run = xr.open_dataset(path, engine="zarr", consolidated=False, cache=False, mask_and_scale=False)
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
     if run.attrs.get("kreisel_format") != FORMAT:

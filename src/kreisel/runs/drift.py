@@ -67,14 +67,14 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
         attrs = variable.attrs
         if attrs.get("kind") not in KINDS:
             continue
-        values = np.asarray(variable.values)
-        lanes = "lane" in variable.dims
-        parts = values.reshape((*values.shape[: 1 + lanes], -1))
+        family = variable.ndim > 1 + ("lane" in variable.dims)
         scales = zip(np.atleast_1d(attrs["roundoff_scale"]), np.atleast_1d(attrs["evaluation_scale"]), strict=True)
         for part, (step_scale, value_scale) in enumerate(scales):
-            series = parts[..., part].reshape(len(values), -1)
-            worst = int(abs(series - series[0]).max(0).argmax())
-            label = f"{name}[{part}]" if values.ndim > 1 + lanes else str(name)
+            # one part at a time: an archive may be longer than memory
+            series = np.asarray((variable[..., part] if family else variable).values)
+            series = series.reshape(len(series), -1)
+            worst = int(abs(series - series[0]).max(0).argmax()) if series.shape[1] > 1 else 0
+            label = f"{name}[{part}]" if family else str(name)
             kept = bool(attrs["kept"])
             yield Series(label, str(name), attrs["kind"], kept, series[:, worst], float(step_scale), float(value_scale))
 
