@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from kreisel import algebra
-from kreisel.contract import Frame, Model
+from kreisel.contract import Frame
 from kreisel.engines import cpu, layout
 from kreisel.engines.cpu import Kernel, compiled_rate, flat_constants
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.lab import exact
 from kreisel.methods import scheme
+from kreisel.model import Model
 from kreisel.systems import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None]

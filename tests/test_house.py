@@ -13,15 +13,17 @@ SOURCE = Path(kr.__file__).parent
 RANK = {
     "errors": 0,
     "algebra": 1,
-    "contract": 2,
-    "systems": 3,
-    "methods": 3,
-    "physical": 4,
-    "engines": 4,
-    "runs": 5,
-    "lab": 6,
-    "view": 6,
-    "cli": 7,
+    "invariants": 2,
+    "contract": 3,
+    "model": 4,
+    "systems": 5,
+    "methods": 5,
+    "physical": 6,
+    "engines": 6,
+    "runs": 7,
+    "lab": 8,
+    "view": 8,
+    "cli": 9,
 }
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from kreisel import invariants
 from kreisel.algebra import act, cayley_act, dot, log, mat, moebius, pairing, trace_log, vec, wedge
 from kreisel.contract import System
 from kreisel.lab import laws
@@ -132,7 +133,7 @@ MUTANTS = [
     ("hamiltonian-flow", wrong_space(TOP, tensor=MOVING.space.tensor), 3),
     ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: TOP.space.tensor(m, a) * mat(pairing(m, m))), 3),
     ("jacobi-identity", wrong_space(TOP, tensor=lambda m, a: TOP.space.tensor(m, a) ** 2), 3),
-    ("casimirs", wrong_space(TOP, casimirs=lambda m, a: laws.algebra.stack([dot(a, a), pairing(m, m)])), 3),
+    ("casimirs", wrong_space(TOP, casimirs=lambda m, a: invariants.stack([dot(a, a), pairing(m, m)])), 3),
     ("integrals-of-the-flow", replace(TOP, integrals={"squares": lambda m, a: pairing(m, m)}), 3),
     ("integrals-of-the-flow", replace(TOP, flow=lambda m, a, *, p: (wedge(p, a), act(m, a))), 3),
     (

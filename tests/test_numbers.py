@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from kreisel import algebra
+from kreisel import algebra, invariants
 from kreisel.lab import exact
 from kreisel.systems import REGISTRY
 
@@ -126,7 +126,7 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
     from kreisel.systems.matrices import border, diagonal
 
     L = border(m, lam * b - p / lam)
-    coefficients = iter(algebra.bordered_spectrum(m, b, p))
+    coefficients = iter(invariants.bordered_spectrum(m, b, p))
     total = mu ** (n + 1)
     for k in range(0, n, 2):
         bb, bp = next(coefficients), next(coefficients)
@@ -135,8 +135,8 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
     assert total == pytest.approx(np.linalg.det(mu * np.eye(n + 1) - L))
 
     q, B = draw((n,)), diagonal(draw((n,)))
-    c, _ = algebra.faddeev_leverrier_pencil(m, B)
-    spectrum = iter(algebra.pencil_spectrum(m, B, q, 0.3))
+    c, _ = invariants.faddeev_leverrier_pencil(m, B)
+    spectrum = iter(invariants.pencil_spectrum(m, B, q, 0.3))
     nu, kappa = 0.8, 0.3
     whole = (nu + kappa * mu) * mu**n + sum(
         mu ** (n - k) * next(spectrum) * nu**i for k in range(1, n + 1) for i in range(k - 1, -1, -2)

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import Model, State
 from kreisel.errors import InputError
+from kreisel.model import Model, State
 from kreisel.systems import Kirchhoff, LagrangeTop
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)

@@ -11,8 +11,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Model, Parameter, PhaseSpace, System
+from kreisel.contract import Parameter, PhaseSpace, System
 from kreisel.engines import layout
+from kreisel.model import Model
 
 try:
     import flint

@@ -18,11 +18,13 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, Map, Model, System, call, keywords
+from kreisel.contract import Frame, Map, System, call, keywords
 from kreisel.engines import layout
 from kreisel.errors import InputError
 from kreisel.lab import exact
 from kreisel.lab.exact import along, jacobian, random_rotation, slopes
+from kreisel.lab.orders import measured_orders
+from kreisel.model import Model
 
 Sides = Iterator[tuple[Array, Array]]
 TOLERANCE = 2.0**20 * float(np.finfo(np.float64).eps)
@@ -337,45 +339,9 @@ def second_order_form(case: Case) -> Sides:
 )
 def order(case: Case) -> Sides:
     for conjugate, claimed in ((False, case.map.order), (True, 2)):
-        for slope in measured_orders(case, conjugate):
+        for slope in measured_orders(case.model, case.state, conjugate):
             off = abs(slope - claimed)
             yield np.asarray(0.0 if off < ORDER_TOLERANCE else off), np.asarray(0.0)
-
-
-def measured_orders(
-    case: Case, conjugate: bool, time: float = 0.5, counts: tuple[int, ...] = (64, 128, 256, 512)
-) -> list[float]:
-    """Slopes of log error against log dt for the state and the orientation, over four steps."""
-    from scipy.integrate import solve_ivp
-
-    n, system = case.model.n, case.system
-    g0 = np.eye(n)
-    kinds = (*case.kinds, "matrix")
-
-    def rate(t: float, y: Array) -> Array:
-        *state, g = layout.restore(y, kinds, n)
-        omega = case.call(system.velocity, *state)
-        return layout.flatten((*case.model.flow(*state), omega @ g if system.frame is Frame.REST else g @ omega), kinds)
-
-    start = layout.flatten((*case.state, g0), kinds)
-    truth = solve_ivp(rate, (0, time), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    own = len(case.flat(case.state))
-    errors = []
-    for count in counts:
-        end = layout.flatten(_iterate(case, g0, time / count, count, conjugate), kinds)
-        errors.append([abs(end - truth)[:own].max(), abs(end - truth)[own:].max()])
-    steps = np.log(time / np.array(counts))
-    return [float(np.polyfit(steps, np.log(np.array(errors)[:, i]), 1)[0]) for i in (0, 1)]
-
-
-def _iterate(case: Case, g: Array, dt: float, count: int, conjugate: bool) -> tuple[Array, ...]:
-    state = case.call(case.map.from_symmetric, *case.state, eps=dt) if conjugate else case.state
-    for _ in range(count):
-        new = case.call(case.map.step, *state, eps=dt)
-        X = case.call(case.map.generator, *state, *new, eps=dt)
-        g = algebra.turn_left(X, g) if case.system.frame is Frame.REST else algebra.turn_right(g, X)
-        state = new
-    return (*(case.call(case.map.to_symmetric, *state, eps=dt) if conjugate else state), g)
 
 
 # -- running them -----------------------------------------------------------------------------------

@@ -9,8 +9,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, Model, keywords
+from kreisel.contract import Frame, keywords
 from kreisel.methods.scheme import Components, Outcome
+from kreisel.model import Model
 
 ORIENTATION = "g"
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, Model, call
+from kreisel.contract import Frame, call
 from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Scheme
+from kreisel.model import Model
 
 RTOL, ATOL = 1e-9, 1e-12
 

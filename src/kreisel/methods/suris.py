@@ -6,10 +6,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, Model, call
+from kreisel.contract import Frame, call
 from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
+from kreisel.model import Model
 
 
 def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:

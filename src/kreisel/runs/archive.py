@@ -23,10 +23,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Model
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
+from kreisel.model import Model
 from kreisel.runs.drift import KINDS
 from kreisel.runs.plan import Plan
 from kreisel.runs.simulate import block_rows

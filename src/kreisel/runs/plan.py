@@ -11,11 +11,12 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import COMPONENT_AXES, Model, State
+from kreisel.contract import COMPONENT_AXES
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
 from kreisel.methods import Scheme, scheme
+from kreisel.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
 

@@ -6,21 +6,9 @@ M (..., n, n) skew, P (..., n), body frame; B = diag(b).  Plus bracket, F' = {H,
 
 import numpy as np
 
-from kreisel.algebra import (
-    act,
-    cayley_act,
-    dot,
-    identity,
-    log,
-    mat,
-    moebius,
-    pairing,
-    pencil_spectrum,
-    trace_log,
-    vec,
-    wedge,
-)
+from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, pairing, trace_log, vec, wedge
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.invariants import pencil_spectrum
 from kreisel.systems.matrices import diagonal
 
 

@@ -4,8 +4,9 @@ M (..., n, n) skew, P (..., n), body frame.  c_jk = (b_j - b_k)/(a_j - a_k); plu
 [Suris 2001, section 7]
 """
 
-from kreisel.algebra import act, dot, identity, pairing, pencil_spectrum, wedge
+from kreisel.algebra import act, dot, identity, pairing, wedge
 from kreisel.contract import MOVING_SPACE, Frame, Parameter, Relation, System
+from kreisel.invariants import pencil_spectrum
 from kreisel.systems.checks import distinct
 from kreisel.systems.matrices import diagonal
 

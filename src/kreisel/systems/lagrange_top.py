@@ -7,7 +7,6 @@ the rest frame; p is the constant gravity vector (potential <p, a>).  Minus brac
 
 from kreisel.algebra import (
     act,
-    bordered_spectrum,
     cayley_act,
     dot,
     identity,
@@ -21,6 +20,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.invariants import bordered_spectrum
 from kreisel.systems.checks import nonzero_alpha
 from kreisel.systems.matrices import border
 

@@ -8,7 +8,6 @@ mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
 
 from kreisel.algebra import (
     act,
-    bordered_spectrum,
     cayley,
     cayley_act,
     cayley_conjugate,
@@ -25,6 +24,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.invariants import bordered_spectrum
 from kreisel.systems.checks import nonzero_alpha, nonzero_vector
 from kreisel.systems.matrices import border
 

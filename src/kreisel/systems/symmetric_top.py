@@ -5,20 +5,9 @@ as the rest frame under (m, a, p) = (-M, P, A); any |A| and |P|.  The map is the
 Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E13).  [Suris 2001, section 1]
 """
 
-from kreisel.algebra import (
-    act,
-    bordered_spectrum,
-    cayley_act,
-    dot,
-    identity,
-    moebius,
-    pairing,
-    project_out,
-    trace_log,
-    vec,
-    wedge,
-)
+from kreisel.algebra import act, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.invariants import bordered_spectrum
 from kreisel.systems.checks import nonzero_vector
 from kreisel.systems.matrices import border
 
