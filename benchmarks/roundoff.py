@@ -1,0 +1,190 @@
+"""Do rounding errors walk at random?  Every integral of every map over decades of steps.
+
+A random walk of N rounding errors stays within a few bands eps_machine * (sensitivity * sqrt(N) + size), the
+unit of `kr.drift`; a bias, however small, grows through the band like sqrt(N).  For each run and each integral:
+
+ratio  max |change| in bands; the requirement is 2 or less
+z      last change over what the run's own 1000 increments make of a random walk: about normal, |z| < 4, without bias
+slope  last change over N, the bias a step if there is one
+
+and for each map over all its runs, of the first Casimir (|a|^2, |P|^2) and the deformed energy:
+
+rms z     1 for a random walk, growing like sqrt(N) for a bias
+exponent  of N in the root mean square of the last change: 1/2 for a walk, 1 for a bias
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cases import RESULTS, Case, cases, machine
+
+import kreisel as kr
+
+STEPS_OF_TIME = (0.05, 0.33, 1.0)
+DECADES = (10**6, 10**7, 10**8)
+DECADES_BEYOND = DECADES[:-1]  # n = 4
+DECADES_QUICK = (10**5, 10**6, 10**7)
+SAVED = 1000
+ALLOWED, SIGNIFICANT = 2.0, 4.0
+
+
+def one_run(case: Case, state: dict[str, Any], dt: float, steps: int) -> dict[str, dict[str, float]]:
+    """Per kept integral: ratio, z, slope and last change in bands."""
+    run = kr.simulate(
+        case.model,
+        case.model.state(**state),
+        dt=dt,
+        steps=steps,
+        every=steps // SAVED,
+        method="suris",
+        order=1,
+        progress=False,
+    )
+    table = kr.drift(run)
+    rows = {}
+    for name, told in table[table["kept"]].iterrows():
+        series = _series(run, str(name))
+        increments, last = np.diff(series), float(series[-1] - series[0])
+        spread = float(increments.std() * np.sqrt(len(increments)))
+        rows[str(name)] = {
+            "ratio": _short(told["ratio"]),
+            "z": _short(last / spread) if spread > 0 else 0.0,
+            "slope": _short(last / steps),
+            "bands": _short(last / told["roundoff"]) if told["roundoff"] > 0 else 0.0,
+        }
+    return rows
+
+
+def _short(x: float) -> float:
+    return float(f"{x:.4g}")
+
+
+def _series(run: Any, label: str) -> np.ndarray:
+    """The values of "energy_eps" or "spectrum_eps[1]", a row of `kr.drift`, against time."""
+    name, _, part = label.rstrip("]").partition("[")
+    values = np.asarray(run[name].values)
+    return values[:, int(part)] if part else values
+
+
+def one_map(case: Case, decades: tuple[int, ...]) -> dict[str, Any]:
+    """All runs of a map, and what they say together."""
+    runs = [
+        {"state": label, "dt": dt, "steps": steps, "integrals": one_run(case, state, dt, steps)}
+        for steps in decades
+        for label, state in case.states.items()
+        for dt in STEPS_OF_TIME
+    ]
+    return {"n": case.n, "worst_ratio": _worst(runs, decades), "trend": _trends(runs, decades), "runs": runs}
+
+
+def _worst(runs: list[dict[str, Any]], decades: tuple[int, ...]) -> dict[str, dict[str, float]]:
+    out: dict[str, dict[str, float]] = {}
+    for run in runs:
+        for name, row in run["integrals"].items():
+            worst = out.setdefault(name, {f"{steps:.0e}": 0.0 for steps in decades})
+            worst[f"{run['steps']:.0e}"] = max(worst[f"{run['steps']:.0e}"], round(row["ratio"], 3))
+    return out
+
+
+def _trends(runs: list[dict[str, Any]], decades: tuple[int, ...]) -> dict[str, dict[str, Any]]:
+    out = {}
+    for name in ("casimir[0]", "energy_eps"):
+        z, rms = {}, []
+        for steps in decades:
+            rows = [run["integrals"][name] for run in runs if run["steps"] == steps]
+            z[f"{steps:.0e}"] = np.array([row["z"] for row in rows])
+            rms.append(np.sqrt(steps * np.mean([row["bands"] ** 2 for row in rows])))
+        slopes = [abs(run["integrals"][name]["slope"]) for run in runs if run["steps"] == decades[-1]]
+        out[name] = {
+            "rms_z": {k: round(float(np.sqrt((v**2).mean())), 2) for k, v in z.items()},
+            "max_abs_z": {k: round(float(abs(v).max()), 2) for k, v in z.items()},
+            "exponent": round(float(np.polyfit(np.log(decades), np.log(rms), 1)[0]), 2),
+            "largest_slope": max(slopes),
+        }
+    return out
+
+
+def verdict(result: dict[str, Any]) -> list[str]:
+    """The integrals beyond the requirement, and the Casimirs with a trend, at the longest runs."""
+    told = []
+    for name, found in result.items():
+        for integral, ratios in found["worst_ratio"].items():
+            last = list(ratios.values())[-1]
+            if last > ALLOWED:
+                told.append(f"{name}: {integral} at {last:.2f} bands")
+        for integral, trend in found["trend"].items():
+            z = list(trend["max_abs_z"].values())[-1]
+            if z > SIGNIFICANT:
+                told.append(f"{name}: {integral} has a trend, |z| = {z:.1f}")
+    return told
+
+
+def measure(long: bool = False, quick: bool = False) -> dict[str, Any]:
+    """Everything, as written to results/roundoff.json."""
+    decades = DECADES_QUICK if quick else (*DECADES, 10**9) if long else DECADES
+    beyond = DECADES_QUICK[:-1] if quick else DECADES_BEYOND
+    result: dict[str, Any] = {}
+    _head()
+    for n, sizes in ((3, decades), (4, beyond)):
+        for case in cases(n):
+            begun = time.perf_counter()
+            label = f"{case.name}, n = {n}"
+            result[label] = one_map(case, sizes)
+            _print(label, result[label], time.perf_counter() - begun)
+    told = verdict(result)
+    print("\nBeyond 2 bands or with a trend (|z| > 4):", *(told or ["nothing"]), sep="\n  ")
+    return {"machine": machine(), "dt": STEPS_OF_TIME, "saved": SAVED, "verdict": told, "maps": result}
+
+
+def _head() -> None:
+    print("Worst ratio to the band of kr.drift over all states and steps; trends of the first Casimir and the energy.")
+    print(
+        f"\n{'map':<28}{'steps':>7}{'casimirs':>10}{'energy':>8}{'others':>8}   "
+        f"{'rms z (Casimir, energy)':<25}{'exponents':<13}seconds"
+    )
+
+
+def _print(label: str, found: dict[str, Any], seconds: float) -> None:
+    worst, trend = found["worst_ratio"], found["trend"]
+    sizes = list(next(iter(worst.values())))
+    for steps in sizes:
+        groups = [
+            max([ratios[steps] for name, ratios in worst.items() if group(name)], default=0.0)
+            for group in (_is_casimir, _is_energy, lambda name: not (_is_casimir(name) or _is_energy(name)))
+        ]
+        z = ", ".join(f"{row['rms_z'][steps]:.2f}" for row in trend.values())
+        line = f"{label:<28}{steps:>7}{groups[0]:>10.2f}{groups[1]:>8.2f}{groups[2]:>8.2f}   {z:<25}"
+        if steps == sizes[-1]:
+            line += f"{', '.join(str(row['exponent']) for row in trend.values()):<13}{seconds:.0f}"
+        print(line, flush=True)
+
+
+def _is_casimir(name: str) -> bool:
+    return name.startswith("casimir")
+
+
+def _is_energy(name: str) -> bool:
+    return name.startswith("energy")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure, print a table, write the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--long", action="store_true", help="another decade, 1e9 steps for n = 3 (about an hour)")
+    parser.add_argument("--quick", action="store_true", help="a decade less (about half a minute)")
+    parser.add_argument("--output", type=Path, default=RESULTS / "roundoff.json")
+    options = parser.parse_args(arguments)
+    result = measure(options.long, options.quick)
+    options.output.parent.mkdir(exist_ok=True)
+    options.output.write_text(json.dumps(result, indent=1, default=float) + "\n")
+    print(f"\nWritten: {options.output}")
+
+
+if __name__ == "__main__":
+    main()
