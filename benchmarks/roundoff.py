@@ -28,7 +28,7 @@ import kreisel as kr
 
 STEPS_OF_TIME = (0.05, 0.33, 1.0)
 DECADES = (10**6, 10**7, 10**8)
-DECADES_BEYOND = DECADES[:-1]  # n = 4
+
 DECADES_QUICK = (10**5, 10**6, 10**7)
 SAVED = 1000
 ALLOWED, SIGNIFICANT = 2.0, 4.0
@@ -128,7 +128,7 @@ def verdict(result: dict[str, Any]) -> list[str]:
 def measure(long: bool = False, quick: bool = False) -> dict[str, Any]:
     """Everything, as written to results/roundoff.json."""
     decades = DECADES_QUICK if quick else (*DECADES, 10**9) if long else DECADES
-    beyond = DECADES_QUICK[:-1] if quick else DECADES_BEYOND
+    beyond = DECADES_QUICK[:-1] if quick else DECADES
     result: dict[str, Any] = {}
     _head()
     for n, sizes in ((3, decades), (4, beyond)):

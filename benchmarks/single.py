@@ -3,7 +3,7 @@
 Each map is timed in turn as kernel, as C++ of the same formula, and as C++ of the paper's formula as it stands
 (without the correction of the Cayley transform that keeps rounding errors from adding up), many times over;
 ratios are medians over the turns.  Parameters are known to neither
-side before the run.  [DESIGN section 2]
+side before the run.
 """
 
 from __future__ import annotations

@@ -138,3 +138,11 @@ def test_recorded_arithmetic_is_python_arithmetic() -> None:
             for name, expression, _ in tape.lines:
                 known[name] = eval(expression, {}, known)
             assert eval(text(result), {}, known) == pytest.approx(formula(a, b), rel=1e-15, abs=1e-15)
+
+
+def test_a_recorded_skew_matrix_is_not_exact() -> None:
+    """Else kernels would lack the correction of the Cayley transform, a fault below every tolerance of equality."""
+    tape = Tape()
+    X = algebra.skew(np.array([Scalar(tape, name) for name in "xyz"], dtype=object), 3)
+    assert not algebra.exact(X)
+    assert algebra.exact(algebra.skew(np.array([1, 2, 3], dtype=object), 3))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from kreisel import algebra, invariants
+from kreisel.algebra import act
 from kreisel.lab import exact
 from kreisel.systems import REGISTRY
 
@@ -147,3 +148,15 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
     determinant = np.linalg.det(inner)
     expected = (nu + kappa * mu) * determinant - q @ (determinant * np.linalg.inv(inner)) @ q
     assert whole == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6])
+def test_what_vanishes_on_the_neumann_sphere(n: int) -> None:
+    """For M = x ^ q only the coefficients of degree 2 are not 0, exactly."""
+    draw = exact.rational_random(np.random.default_rng(n))
+    x, q = exact.random_state(REGISTRY["neumann"].space, n, draw)
+    b, M = draw((n,)), algebra.wedge(x, q)
+    whole = invariants.pencil_spectrum(M, algebra.identity(n) * b, x + act(M, x) / 3, exact.rational(1, 9))
+    plane = invariants.pencil_spectrum(M, algebra.identity(n) * b, x + act(M, x) / 3, exact.rational(1, 9), plane=True)
+    assert len(plane) == n
+    assert sorted(str(v) for v in whole if v != 0) == sorted(str(v) for v in plane if v != 0)

@@ -81,17 +81,18 @@ def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
     return stack(out)
 
 
-def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array) -> Array:
+def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = False) -> Array:
     """Coefficients of (nu + kappa mu) det(mu - nu B - M) - <Q, adj(mu - nu B - M) Q> in nu and mu.
 
     The characteristic polynomial of lambda B + M + Q Q^T / lambda (kappa = 0), and its deformation by
-    the discrete Clebsch map [FORMULAS section 5].  Coefficients that do not depend on M and Q are left out.
+    the discrete Clebsch map.  Coefficients that do not depend on M and Q are left out, and with `plane`, for
+    M = x ^ q and Q in the plane of x and q, those of degree 4 and more in M and Q, which vanish there.
     """
     n = M.shape[-1]
     c, adj = faddeev_leverrier_pencil(M, B)
     out = []
     for k in range(1, n + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has B alone
-        for i in range(k - 1, -1, -2):
+        for i in range(k - 1, k - 2 if plane else -1, -2):
             term = -form(Q, adj[k - 1][i], Q)
             term = term + (c[k][i - 1] if i > 0 else 0) + (kappa * c[k + 1][i] if k < n else 0)
             out.append(term)
@@ -102,7 +103,7 @@ def lie_poisson(M: Array, P: Array) -> Array:
     """The plus Lie-Poisson tensor of e*(n) in the coordinates (M_ij, i < j; P_k).
 
     {M_ij, M_kl} = M_il d_jk - M_kj d_li - M_ik d_jl + M_lj d_ki,  {M_ij, P_k} = P_i d_jk - P_j d_ik,
-    {P_i, P_j} = 0; the field of H is F' = {H, F}.  [Suris 2001, section 4; FORMULAS section 0]
+    {P_i, P_j} = 0; the field of H is F' = {H, F}.  [Suris 2001, section 4]
     """
     n = M.shape[-1]
     i, j = (index[:, None] for index in triangle(n))

@@ -8,7 +8,9 @@ potential by errata E6 and E7; the map is Adler's]
 
 from kreisel.algebra import cayley_plane, dot, log, mat, vec, wedge
 from kreisel.contract import SPHERE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.invariants import pencil_spectrum
 from kreisel.systems import clebsch
+from kreisel.systems.matrices import diagonal
 
 
 def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x
@@ -70,7 +72,8 @@ def energy(x, q, *, b, eps=0):
 
 
 def spectrum(x, q, *, b, eps=0):
-    return clebsch.spectrum(wedge(x, q), x, b=b, eps=eps)
+    M = wedge(x, q)
+    return pencil_spectrum(M, diagonal(b), clebsch.shifted(M, x, eps=eps), eps * eps * dot(x, x) / 4, plane=True)
 
 
 def lax(x, q, *, b, lam):
