@@ -25,6 +25,7 @@ steps = 100
 [output]
 path = "run.zarr"
 """
+TOP = kr.LagrangeTop(p=(0, 0, 1))
 NAN_MATRIX = "[[0.0, nan, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]"
 # (what to replace, by what, words of the message)
 CASES = [
@@ -64,6 +65,17 @@ CASES = [
     ("steps = 100", "steps = 100\norder = 3", ["order=3"]),
     ("steps = 100", 'steps = 100\nmethod = "dop853"\norder = 4', ["order 8 only"]),
     ("[system]", "[system", ["not valid TOML"]),
+    ("steps = 100", "steps = 99999999999999999999", ["out of reach"]),
+    ("steps = 100", 'steps = "100"', ["int", "steps"]),
+    ("dt = 0.05", "dt = 1e308", ["out of reach"]),
+    ("dt = 0.05", "dt = 1e-320", ["at least"]),
+    ("a = [0.6, 0.0, 0.8]", "a = [0, 0, 0]", ["zero vector"]),
+    ("m = [0.1, 0.2, 1.5]", "m = [1.2e154, 0, 0]", ["not finite", "overflow"]),
+    ("m = [0.1, 0.2, 1.5]", "m = [1e308, 1e308, 1e308]", ["no longer finite"]),
+    ('path = "run.zarr"', 'path = "."', ["must name"]),
+    ('path = "run.zarr"', 'path = ""', ["must name"]),
+    ('path = "run.zarr"', 'path = "\\u0000"', ["must name"]),
+    ('path = "run.zarr"', 'path = "run.zarr"\nfigure = "run.txt"', ["must end in"]),
     ("[run]", "run = 3\n[state.x]", ["[run]"]),
 ]
 
@@ -174,6 +186,8 @@ def test_folder_without_permission(tmp_path: Path, top: object, x0: object, monk
         (lambda: kr.LagrangeTop(p=(0, 0, 1)).state(m=np.ones((4, 4)), a=(0, 0, 1)), "skew matrix"),
         (lambda: kr.LagrangeTop(p=(0, 0, 1)).state(m=np.ones((4, 3)), a=np.ones((5, 3))), "batch axes"),
         (lambda: kr.LagrangeTop(p=np.ones((2, 2, 3))), "batch axis"),
+        (lambda: kr.simulate(TOP, TOP.state(m=np.ones((0, 3)), a=np.ones((0, 3))), dt=1, steps=1), "one lane"),
+        (lambda: kr.simulate(TOP, TOP.state(m=(1, 0, 0), a=(1, 0, 0)), dt=1, steps=1, path="."), "needs a name"),
         (lambda: kr.simulate("top", {}, dt=1, steps=1), "system with its parameters"),
         (lambda: kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), (1, 2), dt=1, steps=1), "system.state"),
         (

@@ -56,8 +56,6 @@ def run(
     )
     seconds = time.perf_counter() - begun
     table = drift(result)
-    if figure:
-        _save_figure(result, asked.figure)
     told = {
         "archive": str(asked.path),
         "figure": str(asked.figure) if figure else None,
@@ -68,6 +66,8 @@ def run(
         "seconds": round(seconds, 3),
     }
     if as_json:
+        if figure:
+            _save_figure(result, asked.figure)
         _print_json({**told, "drift": _records(table)})
         return
     print(f"{result.attrs['title']}: {model}")
@@ -76,6 +76,7 @@ def run(
     )
     _print_drift(table)
     if figure:
+        _save_figure(result, asked.figure)
         print(f"figure: {asked.figure}")
 
 
@@ -136,6 +137,7 @@ def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
 
     scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         draw(result, compare=compare).savefig(scratch)
         scratch.replace(target)
     except (OSError, ValueError) as error:

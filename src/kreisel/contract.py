@@ -155,6 +155,7 @@ class System:
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
     derive(params)           further constants computed once from the parameters
+    check_state(*state)      raises `InputError` for states without a meaning
     """
 
     name: str
@@ -174,6 +175,7 @@ class System:
     map: Map | None = None
     relations: tuple[Relation, ...] = ()
     derive: Function | None = None
+    check_state: Function | None = None
     notes: str = ""
 
     def __call__(self, **params: Any) -> Model:

@@ -144,6 +144,8 @@ class Model:
                 raise InputError(f"The state of {self.system.name} needs {letter} ({kind}); none came.")
             parts[letter] = _component(letter, kind, components[letter], self.n)
         _on_phase_space(space, parts)
+        if self.system.check_state is not None:
+            self.system.check_state(*parts.values())
         return State(parts, dict(space.components))
 
     def call(self, function: Function, *state: Array, **extra: Any) -> Any:

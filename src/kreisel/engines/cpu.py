@@ -7,12 +7,15 @@ Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ i
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import importlib.util
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -67,7 +70,15 @@ def cache_folder() -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="kreisel-"))
+        return _folder_of_this_process()
+
+
+@cache
+def _folder_of_this_process() -> Path:
+    """A private folder, removed at the end: a shared one could hold the code of somebody else."""
+    folder = Path(tempfile.mkdtemp(prefix="kreisel-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def load(source: str) -> ModuleType:

@@ -174,6 +174,14 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
     return xr.Dataset(data, coords, describe(plan))
 
 
+def target(path: str | os.PathLike[str]) -> Path:
+    """A path that can name an archive.  Raises `InputError`."""
+    where = Path(path)
+    if not where.name or "\0" in str(where) or where.name == "..":
+        raise InputError(f"The archive needs a name such as run.zarr; {str(path)!r} came.")
+    return where
+
+
 class Archive:
     """A Zarr store that grows block by block under NAME.part and gets its name when it is whole."""
 

@@ -14,6 +14,7 @@ from kreisel.errors import InputError, nearest
 
 SECTIONS = ("system", "state", "run", "output")
 LARGEST_FILE = 16 << 20
+FIGURES = (".png", ".pdf", ".svg")
 
 
 class Run(msgspec.Struct, forbid_unknown_fields=True):
@@ -84,9 +85,18 @@ def parse(data: Mapping[str, Any], source: str = "the configuration") -> Config:
     orientation = state.pop("orientation", None)
     run = _convert(tables["run"], Run, "run", source)
     output = _convert(tables["output"], Output, "output", source)
-    path = Path(output.path)
-    figure = Path(output.figure) if output.figure else path.with_suffix(".png")
+    path = _named(output.path, "path", source)
+    figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
+    if figure.suffix.lower() not in FIGURES:
+        raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {str(figure)!r} came.")
     return Config(name, system, state, orientation, run, path, figure)
+
+
+def _named(text: str, key: str, source: str) -> Path:
+    path = Path(text)
+    if not path.name or "\0" in text or path.name == "..":
+        raise InputError(f"{source}: {key} in [output] must name a file or folder to make; {text!r} came.")
+    return path
 
 
 def _table(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:

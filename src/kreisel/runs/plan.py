@@ -19,6 +19,8 @@ from kreisel.methods import Scheme, scheme
 from kreisel.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
+SHORTEST_STEP = 1e-100  # its square must not underflow
+MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
 
 
 class Marcher(Protocol):
@@ -88,6 +90,10 @@ def make_plan(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
         )
     dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
+    if steps > MOST_STEPS or not math.isfinite(dt * steps):
+        raise InputError(
+            f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
+        )
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
     state = x0 if isinstance(x0, State) else _state(model, x0)
@@ -128,6 +134,8 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
         batch = np.broadcast_shapes(model.batch, *batches)
     except ValueError:
         raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:own]}.") from None
+    if 0 in batch:
+        raise InputError("At least one lane was expected; a batch of none came. Check how the batch was made.")
     if len(batch) > 1:
         raise InputError(f"One batch axis (lanes) was expected; axes {batch} came. Reshape the batch to one axis.")
     spread = tuple(
@@ -149,9 +157,10 @@ def _positive(value: Any, name: str) -> float:
         number = float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a positive number; {value!r} came.") from None
-    if not math.isfinite(number) or number <= 0:
+    if not math.isfinite(number) or number < SHORTEST_STEP:
         raise InputError(
-            f"{name} must be positive and finite; {value!r} came. To go back in time, reverse the momenta."
+            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}; {value!r} came. "
+            "To go back in time, reverse the momenta."
         )
     return number
 

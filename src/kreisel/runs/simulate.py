@@ -55,13 +55,13 @@ def simulate(
     a state is no longer finite or the archive cannot be written.
     """
     plan = make_plan(system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation)
-    from kreisel.runs.archive import Archive, in_memory, open_archive
+    from kreisel.runs.archive import Archive, in_memory, open_archive, target
 
     with Progress(plan.steps * plan.lanes, progress) as bar:
         if path is None:
             _check_memory(plan)
             return in_memory(plan, list(march(plan, bar.advance)))
-        with Archive(Path(path), plan, overwrite) as archive:
+        with Archive(target(path), plan, overwrite) as archive:
             for block in march(plan, bar.advance):
                 archive.append(block)
     return open_archive(Path(path))
@@ -130,7 +130,15 @@ def _finished(plan: Plan, rows: Floats, done: int) -> dict[str, Array]:
             f"The state is no longer finite at or before step {step} (time {step * plan.dt:g}). "
             "Usual cause: a step far too long, or a state so large that its square overflows. Use a smaller dt."
         )
-    return plan.observe(rows.copy())  # the buffer is filled again
+    with np.errstate(all="ignore"):
+        block = plan.observe(rows.copy())  # the buffer is filled again
+    for name, value in block.items():
+        if not np.isfinite(value).all():
+            raise RunError(
+                f"{name} is not finite, although the state is, in the rows before step {done * plan.every}. "
+                "Usual cause: a state so large that its powers overflow. Use smaller units."
+            )
+    return block
 
 
 def _check_memory(plan: Plan) -> None:

@@ -21,7 +21,7 @@ from kreisel.algebra import (
 )
 from kreisel.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import bordered_spectrum
-from kreisel.systems.checks import nonzero_alpha
+from kreisel.systems.checks import nonzero_alpha, nonzero_vector
 from kreisel.systems.matrices import border
 
 
@@ -124,6 +124,7 @@ SYSTEM = System(
     velocity=velocity,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
+    check_state=lambda m, a: nonzero_vector(a, "a"),
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,

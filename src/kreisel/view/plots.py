@@ -63,7 +63,7 @@ def _vector_letter(run: xr.Dataset) -> str:
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
     xyz = np.asarray(run[letter][:MOST_ROWS].values)
-    radius = float(np.linalg.norm(xyz[:1], axis=-1).max())
+    radius = float(np.linalg.norm(xyz[:1], axis=-1).max()) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     axes.plot_wireframe(*ball, rstride=4, cstride=4, color=FAINT, linewidth=0.3, alpha=0.7)
