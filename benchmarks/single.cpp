@@ -38,7 +38,7 @@ template <bool corrected> struct Cayley {
     Vec resolvent(Vec v) const { return scale * (v + cross(u, v) + dot(u, v) * u); }
     Vec act(Vec v) const {
         Vec y = resolvent(2 * cross(u, v));
-        return corrected ? sum(v, y, resolvent(add_cross(-y, u, 2 * v + y))) : v + y;
+        return corrected ? sum(v, y, resolvent(add_cross(add_cross(-y, u, 2 * v), u, y))) : v + y;
     }
 };
 
@@ -110,7 +110,7 @@ template <bool corrected> struct Plane {
     }
     Vec act(Vec v) const {
         Vec w = once(2 * (dot(y, v) * x - dot(x, v) * y));
-        return corrected ? sum(v, w, once(add_turn(-w, 2 * v + w))) : v + w;
+        return corrected ? sum(v, w, once(add_turn(add_turn(-w, 2 * v), w))) : v + w;
     }
 };
 

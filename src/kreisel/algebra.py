@@ -226,14 +226,15 @@ def cayley_columns(X: Array, V: Array) -> Array:
     """cay(X) V = V + Y, (I - X) Y = 2 X V, for columns V (..., n, k); Y corrected once by its residual.
 
     The rounding error of 1/(1 + |u|^2) hardly changes along an orbit: without the correction |a|^2 drifts
-    steadily.  Nor may the residual X (2V + Y) - Y come out as a few units in the last place, or adding it
-    rounds to one side.  Worst change of |a|^2 in bands sqrt(steps) ulp over 1e7 steps of the Lagrange top,
-    n = 3, four states with eps = 0.05 to 1.65: 1287 without; 68 for V + 2 X Y with Y = (I - X)^-1 V corrected;
-    5.1 here with the residual rounded twice; 1.4 with its products fused, as kernels have them.  Over 1e8 steps
-    1.7, and 0.74 when the last sum is rounded once.
+    steadily.  Nor may the residual come out as a few units in the last place, or adding it rounds to one side.
+    Worst change of |a|^2 in bands sqrt(steps) ulp over 1e7 steps of the Lagrange top, n = 3, four states with
+    eps = 0.05 to 1.65: 1287 without; 68 for V + 2 X Y with Y = (I - X)^-1 V corrected; 5.1 here with the residual
+    rounded twice; 1.4 with its products fused, as kernels have them; half of that when the last sum is rounded
+    once.  For n = 4 the residual as X (2V + Y) - Y still left 2.6 bands after 1e8 steps, by the rounding of
+    2V + Y; X 2V - Y + X Y, as here, leaves no trend.
     """
     Y = _resolvent(X, 2 * (X @ V))
-    return V + Y if exact(X) else _sum(V, Y, _resolvent(X, _add_product(-Y, X, 2 * V + Y)))
+    return V + Y if exact(X) else _sum(V, Y, _resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
 
 
 def cayley_act(X: Array, v: Array) -> Array:
@@ -267,7 +268,7 @@ def cayley_plane(x: Array, y: Array, v: Array) -> Array:
         return (w + x * vec(dot(y, u))) - y * vec(dot(x, u))
 
     w = once(2 * add_turn(0 * v, v))
-    return v + w if exact(v) else _sum(v, w, once(add_turn(-w, 2 * v + w)))
+    return v + w if exact(v) else _sum(v, w, once(add_turn(add_turn(-w, 2 * v), w)))
 
 
 def moebius(X: Array) -> Array:
