@@ -92,7 +92,9 @@ def log(x: Array) -> Array:
     """
     if hasattr(x, "log"):
         return x.log()
-    return np.log(x) if isinstance(x, float | np.floating | np.ndarray) else 0 * x
+    if isinstance(x, float | np.floating | np.ndarray):
+        return np.log(x)
+    return x.__array_namespace__().log(x) if hasattr(x, "__array_namespace__") else 0 * x
 
 
 def sqrt(x: Array) -> Array:
@@ -112,7 +114,7 @@ def _as_float(v: Any) -> float:
 def trace_log(A: Array) -> Array:
     """Tr log A = log det A for A (..., n, n) with positive leading minors."""
     if not holds_objects(A):
-        return np.linalg.slogdet(A)[1]
+        return A.__array_namespace__().linalg.slogdet(A)[1]
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
 

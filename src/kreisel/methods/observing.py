@@ -34,11 +34,12 @@ def functions(model: Model, eps: float | None) -> dict[str, tuple[Outcome, Calla
     """
     system = model.system
     by_map = eps is not None
-    out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {
-        "casimir": (Outcome("casimir", f"Casimirs of {system.space.name}", kept=by_map), system.space.casimirs, False)
-    }
-    named = {"energy": system.energy, **system.integrals}
-    for name, function in named.items():
+    out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
+    if system.space.casimirs is not None:
+        told = f"Casimirs of {system.space.name}"
+        out["casimir"] = (Outcome("casimir", told, kept=by_map), system.space.casimirs, False)
+    named = {"energy": system.energy} if system.energy is not None else {}
+    for name, function in {**named, **system.integrals}.items():
         deforms = by_map and "eps" in keywords(function) and system.map is not None
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
         if deforms:
@@ -47,7 +48,8 @@ def functions(model: Model, eps: float | None) -> dict[str, tuple[Outcome, Calla
             told = f"deformed {name}, kept exactly by the map"
             out[f"{name}_eps"] = (Outcome("integral", told, kept=True), _bind(model, function, eps=eps), True)
         else:
-            out[name] = (Outcome("integral", meaning, kept=by_map), _bind(model, function), True)
+            kept = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
+            out[name] = (Outcome("integral", meaning, kept=kept), _bind(model, function), True)
     return out
 
 

@@ -34,6 +34,7 @@ class Scheme:
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
     reopen(x)              -> z         from an observed state back to the method's own variables
+    explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
     """
 
     name: str
@@ -48,3 +49,5 @@ class Scheme:
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
     options: Mapping[str, Any] | None = None
+    numbers: str = "any"  # as in the record: what step and rate work on
+    explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None

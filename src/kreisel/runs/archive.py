@@ -128,7 +128,7 @@ def _largest(plan: Plan, z: Floats) -> Floats:
 def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d)."""
     kinds = dict(plan.model.system.space.components)
-    rows = np.unique(np.linspace(0, len(first["casimir"]) - 1, 32).astype(int))
+    rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, 32).astype(int))
     parts = []
     for letter, kind in (*kinds.items(), *(c for c in plan.scheme.components if c[0] not in kinds)):
         value = np.asarray(first[letter])[rows].astype(np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import COMPONENT_AXES
+from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
@@ -115,6 +115,10 @@ def make_plan(
 
 
 def _engine(plan: Scheme, start: Floats, dt: float) -> Marcher:
+    if plan.numbers == "jax" and plan.step is not None:
+        from kreisel.engines.xla import Compiled
+
+        return Compiled(plan, start, dt)
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
@@ -129,7 +133,7 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
     kinds = [kind for _, kind in plan.components]
     own = len(model.system.space.letters)
     before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
-    batches = [p.shape[: p.ndim - COMPONENT_AXES[k]] for p, k in zip(parts, before[: len(parts)], strict=True)]
+    batches = [p.shape[: p.ndim - component_axes(k)] for p, k in zip(parts, before[: len(parts)], strict=True)]
     try:
         batch = np.broadcast_shapes(model.batch, *batches)
     except ValueError:
