@@ -61,10 +61,20 @@ class Discrete:
         return self.lagrangian(W, self.rep.space.array(P))
 
     def before(self, W: Array, P: Array) -> Array:
-        """The momentum that belongs to (W_k, P_k) before the step, M_k = d_W Lambda - grad_P Lambda <> P_k (left)."""
-        derivative = left_derivative if self._left else right_derivative
-        force = self.rep.diamond(jax.grad(self.value, 1)(W, P), P)
-        return derivative(lambda W: self.value(W, P), W, self.rep.group) - (force if self._left else -force)
+        """The momentum that belongs to (W_k, P_k) before the step.
+
+        M_k = d_W Lambda - grad_P Lambda <> P_k (left), m_k = d'_w Lambda + grad_a Lambda <> a_k (right).  As
+        -<grad_P Lambda <> P, eta> = <grad_P Lambda, phi(eta) P>, this is one derivative, along
+        (W + eta W, P + phi(eta) P) or (w + w eta, a - phi(eta) a).
+        """
+        matrix, rate = self.rep.group.matrix, self.rep.rate
+
+        def varied(x: Array) -> Array:
+            if self._left:
+                return self.value(W + matrix(x) @ W, P + rate(x, P))
+            return self.value(W + W @ matrix(x), P - rate(x, P))
+
+        return jax.grad(varied)(jnp.zeros(self.rep.group.dim))
 
     def after(self, W: Array, P: Array) -> Array:
         """The momentum after the step, M_(k+1) = d'_W Lambda (left) or d_w Lambda (right)."""
@@ -73,11 +83,11 @@ class Discrete:
 
     def carried(self, W: Array, P: Array) -> Array:
         """P_(k+1) = Phi(W^-1) P_k (left) or a_(k+1) = Phi(w) a_k (right)."""
-        return self.rep.act(jnp.linalg.inv(W) if self._left else W, P)
+        return self.rep.act(self.rep.group.inverse(W) if self._left else W, P)
 
     def brought(self, W: Array, P: Array) -> Array:
         """P_k from P_(k+1)."""
-        return self.rep.act(W if self._left else jnp.linalg.inv(W), P)
+        return self.rep.act(W if self._left else self.rep.group.inverse(W), P)
 
     def turn(self, M: Array, P: Array) -> Array:
         """W_k from (M_k, P_k); NaN where the branch with the continuous limit ends."""
@@ -180,7 +190,7 @@ def reduce(
         isotropic = rng.uniform(-1, 1, len(isotropic)) @ isotropic
 
         def moved(k: Array) -> float:
-            u = rep.act(k if left else jnp.linalg.inv(k), v)
+            u = rep.act(k if left else group.inverse(k), v)
             pair = (k @ g, k @ h) if left else (g @ k, h @ k)
             return float(lagrangian(*pair, rep.space.array(u)))
 

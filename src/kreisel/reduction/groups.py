@@ -23,6 +23,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.reduction import linear
 from kreisel.reduction.double import double, jax, optimistix
 
 jnp = jax.numpy
@@ -91,6 +92,19 @@ class Group:
         """The dimension d of the group."""
         return len(self.basis)
 
+    @cached_property
+    def _rotations(self) -> bool:
+        return self.skew and self.n == 3 and self.retraction == "cayley"
+
+    @cached_property
+    def unitary(self) -> bool:
+        """Whether all elements are: then g^-1 is the adjoint matrix."""
+        return bool(abs(self.basis + self.basis.conj().swapaxes(-1, -2)).max() < CLOSED)
+
+    def inverse(self, g: Array) -> Array:
+        """g^-1."""
+        return g.conj().T if self.unitary else jnp.linalg.inv(g)
+
     @property
     def size(self) -> int:
         """N: elements are N x N matrices."""
@@ -115,25 +129,29 @@ class Group:
 
     def matrix(self, x: Array) -> Array:
         """sum_i x_i E_i, (N, N)."""
-        return jnp.tensordot(x, self.basis, 1)
+        return (x[:, None, None] * self.basis).sum(0)
 
     def coordinates(self, X: Array) -> Array:
         """x of X = sum_i x_i E_i; the nearest for X outside the algebra."""
         parts = [X.real.ravel(), X.imag.ravel()] if np.iscomplexobj(self.basis) else [X.ravel()]
-        return self._dual_basis @ jnp.concatenate(parts)
+        return (self._dual_basis * jnp.concatenate(parts)).sum(-1)
 
     def retract(self, x: Array) -> Array:
         """cay(xi/2) = (I + xi/2)(I - xi/2)^-1 or exp(xi)."""
         xi, one = self.matrix(x), jnp.eye(self.size)
         if self.retraction == "exponential":
             return jax.scipy.linalg.expm(xi)
-        return jnp.linalg.solve(one - xi / 2, one + xi / 2)
+        if self._rotations:  # X^3 = -|u|^2 X for X = hat(u)
+            return one + (xi + xi @ xi / 2) / (1 + x @ x / 4)
+        return linear.solve(one - xi / 2, one + xi / 2)
 
     def unretract(self, W: Array) -> Array:
         """The x with retract(x) = W: the coordinates of 2 (W + I)^-1 (W - I), or of log W by Newton's method."""
         one = jnp.eye(self.size)
+        if self._rotations:
+            return self.coordinates(2 * (W - W.T)) / (1 + jnp.trace(W))
         if self.retraction == "cayley":
-            return self.coordinates(2 * jnp.linalg.solve(W + one, W - one))
+            return self.coordinates(2 * linear.solve(W + one, W - one))
 
         def off(x: Array, W: Array) -> Array:
             return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - one)
@@ -147,7 +165,7 @@ class Group:
 
     def Ad(self, g: Array) -> Array:  # noqa: N802 - the field's own name
         """The matrix (d, d) of eta -> g eta g^-1 in coordinates."""
-        turned = g @ self.basis @ jnp.linalg.inv(g)
+        turned = g @ self.basis @ self.inverse(g)
         return jax.vmap(self.coordinates)(turned).T
 
     def Ad_star(self, g: Array, M: Array) -> Array:  # noqa: N802

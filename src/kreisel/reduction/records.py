@@ -161,7 +161,7 @@ class _Record:
 
     def unreduced(self, g: Array, h: Array, carried: Array, **known: Any) -> Array:
         """LL(g, h; p or A) = Lambda(g^-1 h, Phi(g^-1) p), Lambda(h g^-1, Phi(g) A)."""
-        inner, inverse = self.discrete(known), jnp.linalg.inv(g)
+        inner, inverse = self.discrete(known), self.group.inverse(g)
         v = self.rep.space.coordinates(carried) if self.rep.dim else jnp.zeros(0)
         moving = self.frame is Frame.MOVING
         return inner.value(inverse @ h if moving else h @ inverse, self.rep.act(inverse if moving else g, v))

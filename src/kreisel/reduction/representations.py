@@ -43,7 +43,7 @@ class Representation:
 
     def rate(self, x: Array, v: Array) -> Array:
         """phi(xi) v."""
-        return jnp.einsum("i,iab,b->a", x, self.phi, v)
+        return ((x[:, None, None] * self.phi).sum(0) * v).sum(-1)
 
     def rate_star(self, x: Array, y: Array) -> Array:
         """phi*(xi) y."""
