@@ -36,11 +36,11 @@ def run(
     """Simulate: write the archive, print the drift of every integral, save a figure."""
     from kreisel.runs.config import read
     from kreisel.runs.drift import drift
+    from kreisel.runs.own import load
     from kreisel.runs.simulate import simulate
-    from kreisel.systems import find
 
     asked = read(config)
-    model = find(asked.name)(**asked.parameters)
+    model = load(asked.name, asked.file)(**asked.parameters)
     begun = time.perf_counter()
     result = simulate(
         model,

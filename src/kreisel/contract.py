@@ -94,7 +94,8 @@ SPHERE_SPACE = PhaseSpace(
 class Parameter:
     """A parameter: its letter, kind ("scalar", "vector", "symmetric" or "array"), meaning and valid range.
 
-    A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.  `check(value, name)` raises `InputError`.
+    A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
+    `check(value, name)` raises `InputError`.
     """
 
     letter: str

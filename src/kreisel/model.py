@@ -94,8 +94,7 @@ class Model:
             if p.check is not None:
                 p.check(self.params[p.letter], p.letter)
         batches = [
-            v.shape[: v.ndim - _axes(p, v)]
-            for p, v in zip(system.parameters, self.params.values(), strict=True)
+            v.shape[: v.ndim - _axes(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
         ]
         self.batch = np.broadcast_shapes(*batches)
         spread = {

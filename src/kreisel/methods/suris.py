@@ -26,6 +26,8 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         raise InputError(
             f"method='suris' has order 1 (the paper's map) or 2 (its half-kick conjugate); order={order!r} came."
         )
+    if model.system.numbers != "any" or phi.to_symmetric is None:
+        raise InputError(f"{model.system.name} has no map for method='suris'. Use method='lagrangian'.")
     eps = {"eps": dt}
     observe, outcomes = observer(
         model, dt, (lambda *z: model.call(phi.to_symmetric, *z, **eps)) if order == 2 else None

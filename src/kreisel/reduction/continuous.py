@@ -4,7 +4,8 @@ Moving frame (left), L(Omega, P):   M' = ad*_Omega M + grad_P L <> P,    P' = -p
 Rest frame (right), L(omega, a):    m' = -ad*_omega m - grad_a L <> a,   a' = phi(omega) a,    m = grad_omega L
 Legendre transform:                 H = <M, Omega> - L,  F' = {H, F},  plus bracket (moving), minus (rest)
 
-States are coordinates M (d,), P (q,); x (d,) are coordinates of Omega.  [Suris 2001, (EL left Ham red), (EL right Ham red)]
+States are coordinates M (d,), P (q,); x (d,) are coordinates of Omega.
+[Suris 2001, (EL left Ham red), (EL right Ham red)]
 """
 
 from __future__ import annotations

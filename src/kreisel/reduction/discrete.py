@@ -144,7 +144,10 @@ def symmetric_rule(continuous: Continuous, eps: Array) -> Discrete:
 
 @dataclass(frozen=True, eq=False)
 class Unreduced:
-    """A Lagrangian LL(g, h) on G x G and its discrete Euler-Lagrange equation D1 LL(g_k, g_(k+1)) + D2 LL(g_(k-1), g_k) = 0."""
+    """A Lagrangian LL(g, h) on G x G and its discrete Euler-Lagrange equation.
+
+    D1 LL(g_k, g_(k+1)) + D2 LL(g_(k-1), g_k) = 0.
+    """
 
     lagrangian: Callable[[Array, Array], Any]
     group: Group
@@ -202,8 +205,8 @@ def reduce(
     if off_isotropy > INVARIANT * (1 + abs(here)):
         raise InputError(
             f"The Lagrangian LL(g, h) must be invariant under {side} translations by the isotropy group {group_letter} "
-            f"of {letter}; at a random element it changes by {off_isotropy:.3g}. Usual cause: the other frame is meant, "
-            "or a second constant vector; put both into one representation."
+            f"of {letter}; at a random element it changes by {off_isotropy:.3g}. Usual cause: the other frame is "
+            "meant, or a second constant vector; put both into one representation."
         )
     if off > INVARIANT * (1 + abs(here)):
         raise InputError(

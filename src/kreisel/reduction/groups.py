@@ -132,7 +132,7 @@ class Group:
         return (x[:, None, None] * self.basis).sum(0)
 
     def coordinates(self, X: Array) -> Array:
-        """x of X = sum_i x_i E_i; the nearest for X outside the algebra."""
+        """X of X = sum_i x_i E_i; the nearest for X outside the algebra."""
         parts = [X.real.ravel(), X.imag.ravel()] if np.iscomplexobj(self.basis) else [X.ravel()]
         return (self._dual_basis * jnp.concatenate(parts)).sum(-1)
 
@@ -156,19 +156,19 @@ class Group:
         def off(x: Array, W: Array) -> Array:
             return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - one)
 
-        solver = optimistix.Newton(rtol=0.0, atol=1e-10)
+        solver: Any = optimistix.Newton(rtol=0.0, atol=1e-10)
         return optimistix.root_find(off, solver, self.coordinates(W - one), W, max_steps=30, throw=False).value
 
     def ad_star(self, x: Array, M: Array) -> Array:
         """ad*_xi M in coordinates."""
         return jnp.einsum("i,ijk,k->j", x, self.structure, M)
 
-    def Ad(self, g: Array) -> Array:  # noqa: N802 - the field's own name
+    def Ad(self, g: Array) -> Array:
         """The matrix (d, d) of eta -> g eta g^-1 in coordinates."""
         turned = g @ self.basis @ self.inverse(g)
         return jax.vmap(self.coordinates)(turned).T
 
-    def Ad_star(self, g: Array, M: Array) -> Array:  # noqa: N802
+    def Ad_star(self, g: Array, M: Array) -> Array:
         """Ad*_g M in coordinates."""
         return self.Ad(g).T @ M
 
@@ -218,20 +218,20 @@ def _cayley_stays(group: Group) -> bool:
 # -- ready-made ------------------------------------------------------------------------------------
 
 
-def SO(n: int) -> Group:  # noqa: N802
-    """SO(n), n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2, as everywhere in Kreisel."""
+def SO(n: int) -> Group:
+    """Rotations of R^n, n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2."""
     if not isinstance(n, int) or n < 2:
         raise InputError(f"SO(n) needs a whole n >= 2; {n!r} came.")
     return Group(f"SO({n})", algebra.skew(np.eye(n * (n - 1) // 2), n), n=n, skew=True)
 
 
-def SU2() -> Group:  # noqa: N802
+def SU2() -> Group:
     """SU(2), complex 2 x 2 matrices, with E_j = -i sigma_j/2: [E_1, E_2] = E_3, so that su(2)* = R^3 as so(3)* is."""
     sigma = np.array([[[0, 1], [1, 0]], [[0, -1j], [1j, 0]], [[1, 0], [0, -1]]])
     return Group("SU(2)", -0.5j * sigma, n=3)
 
 
-def SE3() -> Group:  # noqa: N802
+def SE3() -> Group:
     """SE(3) as 4 x 4 matrices [[R, x], [0, 1]]: three turns hat(e_j), then three shifts; momenta are 6 numbers."""
     basis = np.zeros((6, 4, 4))
     basis[:3, :3, :3] = algebra.hat(np.eye(3))

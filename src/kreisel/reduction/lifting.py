@@ -48,18 +48,14 @@ def lifted(
 
     kind, positional = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_ONLY
     wanted = [inspect.Parameter(f"z{i}", positional) for i in range(len(axes))]
-    wanted += [
-        inspect.Parameter(k, kind, default=absent.get(k, inspect.Parameter.empty)) for k in keywords
-    ]
+    wanted += [inspect.Parameter(k, kind, default=absent.get(k, inspect.Parameter.empty)) for k in keywords]
     function.__signature__ = inspect.Signature(wanted)  # type: ignore[attr-defined]  # what `contract.keywords` reads
     function.__doc__ = core.__doc__
     return function
 
 
 class _Batched:
-    def __init__(
-        self, core: Callable[..., Any], axes: tuple[int, ...], keywords: dict[str, int | None], trouble: str
-    ):
+    def __init__(self, core: Callable[..., Any], axes: tuple[int, ...], keywords: dict[str, int | None], trouble: str):
         self.core, self.axes, self.keywords, self.trouble = core, axes, keywords, trouble
         self.compiled = cache(self._compiled)
 
@@ -75,13 +71,14 @@ class _Batched:
         own = {k: v.ndim if self.keywords[k] is None else self.keywords[k] for k, v in known.items()}
         batch = np.broadcast_shapes(
             *(a.shape[: a.ndim - n] for a, n in zip(args, self.axes, strict=True)),
-            *(v.shape[: v.ndim - own[k]] for k, v in known.items()),  # type: ignore[operator]
+            *(v.shape[: v.ndim - own[k]] for k, v in known.items()),
         )
         lanes = [_as_lanes(a, n, batch) for a, n in zip(args, self.axes, strict=True)]
-        spread = frozenset(k for k, v in known.items() if v.ndim > own[k])  # type: ignore[operator]
+        spread = frozenset(k for k, v in known.items() if v.ndim > own[k])
         known = {k: _as_lanes(v, own[k], batch) if k in spread else v for k, v in known.items()}
         out = self._in_pieces(lanes, known, spread, int(np.prod(batch)))
-        whole = jax.tree.map(lambda *parts: np.concatenate(parts).reshape(batch + parts[0].shape[1:]), *out)
+        count = int(np.prod(batch))
+        whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count].reshape(batch + parts[0].shape[1:]), *out)
         if not all(np.isfinite(v).all() for v in jax.tree.leaves(whole)) and all(np.isfinite(a).all() for a in args):
             raise RunError(self.trouble)
         return jax.tree.map(lambda v: v[()] if v.ndim == 0 else v, whole)
@@ -93,7 +90,7 @@ class _Batched:
             places = np.minimum(np.arange(start, start + size), count - 1)
             piece = {k: v[places] if k in spread else v for k, v in known.items()}
             result = self.compiled(spread)([a[places] for a in lanes], piece)
-            out.append(jax.tree.map(lambda v, most=min(size, count - start): np.asarray(v)[:most], result))
+            out.append(jax.tree.map(np.asarray, result))
         return out
 
 
@@ -110,7 +107,7 @@ def _on_duals(core: Callable[..., Any], args: Sequence[Any], known: Mapping[str,
         raise InputError(
             "Functions of kreisel.reduction take floats; exact numbers came. Use numbers=('float',) in the laws."
         )
-    values = [np.vectorize(lambda v: float(getattr(v, "value", v)), otypes=[float])(a) for a in args]
+    values = [np.vectorize(_value, otypes=[float])(a) for a in args]
     known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
     if some is None:
         return jax.tree.map(np.asarray, core(*map(jnp.asarray, values), **known))
@@ -127,6 +124,10 @@ def _on_duals(core: Callable[..., Any], args: Sequence[Any], known: Mapping[str,
 
     out, rates = along([jnp.asarray(v) for v in values], slopes)
     return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
+
+
+def _value(number: Any) -> float:
+    return float(getattr(number, "value", number))
 
 
 def _dual_array(kind: Any, value: Array, rates: Array) -> Any:

@@ -35,9 +35,9 @@ def find(residual: Residual, dim: int, args: Any) -> Array:
         inverse, args = known
         return inverse @ residual(x, args)
 
-    solver = optimistix.Newton(rtol=0.0, atol=TOLERANCE)
+    solver: Any = optimistix.Newton(rtol=0.0, atol=TOLERANCE)
     start, known = lax.stop_gradient(x), (lax.stop_gradient(inverse), args)
-    found = optimistix.root_find(scaled, solver, start, known, max_steps=MOST_ITERATIONS, throw=False)
+    found: Any = optimistix.root_find(scaled, solver, start, known, max_steps=MOST_ITERATIONS, throw=False)
     return jnp.where(found.result == optimistix.RESULTS.successful, found.value, jnp.nan)
 
 

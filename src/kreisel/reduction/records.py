@@ -12,7 +12,6 @@ from kreisel import invariants
 from kreisel.algebra import Array
 from kreisel.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
 from kreisel.errors import InputError
-
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, symmetric_rule
@@ -107,7 +106,9 @@ class _Record:
         self.parameters = tuple(stated.get(k, _parameter(k, v)) for k, v in found.items())
         for letter in stated:
             if letter not in found:
-                raise InputError(f"No Lagrangian takes the parameter {letter!r}; they take {', '.join(found) or 'none'}.")
+                raise InputError(
+                    f"No Lagrangian takes the parameter {letter!r}; they take {', '.join(found) or 'none'}."
+                )
         self.axes = [component_axes(s.kind) for s in self.spaces]
         self.keywords = {p.letter: PARAMETER_AXES.get(p.kind) for p in self.parameters}
 
@@ -195,7 +196,7 @@ class _Record:
     def space(self) -> PhaseSpace:
         letters = ("M", "P") if self.frame is Frame.MOVING else ("m", "a")
         sign = 1 if self.frame is Frame.MOVING else -1
-        rep, d = self.rep, self.group.dim
+        rep = self.rep
 
         def tensor(*state: Array) -> Array:
             parts = [s.coordinates(z) for s, z in zip(self.spaces, state, strict=True)]
@@ -214,7 +215,7 @@ class _Record:
     def map(self, source: str, kept: tuple[str, ...], order: int | None) -> Map:
         N, rotation = self.group.size, self.group.skew and self.rep.name == "standard"
         both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]
-        step = {"eps": True, "trouble": BRANCH}
+        step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         return Map(
             step=self.lift(self.step, **step),
             inverse=self.lift(self.inverse, **step),
@@ -228,14 +229,25 @@ class _Record:
         )
 
     def system(
-        self, name: str, title: str, source: str, integrals: dict[str, Function], kept: tuple[str, ...], order: int | None
+        self,
+        name: str,
+        title: str,
+        source: str,
+        integrals: dict[str, Function],
+        kept: tuple[str, ...],
+        order: int | None,
     ) -> System:
         given = self.own is not None
         for k in kept:
             if k not in ("energy", *integrals):
-                raise InputError(f"kept names {k!r}, which is no integral; there are: {', '.join(integrals) or 'none'}.")
+                raise InputError(
+                    f"kept names {k!r}, which is no integral; there are: {', '.join(integrals) or 'none'}."
+                )
         moving = self.frame is Frame.MOVING
-        flow = ("M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P", "m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a")
+        flow = (
+            "M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P",
+            "m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a",
+        )
         step = (
             "Ad*_(W^-1) M_(k+1) = M_k + grad_P Lambda <> P_k, P_(k+1) = Phi(W^-1) P_k",
             "Ad*_w m_(k+1) = m_k - grad_a Lambda <> a_k, a_(k+1) = Phi(w) a_k",
@@ -283,5 +295,3 @@ class _Record:
 def _parameter(letter: str, default: Any) -> Parameter:
     absent = default is inspect.Parameter.empty
     return Parameter(letter, "array", "a constant of the Lagrangian", default=None if absent else np.asarray(default))
-
-

@@ -50,7 +50,7 @@ class Representation:
         return jnp.einsum("i,iab,a->b", x, self.phi, y)
 
     def diamond(self, y: Array, v: Array) -> Array:
-        """y <> v in g*, from <y <> v, xi> = -<y, phi(xi) v>."""
+        """Y <> v in g*, from <y <> v, xi> = -<y, phi(xi) v>."""
         return -jnp.einsum("a,iab,b->i", y, self.phi, v)
 
     def tensor(self, M: Array, P: Array) -> Array:
@@ -108,7 +108,10 @@ def trivial(group: Group) -> Representation:
 
 
 def representation(
-    group: Group, Phi: Callable[[Array, Array], Array], dim: int, name: str = "Phi"  # noqa: N803
+    group: Group,
+    Phi: Callable[[Array, Array], Array],
+    dim: int,
+    name: str = "Phi",
 ) -> Representation:
     """A representation of one's own: Phi(g, v) for g (N, N) and v (dim,), in JAX.
 

@@ -47,6 +47,8 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
     rest = len(shape) - len(lead)
     if outcome.axes == "quaternion":
         return (*lead, "quaternion")
+    if outcome.axes.startswith("R^"):
+        return (*lead, f"{name}_axis")
     if outcome.axes:
         return (*lead, *(("axis",) if rest == 1 else ("row", "column")))
     return (*lead, *((f"{name}_part",) if rest else ()))
@@ -71,6 +73,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "kreisel_format": FORMAT,
         "system": system.name,
         "equations": system.equations,
+        "components": json.dumps(dict(system.space.components)),
         "frame": system.frame.value,
         "bracket": "plus" if system.space.sign > 0 else "minus",
         "n": model.n,
@@ -334,8 +337,10 @@ def open_archive(path: Path) -> xr.Dataset:
     return run[sorted(run.data_vars, key=lambda name: (order.index(run[name].attrs["kind"]), str(name)))]
 
 
-def model_of(run: xr.Dataset) -> Model:
-    """The model that a run was made from."""
-    from kreisel.systems import find
+def model_of(run: xr.Dataset) -> Model | None:
+    """The model that a run was made from; None for a system of the user's own, as an archive holds no code."""
+    from kreisel.systems import REGISTRY, find
 
+    if run.attrs["system"] not in REGISTRY:
+        return None
     return find(run.attrs["system"])(**json.loads(run.attrs["parameters"]))

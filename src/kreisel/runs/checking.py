@@ -52,6 +52,8 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 def _recomputed(run: xr.Dataset) -> list[str]:
     """Integrals of the saved states against the saved integrals."""
     model = model_of(run)
+    if model is None:
+        return []  # a system of the user's own: its code is not here
     options = json.loads(run.attrs["options"])
     plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
     kinds = dict(model.system.space.components)

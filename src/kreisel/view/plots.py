@@ -37,7 +37,7 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run)
         one = run.isel(lane=0) if "lane" in run.dims else run
-        if one.sizes["axis"] == 3:
+        if one[vector].shape[1:] == (3,):
             _sphere(left.add_subplot(projection="3d"), one, vector)
         else:
             _components(left.add_subplot(), one, vector)
@@ -54,11 +54,16 @@ def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
 
 def _vector_letter(run: xr.Dataset) -> str:
     """The component that is drawn: the vector one of a pair (m, a), the position of (x, q)."""
-    names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") == "state"]
-    from kreisel.systems import find
+    kinds = _kinds(run)
+    return next((name for name in kinds if kinds[name] == "vector"), next(iter(kinds)))
 
-    kinds = dict(find(run.attrs["system"]).space.components)
-    return next(name for name in kinds if name in names and kinds[name] == "vector")
+
+def _kinds(run: xr.Dataset) -> dict[str, str]:
+    """The kinds of the components of the state, by letter."""
+    import json
+
+    model = model_of(run)
+    return dict(json.loads(run.attrs["components"]) if model is None else model.system.space.components)
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
@@ -86,6 +91,8 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
     model = model_of(run)
+    if model is None:  # the flow is not at hand
+        return float(np.linalg.norm(np.diff(run[letter][:2].values, axis=0)))
     kinds = dict(model.system.space.components)
     start = {k: run[k][0].values for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
