@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ def lifted(
                 require_double(*args, *known.values())
                 return core(*args, **known)
             if any(np.asarray(a).dtype == object for a in args):
-                return _on_duals(core, args, known)
+                return _on_duals(run, args, known)
             return run(args, known)
 
     kind, positional = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_ONLY
@@ -64,6 +64,21 @@ class _Batched:
             return self.core(*args, **known)
 
         return jax.jit(jax.vmap(one, in_axes=(0, {k: 0 if k in spread else None for k in self.keywords})))
+
+    @cached_property
+    def pushed(self) -> Callable[..., Any]:
+        """Value and derivatives along each of the directions (count, size of all arguments)."""
+
+        def along(values: Sequence[Array], known: Mapping[str, Array], directions: Array) -> Any:
+            edges, shapes = np.cumsum([v.size for v in values])[:-1], [v.shape for v in values]
+
+            def push(direction: Array) -> Any:
+                parts = [p.reshape(s) for p, s in zip(jnp.split(direction, edges), shapes, strict=True)]
+                return jax.jvp(lambda *z: self.core(*z, **known), tuple(values), tuple(parts))
+
+            return jax.vmap(push, out_axes=(None, -1))(directions)
+
+        return jax.jit(along)
 
     def __call__(self, args: Sequence[Any], known: Mapping[str, Any]) -> Any:
         args = [np.asarray(a, dtype=np.float64) for a in args]
@@ -99,8 +114,8 @@ def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:
     return np.broadcast_to(a, batch + own).reshape((-1, *own))
 
 
-def _on_duals(core: Callable[..., Any], args: Sequence[Any], known: Mapping[str, Any]) -> Any:
-    """The chain rule: values and Jacobians by JAX, slopes as the dual numbers carry them."""
+def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> Any:
+    """The chain rule: values and derivatives by JAX, slopes as the dual numbers carry them."""
     flat = np.concatenate([np.asarray(a, dtype=object).ravel() for a in args])
     some = next((v for v in flat if hasattr(v, "slope")), None)
     if not all(isinstance(getattr(v, "value", v), int | float | np.number) for v in flat):
@@ -108,21 +123,11 @@ def _on_duals(core: Callable[..., Any], args: Sequence[Any], known: Mapping[str,
             "Functions of kreisel.reduction take floats; exact numbers came. Use numbers=('float',) in the laws."
         )
     values = [np.vectorize(_value, otypes=[float])(a) for a in args]
-    known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
     if some is None:
-        return jax.tree.map(np.asarray, core(*map(jnp.asarray, values), **known))
+        return run(values, known)
     slopes = np.array([getattr(v, "slope", 0 * some.slope) for v in flat], dtype=np.float64)
-    splits, shapes = np.cumsum([v.size for v in values])[:-1], [v.shape for v in values]
-
-    @jax.jit
-    def along(values: Sequence[Array], directions: Array) -> Any:
-        def push(direction: Array) -> Any:
-            parts = [p.reshape(s) for p, s in zip(jnp.split(direction, splits), shapes, strict=True)]
-            return jax.jvp(lambda *z: core(*z, **known), tuple(values), tuple(parts))
-
-        return jax.vmap(push, out_axes=(None, -1))(directions.T)
-
-    out, rates = along([jnp.asarray(v) for v in values], slopes)
+    known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
+    out, rates = run.pushed(values, known, slopes.T)
     return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
 
 

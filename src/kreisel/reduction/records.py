@@ -150,9 +150,6 @@ class _Record:
     def inverse(self, *state: Array, **known: Any) -> tuple[Array, ...]:
         return self.shown(self.discrete(known).inverse(*self.coordinates(state)))
 
-    def adjoint(self, *state: Array, **known: Any) -> tuple[Array, ...]:
-        return self.inverse(*state, **{**known, "eps": -known["eps"]})
-
     def generator(self, *old_and_new: Array, **known: Any) -> Array:
         """X with W = cay(X), from the old state."""
         W = self.discrete(known).turn(*self.coordinates(old_and_new[: len(self.spaces)]))
@@ -216,10 +213,16 @@ class _Record:
         N, rotation = self.group.size, self.group.skew and self.rep.name == "standard"
         both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
+        inverse = self.lift(self.inverse, **step)
+
+        def adjoint(*state: Array, **known: Any) -> Any:
+            return inverse(*state, **{**known, "eps": -known["eps"]})
+
+        adjoint.__signature__ = inspect.signature(inverse)  # type: ignore[attr-defined]
         return Map(
             step=self.lift(self.step, **step),
-            inverse=self.lift(self.inverse, **step),
-            adjoint=self.lift(self.adjoint, **step),
+            inverse=inverse,
+            adjoint=adjoint,
             generator=self.lift(self.generator, both, **step) if rotation and N == self.group.n else None,
             lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if rotation else None,
             regularity=self.lift(self.regularity, eps=True),
