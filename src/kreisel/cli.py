@@ -109,8 +109,9 @@ def plot(
     """Draw the figure of an archive."""
     from kreisel.runs.archive import open_archive
 
-    target = out or archive.with_suffix(".png")
-    _save_figure(open_archive(archive), target, open_archive(compare) if compare else None)
+    result = open_archive(archive)
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
+    _save_figure(result, target, open_archive(compare) if compare else None)
     print(f"figure: {target}")
 
 
@@ -198,11 +199,15 @@ def _told(finding: Any) -> dict[str, Any]:
 def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
     from kreisel.view.plots import plot as draw
 
+    if not target.name:
+        raise InputError(f"The figure needs a name such as top.png; {str(target)!r} came.")
     scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         draw(result, compare=compare).savefig(scratch)
         scratch.replace(target)
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         scratch.unlink(missing_ok=True)
         raise InputError(
