@@ -299,7 +299,7 @@ def test_acceleration_is_the_same_motion() -> None:
     """(Omega, P)' by the chain rule against M' by the Legendre transform."""
     rep = red.standard(red.SO(3))
     inner = red.Continuous(
-        lambda O, P: heavy(O, P, J=J3, A=jnp.array([0.2, 0, 1])) + (P @ O @ J3) ** 2 / 9, rep, MOVING
+        lambda X, P: heavy(X, P, J=J3, A=jnp.array([0.2, 0, 1])) + (P @ X @ J3) ** 2 / 9, rep, MOVING
     )
     with red.double():
         x, P = jnp.asarray(rng(9).uniform(-1, 1, 3)), jnp.asarray(rng(10).uniform(-1, 1, 3))

@@ -30,7 +30,6 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
-    from kreisel.runs.archive import open_archive as _open_archive  # noqa: F401
     from kreisel.runs.drift import drift
     from kreisel.runs.simulate import simulate
     from kreisel.view.plots import plot
@@ -41,7 +40,6 @@ _LAZY = {
     "simulate": "kreisel.runs.simulate",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
-    "open": "kreisel.runs.opening",
 }
 
 __all__ = [

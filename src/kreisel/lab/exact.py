@@ -162,7 +162,8 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
             raise InputError(f"The laws need a value of {p.letter}: give a default, or check(model) with parameters.")
         return p.default
     if p.kind == "scalar":
-        return abs(draw((1,)))[0]
+        value = draw((1,))
+        return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles
     if p.kind == "vector":
         value = draw((n,))
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value

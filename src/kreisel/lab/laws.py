@@ -391,7 +391,7 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
     state = exact.random_state(record.space, n, draw)
-    eps, lam = (exact.rational(2, 7), exact.rational(5, 3)) if numbers == "exact" else (2 / 7, 5 / 3)
+    eps, lam = abs(draw((1,)))[0] / 4, draw((1,))[0]  # short enough for the logarithms of Lagrangians in floats
     return Case(model, state, eps, lam, draw, numbers)
 
 

@@ -46,14 +46,8 @@ class Plan:
     batched: bool
 
     @property
-    def saved_steps(self) -> list[int]:
-        """Steps at which rows are saved: 0, every, 2 every, ... and the last."""
-        regular = list(range(0, self.steps + 1, self.every))
-        return regular if regular[-1] == self.steps else [*regular, self.steps]
-
-    @property
     def rows(self) -> int:
-        """How many rows are saved."""
+        """How many rows are saved: those of the steps 0, every, 2 every, ... and the last."""
         return 1 + self.steps // self.every + (self.steps % self.every > 0)
 
     @property
@@ -96,7 +90,7 @@ def make_plan(
         )
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
-    state = x0 if isinstance(x0, State) else _state(model, x0)
+    state = _state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     if orientation is not None:
@@ -150,7 +144,7 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
 
 
 def _state(model: Model, x0: Any) -> State:
-    if not isinstance(x0, Mapping):
+    if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         raise InputError(f"The initial state must come from system.state({letters}) or be a dict; {x0!r} came.")
     return model.state(**x0)
