@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -135,7 +136,7 @@ def test_a_representation_must_be_one() -> None:
 
 # -- the paper's maps from their Lagrangians --------------------------------------------------------
 
-PAPER = [(k, 3) for k in ("lagrange-top", "lagrange-top-moving", "symmetric-top", "clebsch")] + [("clebsch", 5)]
+PAPER = [(k, 3) for k in ("lagrange-top", "lagrange-top-moving", "symmetric-top", "clebsch")] + [("clebsch", 4)]
 
 
 def registered(name: str, n: int) -> tuple[kr.contract.System, object]:
@@ -199,7 +200,6 @@ def generic(group: red.Group, space: red.Representation) -> object:
 SETTINGS = {
     "so(3), R^3": (lambda: red.SO(3), red.standard, REST),
     "so(3), so(3)": (lambda: red.SO(3), red.adjoint, MOVING),
-    "so(4), so(4)": (lambda: red.SO(4), red.adjoint, REST),
     "su(2), C^2": (red.SU2, red.standard, MOVING),
     "se(3), R^4": (red.SE3, red.standard, MOVING),
 }
@@ -242,7 +242,7 @@ def test_generic_maps_are_poisson_and_solve_the_raw_equation(name: str) -> None:
             _, (here, W) = derivative(here)
             gs.append(inner.reconstruct(gs[-1], W))
         assert abs(jax.jit(unreduced.defect)(*gs)).max() < 1e-12
-        if name == "su(2), C^2":
+        if name == "so(3), R^3":
             assert abs(jax.jit(unreduced.step)(*gs[:2])[1] - gs[2]).max() < 1e-12
         J, new, back = map(np.asarray, (J, new, back))
     before, after = rep.tensor(z[:d], z[d:]), rep.tensor(new[:d], new[d:])
@@ -332,7 +332,8 @@ def test_every_law_that_applies_holds_for_an_own_lagrangian() -> None:
 
 def test_a_wrong_claim_is_caught() -> None:
     """The energy of the flow is not kept by the map, and the rule has order 2, not 3."""
-    wrong = red.system("own-top", group=red.SO(3), lagrangian=heavy, kept=("energy",), order=3)(J=J3, A=(0.2, 0, 1))
+    top = heavy_top()
+    wrong = replace(top.system, map=replace(top.system.map, keeps=("energy",), order=3))(J=J3, A=(0.2, 0, 1))
     case = laws.make_case(wrong, 3, "float", 0)
     assert not laws.test(laws.LAWS["integrals-of-the-map"], case).holds
     assert not laws.test(laws.LAWS["order"], case).holds
@@ -410,14 +411,13 @@ def test_a_run_names_the_step_at_which_the_branch_ends() -> None:
         return -2 * jnp.trace(W) / eps - eps * 3 * P[2]
 
     model = red.system("falling", group=red.SO(3), discrete=Lambda)()
-    x0 = {"M": (0.05, 0, 0), "P": (0, 0, 1)}
+    x0 = {"M": [(0, 0, 0), (0.05, 0, 0)], "P": (0, 0, 1)}
     with pytest.raises(kr.RunError, match=r"Step \d+ \(time") as caught:
         kr.simulate(model, x0, dt=1.3, steps=200)
     step = int(str(caught.value).split()[1])
     assert step > 1
-    assert len(kr.simulate(model, x0, dt=1.3, steps=step - 1).time) == step
-    with pytest.raises(kr.RunError, match="of lane 1"):
-        kr.simulate(model, {"M": [(0, 0, 0), (0.05, 0, 0)], "P": (0, 0, 1)}, dt=1.3, steps=200)
+    assert "of lane 1" in str(caught.value)
+    assert kr.simulate(model, x0, dt=1.3, steps=step - 1).sizes["time"] == step
 
 
 def test_the_path_is_followed_where_newton_alone_goes_astray() -> None:
@@ -448,15 +448,22 @@ def test_gradients_through_a_step() -> None:
 
     with red.double():
         gradient, slope = jax.jit(jax.grad(endpoint, (0, 1)))(jnp.asarray(A), jnp.asarray(0.2))
-        second = float(jax.jit(jax.grad(jax.grad(endpoint, 1), 1))(jnp.asarray(A), jnp.asarray(0.2)))
     h = 1e-30
     for i in range(3):
         nudge = np.eye(3)[i] * 1j * h
         assert float(gradient[i]) == pytest.approx(by_numpy(A + nudge, 0.2).imag / h, rel=1e-11, abs=1e-12)
     assert float(slope) == pytest.approx(by_numpy(A, 0.2 + 1j * h).imag / h, rel=1e-11)
-    k = 1e-4
-    difference = (by_numpy(A, 0.2 + k) - 2 * by_numpy(A, 0.2) + by_numpy(A, 0.2 - k)).real / k**2
-    assert second == pytest.approx(difference, rel=1e-5)
+
+
+def test_derivatives_of_a_root_to_second_order() -> None:
+    def root(y):
+        return newton.find(lambda x, y: jnp.arctan(x) - y, 1, jnp.reshape(y, 1))[0]
+
+    with red.double():
+        first, second = (float(jax.jit(f)(jnp.asarray(1.4))) for f in (jax.grad(root), jax.grad(jax.grad(root))))
+    t = np.tan(1.4)
+    assert first == pytest.approx(1 + t**2, rel=1e-9)
+    assert second == pytest.approx(2 * t * (1 + t**2), rel=1e-9)
 
 
 def test_the_users_precision_is_left_alone() -> None:
@@ -576,7 +583,7 @@ def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text("raise RuntimeError('an archive is data: this must not run')")
     checked = kreisel("check", archive)
     assert checked.returncode == 0, checked.stderr
-    assert "whole" in checked.stdout
+    assert "a system of your own: its integrals were not computed again" in checked.stdout
     assert kreisel("plot", archive, "-o", tmp_path / "again.png").returncode == 0
     for text, message in (
         ("raise ValueError('oops')", "line 1: ValueError: oops"),

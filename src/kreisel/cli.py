@@ -83,6 +83,7 @@ def run(
 @app.command()
 def check(archive: Path, as_json: AsJson = False) -> None:
     """Check an archive: complete, readable, finite, and its integrals equal to those of its states."""
+    from kreisel.runs.archive import model_of
     from kreisel.runs.checking import check_archive
     from kreisel.runs.drift import drift
 
@@ -95,6 +96,8 @@ def check(archive: Path, as_json: AsJson = False) -> None:
             _print_drift(table)
         for fault in faults:
             print(f"FAULT: {fault}")
+        if result is not None and model_of(result) is None:
+            print(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
         print(f"{archive}: {'damaged' if faults else 'whole'}")
     if faults:
         raise typer.Exit(1)

@@ -109,6 +109,10 @@ class Model:
         if system.derive is not None:
             self.constants.update(call(system.derive, (), spread))
         self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
+        for p in system.parameters:
+            if p.kind == "array":  # the same in every lane
+                self.constants[p.letter] = self.params[p.letter]
+                self.axes[p.letter] = self.params[p.letter].ndim
 
     def _dimension(self) -> int:
         if self.system.n is not None:

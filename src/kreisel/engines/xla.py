@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,39 @@ lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
 
 
-def _flat(parts: tuple[Array, ...], kinds: list[str]) -> Array:
+def _flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
     return jnp.concatenate(
         [algebra.coordinates(p) if k == "skew" else jnp.ravel(p) for p, k in zip(parts, kinds, strict=True)]
     )
+
+
+@lru_cache(64)
+def _compiled_loop(
+    step: Callable[..., tuple[Array, ...]], kinds: tuple[str, ...], n: int, names: frozenset[str], lanes: frozenset[str]
+) -> Callable[..., Any]:
+    """The loop for a step, compiled at its first call and kept for further runs; `lanes` are constants with lanes."""
+
+    def one(z: Array, constants: Mapping[str, Array]) -> Array:
+        return _flat(step(*layout.restore(z, kinds, n), **constants), kinds)
+
+    every_lane = jax.vmap(one, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
+
+    def loop(z: Array, constants: Mapping[str, Array], rows: Array, every: Array) -> Any:
+        def advance(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            z, alive, count = carry
+            new = every_lane(z, constants)
+            alive = alive & jnp.isfinite(new).all(-1)
+            return jnp.where(alive[:, None], new, z), alive, count + alive
+
+        def fill(row: Array, carry: Any) -> Any:
+            out, *rest = carry
+            rest = lax.fori_loop(0, every, advance, tuple(rest))
+            return (out.at[row].set(rest[0]), *rest)
+
+        alive, count = jnp.ones(len(z), bool), jnp.zeros(len(z), jnp.int64)
+        return lax.fori_loop(0, rows, fill, (jnp.zeros((ROWS, *z.shape)), z, alive, count))
+
+    return jax.jit(loop)
 
 
 class Compiled:
@@ -34,37 +64,10 @@ class Compiled:
         self._scheme, self._dt, self._done = scheme, dt, 0
         self._kinds = [kind for _, kind in scheme.components]
         self._constants = {k: np.asarray(v, dtype=np.float64) for k, v in scheme.constants.items()}
-        with double():
-            self._loop = jax.jit(self._make_loop())
-
-    def _make_loop(self) -> Callable[..., Any]:
-        scheme, kinds = self._scheme, self._kinds
         if scheme.step is None:
             raise TypeError(f"the scheme {scheme.name} states no step")
-        step = scheme.step
-
-        def one(z: Array, constants: Mapping[str, Array]) -> Array:
-            return _flat(step(*layout.restore(z, kinds, scheme.n), **constants), kinds)
-
-        axes = {k: 0 if v.ndim > scheme.axes[k] else None for k, v in self._constants.items()}
-        every_lane = jax.vmap(one, in_axes=(0, axes))
-
-        def loop(z: Array, constants: Mapping[str, Array], rows: Array, every: Array) -> Any:
-            def advance(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-                z, alive, count = carry
-                new = every_lane(z, constants)
-                alive = alive & jnp.isfinite(new).all(-1)
-                return jnp.where(alive[:, None], new, z), alive, count + alive
-
-            def fill(row: Array, carry: Any) -> Any:
-                out, *rest = carry
-                rest = lax.fori_loop(0, every, advance, tuple(rest))
-                return (out.at[row].set(rest[0]), *rest)
-
-            alive, count = jnp.ones(len(z), bool), jnp.zeros(len(z), jnp.int64)
-            return lax.fori_loop(0, rows, fill, (jnp.zeros((ROWS, *z.shape)), z, alive, count))
-
-        return loop
+        lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
+        self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
 
     def advance(self, out: Floats, every: int) -> None:
         for start in range(0, len(out), ROWS):

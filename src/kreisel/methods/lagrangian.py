@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, call
+from kreisel.contract import Frame, Function, call
 from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Scheme
@@ -40,11 +41,6 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
         return (*x0[:count], *(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:]))
 
-    def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
-        own = z[:count]
-        new = call(phi.step, own, consts)
-        return (*new, *(_turned(model, own, new, g, consts) for g in z[count:]))
-
     def observe_all(z: tuple[Array, ...]) -> dict[str, Array]:
         out = observe(z)
         if len(z) > count and model.n == 3:
@@ -72,7 +68,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
         axes={**model.axes, "eps": 0},
         n=model.n,
         prepare=prepare,
-        step=step,
+        step=_stepper(phi.step, phi.generator, model.system.frame, count),
         observe=observe_all,
         reopen=prepare,
         outcomes=outcomes,
@@ -82,8 +78,17 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     )
 
 
-def _turned(
-    model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: Mapping[str, Array]
-) -> Array:
-    X = call(model.map.generator, (*old, *new), consts)
-    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
+@lru_cache(64)
+def _stepper(step: Function, generator: Function | None, frame: Frame, count: int) -> Function:
+    """The step of state and orientation; the same function for the same record, so that it is compiled once."""
+
+    def both(*z: Array, **consts: Array) -> tuple[Array, ...]:
+        own = z[:count]
+        new = call(step, own, consts)
+        return (*new, *(turned(own, new, g, consts) for g in z[count:]))
+
+    def turned(old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: Mapping[str, Array]) -> Array:
+        X = call(generator, (*old, *new), consts)
+        return algebra.turn_left(X, g) if frame is Frame.REST else algebra.turn_right(g, X)
+
+    return both

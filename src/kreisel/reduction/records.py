@@ -101,6 +101,7 @@ class _Record:
     ):
         self.rep, self.frame, self.own, self.own_discrete = rep, frame, lagrangian, discrete
         self.group = rep.group
+        self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can be carried along
         self.spaces = (self.group.dual, rep.space)[: 2 if rep.dim else 1]
         found = {**constants(lagrangian), **constants(discrete)}
         self.parameters = tuple(stated.get(k, _parameter(k, v)) for k, v in found.items())
@@ -182,7 +183,9 @@ class _Record:
     def derive(self, **known: Any) -> dict[str, Any]:
         """Check the Lagrangians at these constants, of the first lane of an ensemble; no further constants."""
         axes = self.keywords
-        first = {k: v if axes[k] is None or v.ndim == axes[k] else v[0] for k, v in known.items()}
+        # all come spread over the lanes
+        lanes = max((v.ndim - axes[k] for k, v in known.items() if axes[k] is not None), default=0)
+        first = {k: v[(0,) * lanes] for k, v in known.items()}
         check_lagrangian(self, first)
         return {}
 
@@ -199,18 +202,16 @@ class _Record:
             parts = [s.coordinates(z) for s, z in zip(self.spaces, state, strict=True)]
             return sign * rep.tensor(parts[0], parts[1] if rep.dim else parts[0][..., :0])
 
-        known = self.group.skew and rep.name == "standard"
         dual = f"{self.group.name.lower()}*" if not rep.dim else f"({self.group.name.lower()} <x V)*, dim V = {rep.dim}"
         return PhaseSpace(
-            name=f"e*({self.group.n})" if known else dual,
+            name=f"e*({self.group.n})" if self.rotations else dual,
             components=tuple((k, s.kind) for k, s in zip(letters, self.spaces, strict=False)),
             tensor=tensor,
-            casimirs=invariants.casimirs if known else None,
+            casimirs=invariants.casimirs if self.rotations else None,
             sign=sign,
         )
 
     def map(self, source: str, kept: tuple[str, ...], order: int | None) -> Map:
-        N, rotation = self.group.size, self.group.skew and self.rep.name == "standard"
         both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         inverse = self.lift(self.inverse, **step)
@@ -223,12 +224,12 @@ class _Record:
             step=self.lift(self.step, **step),
             inverse=inverse,
             adjoint=adjoint,
-            generator=self.lift(self.generator, both, **step) if rotation and N == self.group.n else None,
-            lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if rotation else None,
+            generator=self.lift(self.generator, both, **step) if self.rotations else None,
+            lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
             regularity=self.lift(self.regularity, eps=True),
             keeps=kept,
             order=order if order is not None else (1 if self.own_discrete is not None else 2),
-            source=source,
+            source=source if self.own_discrete is not None else f"{source}, by the symmetric rule",
         )
 
     def system(
@@ -266,7 +267,7 @@ class _Record:
             parameters=self.parameters,
             flow=self.lift(self.flow, trouble=LEGENDRE) if given else None,
             energy=self.lift(self.energy, trouble=LEGENDRE) if given else None,
-            velocity=self.lift(self.velocity, trouble=LEGENDRE) if given else None,
+            velocity=self.lift(self.velocity, trouble=LEGENDRE) if given and self.rotations else None,
             scaling="As in the Lagrangian.",
             integrals=wrapped,
             map=self.map(source, kept, order),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from kreisel.contract import Map, System
+from kreisel.contract import Map, System, keywords
 
 SHORT = {"skew": "so(n)", "vector": "R^n"}
 MAP_CLAIMS = {
@@ -68,7 +68,9 @@ def record(system: System) -> str:
         known = told["map"]
         after = ", 2 after half a kick" if system.map.to_symmetric is not None else ""
         lines.append(f"  map         {known['source']}; order {system.map.order}{after}")
-        lines.append(f"              with {', '.join(known['known'])}; deformed integrals")
+        named = [f for f in (system.energy, *system.integrals.values()) if f is not None]
+        deformed = "; deformed integrals" if any("eps" in keywords(f) for f in named) else ""
+        lines.append(f"              with {', '.join(known['known'])}{deformed}")
     for relation in system.relations:
         lines.append(f"  related     {relation.target}: {relation.meaning}")
     lines += [f"  scaling     {system.scaling}", f"  source      {system.source}"]
