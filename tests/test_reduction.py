@@ -114,6 +114,22 @@ def test_groups(name: str) -> None:
         assert np.allclose(np.tensordot(ad, group.basis, (0, 0)), g @ group.basis @ np.linalg.inv(g))
 
 
+def test_quadratic_casimirs() -> None:
+    """<M, P> and <P, P> on so(3) <x so(3) and e(3)*; <l, p> and <p, p> on se(3)*."""
+    pair, square = np.kron([[0, 1], [1, 0]], np.eye(3)) / 2, np.kron([[0, 0], [0, 1]], np.eye(3))
+    for rep in (red.standard(red.SO(3)), red.adjoint(red.SO(3)), red.adjoint(red.SU2()), red.trivial(red.SE3())):
+        Q = red.quadratic_casimirs(rep)
+        assert len(Q) == red.casimir_count(rep) == 2
+        for form in Q:
+            known = np.stack([pair.ravel(), square.ravel()], 1)
+            if rep.name == "standard":  # E_12, E_13, E_23 are the axial components 3, -2, 1
+                known[:, 0] = np.kron([[0, 1], [0, 0]], [[0, 0, -1], [0, 1, 0], [-1, 0, 0]]).ravel() / 2
+                known[:, 0] += np.kron([[0, 1], [0, 0]], [[0, 0, -1], [0, 1, 0], [-1, 0, 0]]).T.ravel() / 2
+            weights, *_ = np.linalg.lstsq(known, form.ravel())
+            assert np.allclose(known @ weights, form.ravel(), atol=1e-12)
+    assert len(red.quadratic_casimirs(red.trivial(red.SU2()))) == 1
+
+
 def test_a_basis_must_close() -> None:
     with pytest.raises(kr.InputError, match=r"does not close under the bracket: \[E_0, E_1\]"):
         red.matrix_group(red.SO(3).basis[:2])
@@ -252,6 +268,10 @@ def test_generic_maps_are_poisson_and_solve_the_raw_equation(name: str) -> None:
     shown = model.step(space_of(group.dual, z[:d]), space_of(space, z[d:]), eps=eps)
     assert np.allclose(group.dual.coordinates(shown[0]), new[:d], atol=1e-13)
     assert np.allclose(model.system.space.tensor(*shown), (1 if frame is MOVING else -1) * after)
+    casimirs = model.system.space.casimirs
+    start = (space_of(group.dual, z[:d]), space_of(space, z[d:]))
+    assert np.allclose(casimirs(*shown), casimirs(*start), atol=1e-13)
+    assert laws.test(laws.LAWS["casimirs"], laws.make_case(model, group.n, "float", 0)).holds
 
 
 def space_of(space: object, x: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from kreisel.reduction.discrete import Discrete, symmetric_rule
 from kreisel.reduction.double import jax
 from kreisel.reduction.groups import Group
 from kreisel.reduction.lifting import lifted
-from kreisel.reduction.representations import Representation, standard
+from kreisel.reduction.representations import Representation, quadratic_casimirs, standard
 
 jnp = jax.numpy
 BRANCH = (
@@ -207,9 +207,21 @@ class _Record:
             name=f"e*({self.group.n})" if self.rotations else dual,
             components=tuple((k, s.kind) for k, s in zip(letters, self.spaces, strict=False)),
             tensor=tensor,
-            casimirs=invariants.casimirs if self.rotations else None,
+            casimirs=invariants.casimirs if self.rotations else self._casimirs(),
             sign=sign,
         )
+
+    def _casimirs(self) -> Function | None:
+        """The quadratic Casimirs, found numerically."""
+        Q = quadratic_casimirs(self.rep)
+        if not len(Q):
+            return None
+
+        def casimirs(*state: Array) -> Array:
+            z = np.concatenate([s.coordinates(x) for s, x in zip(self.spaces, state, strict=True)], -1)
+            return np.stack([((z @ form) * z).sum(-1) for form in Q], -1)
+
+        return casimirs
 
     def map(self, source: str, kept: tuple[str, ...], order: int | None) -> Map:
         both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]

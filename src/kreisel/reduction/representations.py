@@ -155,3 +155,41 @@ def casimir_count(rep: Representation, points: int = 3) -> int:
 def casimir_gradients(rep: Representation, M: Array, P: Array) -> np.ndarray:
     """An orthonormal basis (k, d + q) of the kernel of the tensor at coordinates (M, P): gradients of Casimirs."""
     return _kernel(rep.tensor(np.asarray(M), np.asarray(P)))
+
+
+def quadratic_casimirs(rep: Representation) -> np.ndarray:
+    """A basis of the quadratic Casimirs z^T Q z, symmetric Q (k, d + q, d + q), in echelon form.
+
+    The kernel of the linear equations grad C . tensor = 0 at random points z = (M, P).  These are all independent
+    Casimirs of so(3)*, e(3)*, se(3)* and so(3) <x so(3), and some of them on larger algebras (`casimir_count`).
+    """
+    d, size = rep.group.dim, rep.group.dim + rep.dim
+    i, j = np.triu_indices(size)
+    z = np.random.default_rng(4).uniform(-1, 1, (len(i) + 4, size))
+    gradients = np.zeros((len(z), len(i), size))  # of z_i z_j
+    places = np.arange(len(i))
+    gradients[:, places, i] += z[:, j]
+    gradients[:, places, j] += z[:, i]
+    equations = gradients @ rep.tensor(z[:, :d], z[:, d:])
+    found = _echelon(_kernel(equations.transpose(0, 2, 1).reshape(-1, len(i))))
+    Q = np.zeros((len(found), size, size))
+    Q[:, i, j] = found / 2
+    return Q + Q.transpose(0, 2, 1)
+
+
+def _echelon(rows: np.ndarray) -> np.ndarray:
+    """The reduced row echelon form of independent rows, rid of noise."""
+    A, row = rows.copy(), 0
+    for column in range(A.shape[1]):
+        if row == len(A):
+            break
+        pivot = row + int(abs(A[row:, column]).argmax())
+        if abs(A[pivot, column]) < SAME:
+            continue
+        A[[row, pivot]] = A[[pivot, row]]
+        A[row] /= A[row, column]
+        others = np.arange(len(A)) != row
+        A[others] -= A[others, column, None] * A[row]
+        row += 1
+    whole = np.round(A)
+    return np.where(abs(A - whole) < SAME, whole, A)
