@@ -42,10 +42,10 @@ def main():
 
     top = TOP(c=1.0)
     x0 = top.state(M=(1.2, 0.4, 0.9), P=(0.6, 0.0, 0.8))
-    run = kr.simulate(top, x0, dt=0.05, steps=5_000, every=1)
+    run = kr.simulate(top, x0, dt=0.05, steps=3_000, every=1)
     print(kr.drift(run)[["kept", "start", "max_change", "ratio"]].to_string())
 
-    other = kr.simulate(top, x0, dt=0.05, steps=5_000, every=1, method="dop853")
+    other = kr.simulate(top, x0, dt=0.05, steps=3_000, every=1, method="dop853")
     figure = Figure(figsize=(9.2, 4.2), layout="constrained")
     sphere, changes = figure.add_subplot(1, 2, 1, projection="3d"), figure.add_subplot(1, 2, 2)
     u, v = np.mgrid[0 : 2 * np.pi : 49j, 0 : np.pi : 25j]

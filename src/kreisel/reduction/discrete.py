@@ -215,8 +215,3 @@ def reduce(
         )
     one = jnp.eye(group.size)
     return lambda W, P: lagrangian(one.astype(W.dtype), W, P)
-
-
-def evaluated(value: Any) -> bool:
-    """True for one real number, as a Lagrangian must give."""
-    return getattr(value, "shape", ()) == () and not jnp.iscomplexobj(value)
