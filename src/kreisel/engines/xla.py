@@ -80,6 +80,12 @@ class Compiled:
                 self._fail(int(np.argmin(alive)), int(count[np.argmin(alive)]), len(alive))
             self._done += rows * every
 
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, "steps": np.asarray(self._done, dtype=np.float64)}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z, self._done = np.array(snapshot["z"]), int(snapshot["steps"])
+
     def _fail(self, lane: int, count: int, lanes: int) -> None:
         step = self._done + count + 1
         state = layout.restore(self.z[lane], self._kinds, self._scheme.n)

@@ -16,6 +16,7 @@ from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
 from kreisel.methods import Scheme, scheme
+from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
@@ -31,6 +32,12 @@ class Marcher(Protocol):
     def advance(self, out: Floats, every: int) -> None:
         """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there."""
 
+    def snapshot(self) -> dict[str, Floats]:
+        """All that the next step depends on."""
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        """Go on from a snapshot."""
+
 
 @dataclass
 class Plan:
@@ -44,6 +51,7 @@ class Plan:
     every: int
     lanes: int
     batched: bool
+    start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
 
     @property
     def rows(self) -> int:
@@ -83,7 +91,7 @@ def make_plan(
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
         )
-    dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
+    dt, steps, every = _positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
             f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
@@ -105,6 +113,7 @@ def make_plan(
         every=every,
         lanes=math.prod(start.shape[:-1]),
         batched=start.ndim > 1,
+        start=dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False)),
     )
 
 
@@ -163,7 +172,8 @@ def _positive(value: Any, name: str) -> float:
     return number
 
 
-def _whole(value: Any, name: str) -> int:
+def whole(value: Any, name: str) -> int:
+    """A number of steps, 1 or more.  Raises `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
         raise InputError(f"{name} must be a whole number, 1 or more; {value!r} came.")
     return int(value)

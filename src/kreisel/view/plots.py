@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel.errors import InputError
-from kreisel.runs.archive import model_of
+from kreisel.runs.archive import is_own, model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
+from kreisel.systems import find
 from kreisel.view.style import COLOURS, FAINT, STYLE
 
 if TYPE_CHECKING:
@@ -70,8 +71,9 @@ def _vector_letter(run: xr.Dataset) -> str:
 
 def _kinds(run: xr.Dataset) -> dict[str, str]:
     """The kinds of the components of the state, by letter."""
-    model = model_of(run)
-    return dict(json.loads(run.attrs["components"]) if model is None else model.system.space.components)
+    if is_own(run.attrs):
+        return dict(json.loads(run.attrs["components"]))
+    return dict(find(run.attrs["system"]).space.components)
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
@@ -98,9 +100,9 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
-    model = model_of(run)
-    if model is None:  # the flow is not at hand
+    if is_own(run.attrs):  # the flow is not at hand
         return float(np.linalg.norm(np.diff(run[letter][:2].values, axis=0)))
+    model = model_of(run.attrs)
     kinds = dict(model.system.space.components)
     start = {k: run[k][0].values for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
