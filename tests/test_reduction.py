@@ -20,6 +20,7 @@ from kreisel.lab import exact, laws
 from kreisel.reduction import newton
 from kreisel.reduction.groups import random_element
 from kreisel.runs.own import load
+from kreisel.runs.simulate import resume
 from kreisel.systems import REGISTRY
 
 MOVING, REST = red.Frame.MOVING, red.Frame.REST
@@ -597,6 +598,8 @@ def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:
     checked = kreisel("check", archive)
     assert checked.returncode == 0, checked.stderr
     assert "a system of your own: its integrals were not computed again" in checked.stdout
+    with pytest.raises(kr.InputError, match="holds no code"):
+        resume(archive, extend=80)
     config.write_text(TOML.format(name="quartic-topp", file="own.py", path=archive))
     failed = kreisel("run", config)
     assert (failed.returncode, failed.stderr.count("Traceback")) == (2, 0)

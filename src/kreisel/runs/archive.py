@@ -474,7 +474,7 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> 
         return run
     snapshot, start = checkpoint.read(path)
     whole = run.isel(time=slice(0, snapshot.flushed)) if "time" in run.dims else run
-    if len(snapshot.rows) == 0:
+    if len(snapshot.rows) == 0 or is_own(attrs):
         return whole
     plan = _plan(attrs, start, attrs["steps"])
     first = snapshot.flushed
