@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from kreisel.errors import InputError, nearest
+from kreisel.methods.exact import exact
 from kreisel.methods.reference import dop853
 from kreisel.methods.scheme import Outcome, Scheme
 from kreisel.methods.suris import suris
 from kreisel.model import Model
 
-METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {"suris": suris, "dop853": dop853}
+METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
+    "suris": suris,
+    "exact": exact,
+    "dop853": dop853,
+}
 
 __all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
 

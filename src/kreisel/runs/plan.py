@@ -105,7 +105,7 @@ def make_plan(
     return Plan(
         model=model,
         scheme=plan,
-        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt),
+        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps),
         dt=dt,
         steps=steps,
         every=every,
@@ -114,7 +114,11 @@ def make_plan(
     )
 
 
-def _engine(plan: Scheme, start: Floats, dt: float) -> Marcher:
+def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
+    if plan.orbit is not None:
+        from kreisel.engines.closed import ClosedForm
+
+        return ClosedForm(plan, start, dt, steps)
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
