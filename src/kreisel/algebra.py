@@ -254,23 +254,6 @@ def cayley_conjugate(X: Array, M: Array) -> Array:
     return cayley_columns(X, cayley_columns(X, M).mT).mT
 
 
-def cayley_plane(x: Array, y: Array, v: Array) -> Array:
-    """cay(x ^ y) v in O(n), for vectors (..., n); corrected by the residual like `cayley_columns`."""
-    X, Y, c = dot(x, x), dot(y, y), dot(x, y)
-    scale = 1 / (1 + X * Y - c * c)
-
-    def once(v: Array) -> Array:
-        xv, yv = dot(x, v), dot(y, v)
-        along_y, along_x = ((1 + c) * yv - Y * xv) * scale, ((1 - c) * xv + X * yv) * scale
-        return v + (x * vec(along_y) - y * vec(along_x))
-
-    def add_turn(w: Array, u: Array) -> Array:  # w + (x ^ y) u
-        return (w + x * vec(dot(y, u))) - y * vec(dot(x, u))
-
-    w = once(2 * add_turn(0 * v, v))
-    return v + w if exact(v) else _sum(v, w, once(add_turn(add_turn(-w, 2 * v), w)))
-
-
 def moebius(X: Array) -> Array:
     """(I + X)(I - X)^-1 for any matrix X (..., n, n); for skew X use `cayley`."""
     return solve(identity(X.shape[-1]) - X, identity(X.shape[-1]) + X)
