@@ -30,6 +30,7 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
+    from kreisel.runs.at import at
     from kreisel.runs.archive import open_archive as _open_archive  # noqa: F401
     from kreisel.runs.drift import drift
     from kreisel.runs.simulate import simulate
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _LAZY = {
+    "at": "kreisel.runs.at",
     "simulate": "kreisel.runs.simulate",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
@@ -55,6 +57,7 @@ __all__ = [
     "Neumann",
     "RunError",
     "SymmetricTop",
+    "at",
     "drift",
     "plot",
     "simulate",

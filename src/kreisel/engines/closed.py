@@ -35,19 +35,28 @@ def dyadic(times: Floats) -> tuple[Floats, Floats]:
 
 
 class ClosedForm:
-    """Rows at the times k dt, exactly these; steps between two rows cost nothing."""
+    """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|."""
 
-    def __init__(self, scheme: Scheme, z0: Floats, dt: float, steps: int):
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float):
         self.z = np.array(z0, dtype=np.float64)
         self._kinds, self._done = [kind for _, kind in scheme.components], 0
         (self._dt,), self._exponent = dyadic(np.array([dt]))
-        self._orbits = orbits(scheme, self.z, steps * dt)
+        self._orbits = orbits(scheme, self.z, reach)
 
     def advance(self, out: Floats, every: int) -> None:
-        for first in range(0, len(out), ROWS):
-            rows = out[first : first + ROWS]
-            k = self._done + every * np.arange(1, len(rows) + 1).astype(object)
-            self._done += every * len(rows)
-            for lane, orbit in enumerate(self._orbits):
-                rows[:, lane] = layout.flatten(orbit(k * self._dt, np.broadcast_to(self._exponent, k.shape)), self._kinds)
+        k = self._done + every * np.arange(1, len(out) + 1).astype(object)
+        self._rows(out, k * self._dt, np.broadcast_to(self._exponent, k.shape))
+        self._done += every * len(out)
         self.z[:] = out[-1]
+
+    def at(self, times: Floats) -> Floats:
+        """The states (times, lanes, d) at times in any order."""
+        out = np.empty((len(times), *self.z.shape))
+        self._rows(out, *dyadic(times))
+        return out
+
+    def _rows(self, out: Floats, M: Floats, e: Floats) -> None:
+        for first in range(0, len(out), ROWS):
+            here = slice(first, first + ROWS)
+            for lane, orbit in enumerate(self._orbits):
+                out[here, lane] = layout.flatten(orbit(M[here], e[here]), self._kinds)

@@ -159,8 +159,8 @@ def saved_times(plan: Plan) -> Floats:
 TIME = {"long_name": "time", "units": "1", "axis": "T"}
 
 
-def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
-    """Blocks of outputs as a Dataset."""
+def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
+    """Blocks of outputs as a Dataset, at the times of the saved steps unless others are given."""
     import xarray as xr
 
     attrs = attributes(plan, blocks[0])
@@ -168,7 +168,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
     for name in plan.scheme.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
         data[name] = (dimensions(plan, name, value.shape), value, attrs[name])
-    coords: dict[str, Any] = {"time": ("time", saved_times(plan), TIME)}
+    coords: dict[str, Any] = {"time": ("time", saved_times(plan) if times is None else times, TIME)}
     if plan.batched:
         coords["lane"] = ("lane", np.arange(plan.lanes))
     return xr.Dataset(data, coords, describe(plan))

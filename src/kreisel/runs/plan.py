@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
 from kreisel.methods import Scheme, scheme
 from kreisel.model import Model, State
+
+if TYPE_CHECKING:
+    from kreisel.engines.closed import ClosedForm
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
@@ -85,10 +88,7 @@ def make_plan(
     orientation: Any,
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
-    if not isinstance(model, Model):
-        raise InputError(
-            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
-        )
+    _check_model(model)
     dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
@@ -96,12 +96,8 @@ def make_plan(
         )
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
-    state = x0 if isinstance(x0, State) else _state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
-    parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
-    if orientation is not None:
-        parts += (_orientation(orientation, model),)
-    start = _lanes(model, plan, parts)
+    start = _start(model, x0, plan, orientation)
     return Plan(
         model=model,
         scheme=plan,
@@ -114,11 +110,43 @@ def make_plan(
     )
 
 
+def plan_of_times(model: Any, x0: Any, *, reach: float, method: str, orientation: Any) -> tuple[Plan, ClosedForm]:
+    """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
+    from kreisel.engines.closed import ClosedForm
+
+    _check_model(model)
+    plan = scheme(model, method, reach, None, orientation is not None)
+    if plan.orbit is None:
+        raise InputError(
+            f"method={method!r} makes steps and knows no state at a given time: use kr.simulate, or method='exact'."
+        )
+    start = _start(model, x0, plan, orientation)
+    engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), 0.0, reach)
+    lanes = math.prod(start.shape[:-1])
+    return Plan(model, plan, engine, dt=0.0, steps=0, every=1, lanes=lanes, batched=start.ndim > 1), engine
+
+
+def _check_model(model: Any) -> None:
+    if not isinstance(model, Model):
+        raise InputError(
+            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
+        )
+
+
+def _start(model: Model, x0: Any, plan: Scheme, orientation: Any) -> Floats:
+    """The checked initial state in the scheme's own variables, (d,) or (lanes, d)."""
+    state = x0 if isinstance(x0, State) else _state(model, x0)
+    parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
+    if orientation is not None:
+        parts += (_orientation(orientation, model),)
+    return _lanes(model, plan, parts)
+
+
 def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
     if plan.orbit is not None:
         from kreisel.engines.closed import ClosedForm
 
-        return ClosedForm(plan, start, dt, steps)
+        return ClosedForm(plan, start, dt, steps * dt)
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 

@@ -1,0 +1,48 @@
+"""kr.at: the state at arbitrary times, where the flow is known in closed form."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.errors import InputError
+from kreisel.runs.plan import plan_of_times
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def at(system: Any, x0: Any, times: Any, *, orientation: Any = None, method: str = "exact") -> xr.Dataset:
+    """The states at the given times, in any order, negative ones too, each to full double precision.
+
+    system       the Lagrange top, n = 3: `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop` with parameters
+    x0           the state at time 0 as for `kr.simulate`; a batch axis in front makes an ensemble
+    times        a number, or numbers (times,): doubles are taken as exact, and so are the state and the parameters
+    orientation  g at time 0, as for `kr.simulate`; it is then carried along as the variable g
+
+    No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  A
+    motion costs some milliseconds once, then about 10 microseconds a time.  Returns the `xarray.Dataset` of
+    `kr.simulate` with the coordinate time as given.  Raises `InputError` for other systems, n > 3 and bad times.
+    """
+    wanted = _times(times)
+    flat = np.atleast_1d(wanted)
+    plan, engine = plan_of_times(
+        system, x0, reach=float(abs(flat).max(initial=0)), method=method, orientation=orientation
+    )
+    from kreisel.runs.archive import in_memory
+
+    run = in_memory(plan, [plan.observe(engine.at(flat))], flat)
+    for name in ("dt", "every"):
+        del run.attrs[name]
+    return run if wanted.ndim else run.isel(time=0)
+
+
+def _times(times: Any) -> np.ndarray:
+    try:
+        wanted = np.asarray(times, dtype=np.float64)
+    except (TypeError, ValueError):
+        wanted = np.full(1, np.nan)
+    if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
+        raise InputError(f"times must be a finite number or a list of them, at least one; {times!r} came.")
+    return wanted
