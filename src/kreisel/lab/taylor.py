@@ -41,7 +41,7 @@ def _march(arb: Any, m: Array, b: Array, p: Array, time: Any, alpha: Fraction, d
     momentum, axis = z[:3], z[3:6]
     extra = arb(alpha.denominator - alpha.numerator) / alpha.numerator
     extra *= sum(x * y for x, y in zip(momentum, axis, strict=True)) / sum(y * y for y in axis)
-    order, time, done = int(1.3 * digits) + 6, arb(time), arb(0)
+    order, time, done = int(1.3 * digits) + 6, arb(time).mid(), arb(0)
     while not done == time:
         terms = [[v] for v in z]
         for k in range(order):

@@ -138,20 +138,18 @@ class Motion:
         self.turns = [self._fixed(nutation.period_turn(dual) / turn) if self.parts else 0 for dual in (False, True)]
         spin = number(ctx, spin_factor * I.J) / ctx.sqrt(number(ctx, I.A))
         self.spin = self._fixed(spin / turn)
-        self.settled, self.steady = self._limit() if I.separatrix else (None, (0, 0))
+        self.settled = self._settled() if I.separatrix else None
+        self.sleeping = self._fixed(number(ctx, I.J) / ctx.sqrt(number(ctx, I.A)) * self.part / turn)
 
-    def _limit(self) -> tuple[int, tuple[int, int]]:
-        """The number of parts after which a motion on the separatrix is steady, and its turns in a part, p and b."""
-        ctx, I = self.ctx, self.integrals
+    def _settled(self) -> int:
+        """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
+
+        For x3 = 2 (|b||p| - E) then: C <= 0 at b.p = |b||p|, so x2 <= 2 (|b||p| - E) <= x3 always.
+        """
         away, (x1, _, x3) = self._e_foldings(), self.nutation.x
-        growth = ctx.sqrt(x3 - x1) / 2 * self.part
-        settled = int(ctx.ceil((SETTLED + away) / growth)) if math.isfinite(away) else 0
-        z = I.coincident[2] / 2 + I.E if I.coincident else NONE
-        rise, p, A = I.A * I.P2 - z * z, ctx.sqrt(number(ctx, I.P2)), ctx.sqrt(number(ctx, I.A))
-        about_p = p * number(ctx, (I.c * I.A - z * I.J) / rise) if rise else ctx.zero
-        about_b = (number(ctx, I.J) - (about_p * number(ctx, z) / p if rise else 0)) / A
-        turn = 2 * ctx.pi / self.part
-        return settled, (self._fixed(about_p / turn), self._fixed(about_b / turn))
+        if not math.isfinite(away):
+            return 0
+        return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))
 
     def _fixed(self, x: Number) -> int:
         return int(self.ctx.floor(self.ctx.ldexp(x, self.bits)))
@@ -201,6 +199,8 @@ class Motion:
 
         M are Python integers in an object array, e small integers; both of shape (times,).
         """
+        if len(M) == 1:  # NumPy sums a lone matrix product in another order: numbers must not depend on the batch
+            return tuple(v[:1] for v in self.at(np.repeat(M, 2), np.repeat(e, 2), oriented))
         low = int(e.min(initial=0))
         scaled, bits = M << (e - low).astype(object), self.bits - low  # times in units of 2^low
         v = scaled * self.per_part  # in parts, with `bits` binary places
@@ -215,7 +215,7 @@ class Motion:
             j = np.minimum(np.maximum(n, -self.settled), self.settled)
             beyond = np.where(j == n, 0, v - (j << bits))
             rest = np.where(j == n, rest, 0)
-            left, right = (_turns(beyond * turn, bits + self.bits) for turn in self.steady)
+            right = _turns(beyond * self.sleeping, bits + self.bits)
         right = right + _turns(scaled * self.spin, bits)
         h = (rest >> (bits - FRACTION)).astype(np.float64) * 2.0**-FRACTION * float(self.part)
         places, which = np.unique(j.astype(np.int64), return_inverse=True)

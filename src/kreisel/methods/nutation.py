@@ -134,6 +134,7 @@ class Nutation:
 
     def tau(self, eps: Number) -> Number:
         """The time that D_eps takes, odd in eps; |eps| <= 2/sqrt(x3) where x3 > 0."""
+        eps = self.ctx.convert(eps)
         x0 = 4 / eps**2
         return self.ctx.sign(eps) * 2 * self.ctx.elliprf(*(x0 - x for x in self.x))
 
@@ -142,6 +143,7 @@ class Nutation:
         I, ctx = self.integrals.dual if dual else self.integrals, self.ctx
         if I.P2 == 0:
             return ctx.zero
+        eps = ctx.convert(eps)
         P2, c, K, x0 = number(ctx, I.P2), number(ctx, I.c), number(ctx, I.K), 4 / eps**2
         p = ctx.sqrt(P2)
         lag = K / (3 * P2) * ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if I.K else ctx.zero
@@ -165,7 +167,7 @@ class Nutation:
 
         Infinite or imaginary, then NaN, where x0 = 4/eps^2 <= 0: take h in parts.
         """
-        ctx, (x1, x2, x3) = self.ctx, self.x
+        ctx, (x1, x2, x3), h = self.ctx, self.x, self.ctx.convert(h)
         if h == 0:
             return ctx.zero
         if x1 == x3:
@@ -178,7 +180,7 @@ class Nutation:
 
     def length(self, eps: Number) -> Number:
         """r = |a|^2 on the branch that is |b|^2 at eps = 0."""
-        x, I = self.x, self.integrals
+        x, I, eps = self.x, self.integrals, self.ctx.convert(eps)
         A, J, c, E = (number(self.ctx, v) for v in (I.A, I.J, I.c, I.E))
         return squared_length(self.ctx.sqrt, eps * eps / 4, x, A, J, c, E)
 

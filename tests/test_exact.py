@@ -1,0 +1,364 @@
+"""method="exact" and kr.at: the closed form against Taylor series, quadrature, the paper's map, and itself."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+import xarray as xr
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.engines.closed import dyadic
+from kreisel.lab.taylor import taylor
+from kreisel.methods import motion as motions
+from kreisel.methods.motion import Motion
+from kreisel.methods.nutation import Nutation
+from kreisel.runs import simulate as runs
+
+DOUBLE = 4e-15  # relative: some twenty roundings
+UP = (0, 0, 1)
+SPECIAL = {  # m, b, p; where the formulas degenerate
+    "generic": ((0.1, 0.2, 1.5), (0.6, 0, 0.8), UP),
+    "fast, hanging": ((0.3, -0.2, 4), (0.6, 0, -0.8), UP),
+    "very fast": ((3, 5, 80), (0.6, 0, 0.8), UP),
+    "slow": ((1e-3, 2e-3, 5e-4), (0.6, 0, 0.8), (0, 0, 1e-5)),
+    "no gravity": ((0.3, 0.7, -1.1), (0.2, 0.5, -0.4), (0, 0, 0)),
+    "pendulum released": ((0, 0, 0), (1, 0, 0), UP),
+    "pendulum released near the top": ((0, 0, 0), (1e-3, 0, 1), UP),
+    "pendulum going round": ((0, 3, 0), (0.6, 0, 0.8), UP),
+    "pendulum on the separatrix": ((2, 0, 0), (0, 0, -1), UP),
+    "pendulum off the separatrix by an ulp": ((2 + 4e-16, 0, 0), (0, 0, -1), UP),
+    "pendulum near the separatrix": ((2 + 1e-6, 0, 0), (0, 0, -1), UP),
+    "spherical pendulum": ((0.5, 0.25, -0.5), (1, 0, 1), UP),
+    "c = 0": ((0.5, 0.25, 0), (0.6, 0, 0.8), UP),
+    "sleeping, unstable": ((0, 0, 1), UP, UP),
+    "sleeping, critical": ((0, 0, 2), UP, UP),
+    "sleeping, stable": ((0, 0, 3), UP, UP),
+    "sleeping, unstable, disturbed": ((1e-6, 0, 1), UP, UP),
+    "sleeping, critical, disturbed": ((1e-3, 0, 2), UP, UP),
+    "sleeping, stable, disturbed": ((1e-3, 0, 3), UP, UP),
+    "falling asleep": ((1, 3, 3), (3, 0, 4), (0, 0, 5)),
+    "hanging asleep": ((0, 0, 1.5), (0, 0, -1), UP),
+    "through the top": ((0.5, 0.3, 1.5), UP, UP),
+    "through the bottom": ((0.5, 0.3, 1.5), (0, 0, -1), UP),
+    "steady precession": ((1, 0, 2), (0.5, 0, 0.75), UP),
+    "at rest, up": ((0, 0, 0), UP, UP),
+    "at rest, down": ((0, 0, 0), (0, 0, -1), UP),
+}
+
+
+def random_tops(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    draw = np.random.default_rng(11)
+    return [tuple(draw.normal(size=(3, 3)) * [[2], [1], [1]]) for _ in range(count)]
+
+
+def off(got: np.ndarray, want: np.ndarray) -> float:
+    """The largest difference, relative to the larger of 1 and the largest entry."""
+    return max(float(abs(w - float(g))) for g, w in zip(got.flat, want.flat, strict=True)) / max(1.0, abs(got).max())
+
+
+def off_turn(got: np.ndarray, want: np.ndarray) -> float:
+    return min(off(got, want), off(got, -want))
+
+
+def error(m: object, b: object, p: object, time: float, alpha: float = 0.7, digits: int = 20) -> float:
+    """Of kr.at in both frames, orientation included, against the Taylor series."""
+    m1, b1, q = taylor(m, b, p, time, alpha=alpha, digits=digits)
+    back = algebra.rotation_matrix(q).T
+    rest, body = kr.LagrangeTop(p=p, alpha=alpha), kr.LagrangeTopMoving(A=b, alpha=alpha)
+    run = kr.at(rest, {"m": m, "a": b}, time, orientation=(1, 0, 0, 0))
+    seen = kr.at(body, {"M": m, "P": p}, time, orientation=(1, 0, 0, 0))
+    p_in_digits = np.array([type(m1[0])(float(v)) for v in p], dtype=object)
+    return max(
+        off(run.m.values, m1),
+        off(run.a.values, b1),
+        off_turn(run.g.values, q),
+        off(seen.M.values, back @ m1),
+        off(seen.P.values, back @ p_in_digits),
+        off_turn(seen.g.values, q),
+    )
+
+
+@pytest.mark.parametrize("name", SPECIAL)
+def test_special_motions_against_taylor(name: str) -> None:
+    m, b, p = SPECIAL[name]
+    unit = 0.1 if name in ("very fast", "falling asleep") else 1.0
+    for time in (0.9 * unit, -6.7 * unit):
+        assert error(m, b, p, time) < DOUBLE
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_random_tops_against_taylor(number: int) -> None:
+    draw = np.random.default_rng(number)
+    m, b, p = random_tops(20)[number]
+    assert error(m, b, p, draw.uniform(-5, 5), alpha=draw.uniform(0.2, 2)) < DOUBLE
+
+
+@pytest.mark.parametrize(("name", "time"), [("falling asleep", 7.5), ("pendulum on the separatrix", -33.0)])
+def test_settling_on_the_separatrix(name: str, time: float) -> None:
+    """Against Taylor with digits for e^(70), and asleep ever after."""
+    m, b, p = SPECIAL[name]
+    assert error(m, b, p, time, digits=60) < DOUBLE
+    top = kr.LagrangeTop(p=p)
+    run = kr.at(top, {"m": m, "a": b}, [45.0, 1e12], orientation=(1, 0, 0, 0))
+    asleep = np.linalg.norm(b) / np.linalg.norm(p) * np.array(p)
+    assert abs(run.a.values - asleep).max() < DOUBLE * np.linalg.norm(b)
+    spin = np.dot(m, b) / np.linalg.norm(b)
+    turned = algebra.rotation_matrix(run.g.values) @ np.array(b)
+    assert abs(turned - asleep).max() < 1e-14
+    if name == "falling asleep":
+        rate = float(spin)  # exactly 3
+        later = kr.at(top, {"m": m, "a": b}, [45.0, 45.0 + 2**40], orientation=(1, 0, 0, 0)).g.values
+        with mpmath.workdps(40):
+            angle = float(mpmath.fmod(mpmath.mpf(2) ** 40 * rate, 2 * mpmath.pi))
+        about = np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
+        assert off_turn(algebra.quaternion_product(about, later[0]), later[1]) < 1e-14
+
+
+def quadrature(m: object, b: object, p: object, digits: int) -> tuple[object, object, object]:
+    """Period, azimuth of b about p, and turn about b, in a period by the midpoint rule: no elliptic function.
+
+    z = b.p swings by z'^2 = (m.(b x p))^2, the Gram determinant of m, b, p; z = middle - half cos(psi) makes the
+    integrands periodic, so the rule converges exponentially.
+    """
+    with mpmath.workdps(digits):
+        m, b, p = (np.array([mpmath.mpf(float(v)) for v in w], dtype=object) for w in (m, b, p))
+        A, P2, J, c, E = b @ b, p @ p, m @ b, m @ p, m @ m / 2 + b @ p
+        gram = [mpmath.mpf(2), -2 * E, 2 * (J * c - A * P2), 2 * E * A * P2 - A * c * c - P2 * J * J]
+        z = sorted(mpmath.re(r) for r in mpmath.polyroots(gram, maxsteps=500, extraprec=400))
+        middle, half = (z[0] + z[1]) / 2, (z[1] - z[0]) / 2
+        count, total = 240, [mpmath.mpf(0)] * 3
+        for i in range(count):
+            here = middle - half * mpmath.cos(mpmath.pi * (2 * i + 1) / (2 * count))
+            dt = mpmath.pi / count / mpmath.sqrt(2 * (z[2] - here))
+            rise = A * P2 - here * here
+            rates = (1, mpmath.sqrt(P2) * (c * A - here * J) / rise, mpmath.sqrt(A) * (J * P2 - here * c) / rise)
+            total = [t + 2 * dt * r for t, r in zip(total, rates, strict=True)]
+        return tuple(total)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_million_million_periods_on(number: int) -> None:
+    """b turns by the azimuth in each period, g = Rot_p(azimuth) g Rot_b(...); the rest by Taylor."""
+    digits = 50
+    m, b, p = SPECIAL["generic"] if number == 0 else random_tops(20)[number]
+    period, azimuth, turn = quadrature(m, b, p, digits)
+    with mpmath.workdps(digits):
+        time = float(10**12 * period * (1 + number) * (-1) ** number + 0.12 * period)
+        count = int(mpmath.nint(mpmath.mpf(time) / period))
+        import flint
+
+        flint.ctx.prec = 180
+        rest = flint.arb(mpmath.nstr(mpmath.mpf(time) - count * period, 40))
+        flint.ctx.prec = 53
+        left, right = (float(mpmath.fmod(count * angle, 4 * mpmath.pi)) for angle in (azimuth, turn))
+    m1, b1, q1 = taylor(m, b, p, rest, digits=25)
+    run = kr.at(kr.LagrangeTop(p=p), {"m": m, "a": b}, time, orientation=(1, 0, 0, 0))
+    about_p, about_b = (motions._about(np.array(v, dtype=float), np.array(w)) for v, w in ((p, left), (b, right)))
+    R = algebra.rotation_matrix(about_p)
+    want = algebra.quaternion_product(about_p, algebra.quaternion_product(q1.astype(float), about_b))
+    assert off(run.m.values, R @ m1.astype(float)) < DOUBLE
+    assert off(run.a.values, R @ b1.astype(float)) < DOUBLE
+    assert off_turn(run.g.values, want) < DOUBLE
+
+
+def nutation_of(m: object, b: object, p: object, digits: int = 30) -> Nutation:
+    context = mpmath.MPContext()
+    context.dps = digits
+    return Nutation(context, motions.Integrals.of(*(motions.rationals(v) for v in (m, b, p))))
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_the_papers_map_is_the_flow_after_a_turn(number: int) -> None:
+    """D_eps^N = Rot_p(N theta) Phi_(N tau), D_eps the registry's map in the variables (m, b)."""
+    m, b, p = random_tops(20)[number]
+    nutation = nutation_of(m, b, p)
+    context, steps = nutation.ctx, 1000
+    eps = float(nutation.epsilon(nutation.half_period * (0.1 + 0.07 * number)))
+    r = float(nutation.length(context.mpf(eps)))
+    hat = eps / 2 * algebra.hat(m)
+    a = algebra.resolvent(hat, (b - eps**2 / 4 * r * p)[:, None])[:, 0]
+    assert a @ a == pytest.approx(r, rel=1e-14)
+    top = kr.LagrangeTop(p=p)
+    run = kr.simulate(top, {"m": m, "a": a}, dt=eps, steps=steps, every=steps, method="suris", order=1)
+    m_end, a_end = run.m.values[-1], run.a.values[-1]
+    b_end = a_end - eps / 2 * np.cross(m_end, a_end) + eps**2 / 4 * r * p
+    time = steps * nutation.tau(context.mpf(eps))
+    flown = kr.at(top, {"m": m, "a": b}, float(time))
+    angle = float(context.fmod(steps * nutation.theta(context.mpf(eps)), 2 * context.pi))
+    R = algebra.rotation_matrix(motions._about(p, np.array(angle)))
+    assert off(m_end, R @ flown.m.values) < 1e-9  # the map's own round-off, a thousand times over
+    assert off(b_end, R @ flown.a.values) < 1e-9
+
+
+@pytest.mark.parametrize("name", [n for n in SPECIAL if not n.startswith("at rest")])
+def test_tau_inverts_epsilon(name: str) -> None:
+    nutation = nutation_of(*SPECIAL[name], digits=60)
+    most = min(nutation.half_period, 2)
+    for part in (0.5, -0.3, 1e-3):
+        eps = nutation.epsilon(part * most)
+        if not mpmath.isnan(eps):
+            assert abs(nutation.tau(eps) - part * most) < 1e-25 * most
+
+
+def wrong_theta(nutation: Nutation, eps: object, dual: bool = False) -> object:
+    return -THETA(nutation, eps, dual)
+
+
+def wrong_dual_theta(nutation: Nutation, eps: object, dual: bool = False) -> object:
+    return -THETA(nutation, eps, dual) if dual else THETA(nutation, eps)
+
+
+def half_a_turn_off(nutation: Nutation, dual: bool = False) -> object:
+    return PERIOD_TURN(nutation, dual) - nutation.ctx.pi
+
+
+def turned_back(nutation: Nutation, dual: bool = False) -> object:
+    return -PERIOD_TURN(nutation, dual)
+
+
+def same_turn_in_the_body(nutation: Nutation, dual: bool = False) -> object:
+    return PERIOD_TURN(nutation)
+
+
+def roots_reversed(nutation: Nutation) -> object:
+    return ROOTS(nutation)[::-1]
+
+
+def upper_roots_exchanged(nutation: Nutation) -> object:
+    x1, x2, x3 = ROOTS(nutation)
+    return x1, x3, x2
+
+
+THETA, PERIOD_TURN, ROOTS = Nutation.theta, Nutation.period_turn, Nutation._roots
+MUTANTS = [
+    (Nutation, "theta", wrong_theta),
+    (Nutation, "theta", wrong_dual_theta),
+    (Nutation, "period_turn", half_a_turn_off),
+    (Nutation, "period_turn", turned_back),
+    (Nutation, "period_turn", same_turn_in_the_body),
+    (Nutation, "_roots", roots_reversed),
+    (Nutation, "_roots", upper_roots_exchanged),
+]
+
+
+@pytest.mark.parametrize(("owner", "name", "mutant"), MUTANTS, ids=[f.__name__ for _, _, f in MUTANTS])
+def test_mutants_are_caught(owner: object, name: str, mutant: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    generic = SPECIAL["generic"]
+    assert error(*generic, -6.7) < DOUBLE
+    monkeypatch.setattr(owner, name, mutant)
+    try:
+        assert error(*generic, -6.7) > 10 * DOUBLE
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        pass  # complex or infinite numbers: caught too
+
+
+def test_digits_follow_the_number_of_periods(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without more digits for more periods, a million million of them on, the state would be wrong."""
+    m, b, p = SPECIAL["generic"]
+    top = kr.LagrangeTop(p=p)
+    right = kr.at(top, {"m": m, "a": b}, 1e13).a.values
+    monkeypatch.setattr(Motion, "_digits", lambda self, reach: 60)
+    assert (kr.at(top, {"m": m, "a": b}, 1e13).a.values == right).all()
+    monkeypatch.setattr(Motion, "_digits", lambda self, reach: 20)
+    assert abs(kr.at(top, {"m": m, "a": b}, 1e13).a.values - right).max() > 1e-8
+
+
+# -- the interface ------------------------------------------------------------------------------------
+
+
+def test_simulate_and_at_are_the_same_numbers(top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = {"dt": 0.375, "steps": 403, "every": 4, "method": "exact", "orientation": (1, 0, 0, 0)}  # k dt is a double
+    run = kr.simulate(top, x0, **options)
+    states = kr.at(top, x0, run.time.values, orientation=(1, 0, 0, 0))
+    for name in run.data_vars:
+        assert (run[name].values == states[name].values).all()
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 5)
+    monkeypatch.setattr(runs, "TICK_SECONDS", 0.0)
+    xr.testing.assert_identical(run.drop_attrs(), kr.simulate(top, x0, **options).drop_attrs())
+
+
+def test_times_in_any_order_and_single(top: object, x0: object) -> None:
+    times = np.array([3.0, -2.0, 0.0, 7e5, 3.0])
+    run = kr.at(top, x0, times)
+    assert (run.time.values == times).all()
+    assert (run.a.values[2] == x0.a).all()
+    assert (run.m.values[2] == x0.axial.m).all()
+    for i, time in enumerate(times):
+        alone = kr.at(top, x0, float(time))
+        assert alone.a.dims == ("axis",)
+        assert abs(alone.a.values - run.a.values[i]).max() < DOUBLE
+
+
+def test_flow_property(top: object, x0: object) -> None:
+    """Phi_t Phi_s = Phi_(s+t) and Phi_-t Phi_t = 1, up to what rounding the state between costs."""
+    half = kr.at(top, x0, 1.25)
+    for time, want in ((2.5, kr.at(top, x0, 3.75)), (-1.25, kr.at(top, x0, 0.0))):
+        there = kr.at(top, {"m": half.m.values, "a": half.a.values}, time)
+        assert abs(there.a - want.a).max() < 1e-14
+
+
+def test_integrals_do_not_move(top: object, x0: object) -> None:
+    times = np.random.default_rng(3).uniform(-1e12, 1e12, 2000)
+    run = kr.at(top, x0, np.sort(times))
+    table = kr.drift(run)
+    assert table.kept.all()
+    assert (table.max_change < 2e-14).all(), table.to_string()
+    stepped = kr.drift(kr.simulate(top, x0, dt=0.7, steps=10**9, every=10**6, method="exact"))
+    assert (stepped.max_change < 2e-14).all()
+
+
+def test_lanes_equal_single_motions(top: object) -> None:
+    m, a = np.array([[0.1, 0.2, 1.5], [0.3, -0.2, 4.0]]), np.array([[0.6, 0, 0.8], [0.6, 0, -0.8]])
+    together = kr.at(top, top.state(m=m, a=a), [0.5, 100.0])
+    for lane in (0, 1):
+        alone = kr.at(top, top.state(m=m[lane], a=a[lane]), [0.5, 100.0])
+        for name in ("m", "a", "energy", "spectrum"):
+            assert (together[name].isel(lane=lane).values == alone[name].values).all()
+
+
+def test_symmetric_top_and_moving_frame_agree() -> None:
+    A, state = (0.6, 0, 0.8), {"M": (0.1, 0.2, 1.5), "P": (0, 0, 1)}
+    one = kr.at(kr.SymmetricTop(A=A), state, [11.0, 1e6])
+    two = kr.at(kr.LagrangeTopMoving(A=A, alpha=1), state, [11.0, 1e6])
+    assert (one.M.values == two.M.values).all()
+    assert (one.P.values == two.P.values).all()
+
+
+def test_moving_frame_over_many_calls_of_the_engine() -> None:
+    body = kr.LagrangeTopMoving(A=(0.6, 0, 0.8), alpha=0.6)
+    state = body.state(M=(0.1, 0.2, 1.5), P=(0, 0, 1))
+    options = {"dt": 0.05, "steps": 600, "every": 20, "orientation": (0.6, 0, 0.8, 0)}
+    ours = kr.simulate(body, state, method="exact", **options)
+    theirs = kr.simulate(body, state, method="dop853", **options)
+    assert abs(ours.M - theirs.M).max() < 1e-8
+    assert abs(algebra.rotation_matrix(ours.g.values) - algebra.rotation_matrix(theirs.g.values)).max() < 1e-8
+
+
+def test_times_are_exact_binary_numbers() -> None:
+    times = np.array([0.1, -3e-300, 2.0**900, 0.0, 5e-324])
+    M, e = dyadic(times)
+    assert [float(m * 2**1100 // 2 ** (1100 - int(k))) if k < 0 else float(m * 2 ** int(k)) for m, k in zip(M[2:4], e[2:4], strict=True)] == [2.0**900, 0.0]
+    assert [math.ldexp(m, int(k)) for m, k in zip(M, e, strict=True)] == times.tolist()
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, [0.0, math.nan]), "times must be"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, []), "times must be"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, "soon"), "times must be"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="dop853"), "knows no state"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (0, 0, 0)}, 1), "zero vector"),
+        (lambda top: kr.at("top", {}, 1), "system with its parameters"),
+        (lambda top: kr.at(kr.Clebsch(b=(1, 2, 3)), {"M": (0, 0, 1), "P": (1, 0, 0)}, 1), "No exact flow of clebsch"),
+        (lambda top: kr.at(kr.LagrangeTop(p=(0, 0, 0, 1)), {"m": np.zeros((4, 4)), "a": (1, 0, 0, 0)}, 1), "n = 4 came"),
+        (lambda top: kr.simulate(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=1, steps=1, method="exact", order=2), "no order"),
+    ],
+)
+def test_errors_say_what_to_do(call: object, words: str, top: object) -> None:
+    with pytest.raises(kr.InputError, match=words):
+        call(top)
