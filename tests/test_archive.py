@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,35 @@ def test_what_is_no_archive(name: str, tmp_path: Path) -> None:
         xr.Dataset({"v": ("t", [1.0])}).to_zarr(path, consolidated=False, zarr_format=3)
     with pytest.raises(kr.InputError):
         check_archive(path)
+
+
+@pytest.mark.parametrize("name", ["a", "casimir"])
+def test_check_names_a_missing_variable(name: str, top: object, x0: object, tmp_path: Path) -> None:
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
+    shutil.rmtree(tmp_path / "run.zarr" / name)
+    run, faults = check_archive(tmp_path / "run.zarr")
+    assert faults == [f"{name} is missing"]
+    if name == "a":
+        with pytest.raises(kr.InputError, match="lacks a of its state"):
+            kr.plot(run)
+
+
+def test_lost_attributes_are_named(top: object, x0: object, tmp_path: Path) -> None:
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
+    group = zarr.open_group(tmp_path / "run.zarr")
+    kept = {k: v for k, v in group.attrs.asdict().items() if k not in ("dt", "system")}
+    group.attrs.put(kept)
+    with pytest.raises(kr.InputError, match="lack system, dt"):
+        check_archive(tmp_path / "run.zarr")
+
+
+def test_what_a_user_adds_is_left_alone(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    attrs = kr.simulate(top, x0, path=path, **OPTIONS).attrs
+    xr.Dataset({"tilt": ("time", np.zeros(35))}, attrs=attrs).to_zarr(path, mode="a", consolidated=False)
+    run, faults = check_archive(path)
+    assert faults == []
+    assert list(run)[-1] == "tilt"
 
 
 def test_unwritable_places(top: object, x0: object, tmp_path: Path) -> None:

@@ -31,19 +31,19 @@ from kreisel.systems import (
 
 if TYPE_CHECKING:
     from kreisel.runs.at import at
-    from kreisel.runs.archive import open_archive as _open_archive  # noqa: F401
     from kreisel.runs.drift import drift
+    from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import simulate
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
 
 _LAZY = {
+    "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "simulate": "kreisel.runs.simulate",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
-    "open": "kreisel.runs.opening",
 }
 
 __all__ = [
@@ -59,6 +59,7 @@ __all__ = [
     "SymmetricTop",
     "at",
     "drift",
+    "nutation",
     "plot",
     "simulate",
     "systems",

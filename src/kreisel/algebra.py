@@ -131,12 +131,12 @@ def pairing(X: Array, Y: Array) -> Array:
 
 
 def wedge(x: Array, y: Array) -> Array:
-    """X ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
+    """The wedge product x ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
     return x[..., :, None] * y[..., None, :] - y[..., :, None] * x[..., None, :]
 
 
 def act(X: Array, v: Array) -> Array:
-    """X v for a batch of matrices and vectors."""
+    """The product X v for a batch of matrices and vectors."""
     return (X @ v[..., None])[..., 0]
 
 
@@ -201,7 +201,7 @@ def _resolvent(X: Array, V: Array) -> Array:
 
 
 def _add_product(C: Array, X: Array, V: Array) -> Array:
-    """C + X V.  Object arrays are summed from C on, so that kernels fuse each product into the sum unrounded."""
+    """C + X V: object arrays are summed from C on, so that kernels fuse each product into the sum unrounded."""
     if not holds_objects(C):
         return C + X @ V
     for k in range(X.shape[-1]):
@@ -268,7 +268,7 @@ def turn_left(X: Array, g: Array) -> Array:
 
 
 def turn_right(g: Array, X: Array) -> Array:
-    """G cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
+    """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
     return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(quaternion_product(g, _half_turn(X)))
 
 

@@ -1,4 +1,4 @@
-"""The command line: run, check, plot, systems.  Bad input ends with exit code 2 and one message."""
+"""The command line: run, check, plot, systems, verify.  Bad input ends with exit code 2 and one message."""
 
 from __future__ import annotations
 
@@ -109,8 +109,9 @@ def plot(
     """Draw the figure of an archive."""
     from kreisel.runs.archive import open_archive
 
-    target = out or archive.with_suffix(".png")
-    _save_figure(open_archive(archive), target, open_archive(compare) if compare else None)
+    result = open_archive(archive)
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
+    _save_figure(result, target, open_archive(compare) if compare else None)
     print(f"figure: {target}")
 
 
@@ -132,14 +133,81 @@ def systems(
         print(table(REGISTRY.values()))
 
 
+@app.command()
+def verify(
+    name: Annotated[str | None, typer.Argument(help="A row, or the beginning of names, such as theorem.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Name the rows without testing them.")] = False,
+    as_json: AsJson = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
+) -> None:
+    """Every theorem and displayed identity of the paper, exactly over Q and in floats, n = 3 to 6."""
+    from rich.console import Console
+
+    from kreisel.lab import paper
+    from kreisel.lab.paper import rows
+
+    if listed:
+        for row in rows.chosen(name):
+            print(f"{row.name:32}{row.place}")
+        return
+    console = Console(stderr=True)
+    findings: list[paper.Finding] = []
+    asked = rows.chosen(name)
+    with console.status("") as status:
+        for row in asked:
+            status.update(f"{row.name} ({len(findings) + 1} of {len(asked)})")
+            findings.append(paper.test(row))
+            if not (as_json or markdown):
+                _print_finding(findings[-1])
+    if as_json:
+        _print_json([_told(finding) for finding in findings])
+    elif markdown:
+        print(rows.markdown(findings), end="")
+    failing = [finding.row.name for finding in findings if not finding.holds]
+    if not (as_json or markdown):
+        errata = sum(finding.row.printed is not None for finding in findings)
+        print(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
+    if failing:
+        raise typer.Exit(1)
+
+
+def _print_finding(finding: Any) -> None:
+    from kreisel.lab.paper import rows
+
+    n, over_q, floats, verdict = rows.cells(finding)
+    row = finding.row
+    print(f"{row.name}: {row.place}\n    {row.statement}")
+    print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
+
+
+def _told(finding: Any) -> dict[str, Any]:
+    row = finding.row
+    return {
+        "row": row.name,
+        "place": row.place,
+        "statement": row.statement,
+        "erratum": row.erratum,
+        "n": finding.dimensions,
+        "exact": finding.over_q,
+        "float": finding.in_floats,
+        "printed": finding.printed,
+        "holds": finding.holds,
+        "verdict": finding.verdict,
+    }
+
+
 def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
     from kreisel.view.plots import plot as draw
 
+    if not target.name:
+        raise InputError(f"The figure needs a name such as top.png; {str(target)!r} came.")
     scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         draw(result, compare=compare).savefig(scratch)
         scratch.replace(target)
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         scratch.unlink(missing_ok=True)
         raise InputError(

@@ -95,14 +95,14 @@ class Motion:
             return DIGITS
         periods = max(0, int(ctx.log10(1 + reach * ctx.sqrt(scale))) + 1)
         if I.separatrix:
-            away = self._e_foldings()
+            away = self.e_foldings()
             return DIGITS + periods + (int(2 * (SETTLED + away) / math.log(10)) if math.isfinite(away) else 0)
         if I.discriminant == 0:
             return DIGITS + periods
         closeness = ctx.log10((4 * scale) ** 6 / number(ctx, I.discriminant))
         return int(DIGITS + periods + max(0, closeness))
 
-    def _e_foldings(self) -> float:
+    def e_foldings(self) -> float:
         """How far a separatrix motion is from the steady one that it tends to, x = x3; infinite if it is that."""
         ctx, I = self.ctx, self.integrals
         if I.coincident is None:
@@ -146,7 +146,7 @@ class Motion:
 
         For x3 = 2 (|b||p| - E) then: C <= 0 at b.p = |b||p|, so x2 <= 2 (|b||p| - E) <= x3 always.
         """
-        away, (x1, _, x3) = self._e_foldings(), self.nutation.x
+        away, (x1, _, x3) = self.e_foldings(), self.nutation.x
         if not math.isfinite(away):
             return 0
         return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 1
+NEEDED = ("title", "system", "n", "parameters", "method", "options", "dt", "steps", "every")  # attributes
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -330,8 +331,18 @@ def open_archive(path: Path) -> xr.Dataset:
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
     if run.attrs.get("kreisel_format") != FORMAT:
         raise InputError(f"{path} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
-    order = ("state", "orientation", *KINDS)
-    return run[sorted(run.data_vars, key=lambda name: (order.index(run[name].attrs["kind"]), str(name)))]
+    missing = [key for key in NEEDED if key not in run.attrs]
+    if missing:
+        raise InputError(
+            f"{path} is damaged: its attributes lack {', '.join(missing)}. Make it again from its TOML file."
+        )
+    return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
+
+
+def _place(variable: xr.DataArray) -> int:
+    """States first, then the orientation, Casimirs, integrals, and what a user has added."""
+    order, kind = ("state", "orientation", *KINDS), variable.attrs.get("kind")
+    return order.index(kind) if kind in order else len(order)
 
 
 def model_of(run: xr.Dataset) -> Model:

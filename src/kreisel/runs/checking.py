@@ -55,6 +55,9 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     options = json.loads(run.attrs["options"])
     plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
     kinds = dict(model.system.space.components)
+    missing = [f"{name} is missing" for name in plan.outcomes if name not in run]
+    if missing:
+        return missing
     state = tuple(algebra.hat(run[k].values) if kinds[k] == "skew" and model.n == 3 else run[k].values for k in kinds)
     outputs = plan.observe(plan.reopen(state))
     faults = []

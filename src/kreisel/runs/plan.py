@@ -49,14 +49,8 @@ class Plan:
     batched: bool
 
     @property
-    def saved_steps(self) -> list[int]:
-        """Steps at which rows are saved: 0, every, 2 every, ... and the last."""
-        regular = list(range(0, self.steps + 1, self.every))
-        return regular if regular[-1] == self.steps else [*regular, self.steps]
-
-    @property
     def rows(self) -> int:
-        """How many rows are saved."""
+        """How many rows are saved: those of the steps 0, every, 2 every, ... and the last."""
         return 1 + self.steps // self.every + (self.steps % self.every > 0)
 
     @property
@@ -88,7 +82,7 @@ def make_plan(
     orientation: Any,
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
-    _check_model(model)
+    check_model(model)
     dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
@@ -96,8 +90,9 @@ def make_plan(
         )
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
+    state = checked_state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
-    start = _start(model, x0, plan, orientation)
+    start = _start(model, state, plan, orientation)
     return Plan(
         model=model,
         scheme=plan,
@@ -114,28 +109,29 @@ def plan_of_times(model: Any, x0: Any, *, reach: float, method: str, orientation
     """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
     from kreisel.engines.closed import ClosedForm
 
-    _check_model(model)
+    check_model(model)
+    state = checked_state(model, x0)
     plan = scheme(model, method, reach, None, orientation is not None)
     if plan.orbit is None:
         raise InputError(
             f"method={method!r} makes steps and knows no state at a given time: use kr.simulate, or method='exact'."
         )
-    start = _start(model, x0, plan, orientation)
+    start = _start(model, state, plan, orientation)
     engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), 0.0, reach)
     lanes = math.prod(start.shape[:-1])
     return Plan(model, plan, engine, dt=0.0, steps=0, every=1, lanes=lanes, batched=start.ndim > 1), engine
 
 
-def _check_model(model: Any) -> None:
+def check_model(model: Any) -> None:
+    """Raises `InputError` for what is not a system with its parameters."""
     if not isinstance(model, Model):
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
         )
 
 
-def _start(model: Model, x0: Any, plan: Scheme, orientation: Any) -> Floats:
-    """The checked initial state in the scheme's own variables, (d,) or (lanes, d)."""
-    state = x0 if isinstance(x0, State) else _state(model, x0)
+def _start(model: Model, state: State, plan: Scheme, orientation: Any) -> Floats:
+    """The initial state in the scheme's own variables, (d,) or (lanes, d), and the checked orientation."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     if orientation is not None:
         parts += (_orientation(orientation, model),)
@@ -177,8 +173,9 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
     return np.asarray(layout.flatten(plan.prepare(spread), kinds))
 
 
-def _state(model: Model, x0: Any) -> State:
-    if not isinstance(x0, Mapping):
+def checked_state(model: Model, x0: Any) -> State:
+    """The state of this system that a user gave.  Raises `InputError`."""
+    if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         raise InputError(f"The initial state must come from system.state({letters}) or be a dict; {x0!r} came.")
     return model.state(**x0)
