@@ -13,6 +13,7 @@ from kreisel.algebra import Array
 from kreisel.contract import Frame
 from kreisel.errors import InputError
 from kreisel.methods.motion import Motion
+from kreisel.methods.nutation import Number, number, rationals
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Orbit, Scheme
 from kreisel.model import Model
@@ -28,6 +29,37 @@ def motion(
     b, p = (second, constants["p"]) if frame is Frame.REST else (constants["A"], second)
     kappa = 1 / Fraction(float(constants.get("alpha", 1.0))) - 1  # omega = m + kappa (m.b) b/|b|^2
     return Motion(first, b, p, reach=reach, spin_factor=kappa)
+
+
+def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
+    """The iterates of the paper's map in the rest frame, n = 3, in closed form; its clock counts steps.
+
+    In (m, b), b = (I - eps/2 m) a + s |a|^2 p, the map is D_eps: k steps are the flow over k tau, then the turn k theta
+    about p.  Both branches of r = |a|^2 as a function of the integrals occur; the state says which.
+    """
+    m, a, p = (rationals(v) for v in (algebra.axial(z0[0]), z0[1], constants["p"]))
+    eps = Fraction(float(constants["eps"]))
+    s, r, hat = eps * eps / 4, algebra.dot(a, a), algebra.hat(m)
+    b = a - eps / 2 * algebra.act(hat, a) + s * r * p
+    here = Motion(m, b, p, reach=0.0)
+    I = here.integrals
+    root = 2 * (I.A + s * I.J**2) / r - (1 + 2 * s * I.E + 2 * s * s * I.J * I.c)
+
+    def clock() -> tuple[Number, Number]:
+        step = number(here.ctx, eps)
+        return (here.nutation.tau(step), here.nutation.theta(step)) if root >= 0 else here.nutation.beyond(step)
+
+    here = Motion(m, b, p, reach=reach * abs(float(clock()[0])))
+    tau, theta = clock()
+    shift = float(s * r) * p.astype(np.float64)
+
+    def at(M: Array, e: Array) -> tuple[Array, ...]:
+        k = (M << np.maximum(e, 0).astype(object)) >> np.maximum(-e, 0).astype(object)
+        m, b = here.iterate(k, tau, theta)
+        hat = algebra.hat(m)
+        return hat, algebra.resolvent(float(eps) / 2 * hat, (b - shift)[..., None])[..., 0]
+
+    return at
 
 
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:

@@ -203,20 +203,30 @@ class Motion:
             return tuple(v[:1] for v in self.at(np.repeat(M, 2), np.repeat(e, 2), oriented))
         low = int(e.min(initial=0))
         scaled, bits = M << (e - low).astype(object), self.bits - low  # times in units of 2^low
-        v = scaled * self.per_part  # in parts, with `bits` binary places
+        spun = _turns(scaled * self.spin, bits)
+        return self._at_parts(scaled * self.per_part, bits, 0.0, spun, oriented)
+
+    def iterate(self, k: Array, tau: Number, theta: Number) -> tuple[Array, ...]:
+        """m, b after k steps, Python integers (steps,), of a map that is the flow over tau and the turn theta about p."""
+        if len(k) == 1:
+            return tuple(v[:1] for v in self.iterate(np.repeat(k, 2), tau, theta))
+        turned = _turns(k * self._fixed(theta / (2 * self.ctx.pi)), self.bits)
+        return self._at_parts(k * self._fixed(tau / self.part), self.bits, turned, 0.0, oriented=False)
+
+    def _at_parts(self, v: Array, bits: int, left: Array, right: Array, oriented: bool) -> tuple[Array, ...]:
+        """At times v in parts, integers with `bits` binary places, and with further turns about p and b."""
         n = (v + (1 << (bits - 1))) >> bits
         k, j = 0 * n, n
         if self.parts:
             k = (n + self.parts // 2) // self.parts
             j = n - k * self.parts
-        left, right = _turns(k * self.turns[0], self.bits), -_turns(k * self.turns[1], self.bits)
+        left, right = left + _turns(k * self.turns[0], self.bits), right - _turns(k * self.turns[1], self.bits)
         rest = v - (n << bits)
         if self.settled is not None:
             j = np.minimum(np.maximum(n, -self.settled), self.settled)
             beyond = np.where(j == n, 0, v - (j << bits))
             rest = np.where(j == n, rest, 0)
-            right = _turns(beyond * self.sleeping, bits + self.bits)
-        right = right + _turns(scaled * self.spin, bits)
+            right = right + _turns(beyond * self.sleeping, bits + self.bits)
         h = (rest >> (bits - FRACTION)).astype(np.float64) * 2.0**-FRACTION * float(self.part)
         places, which = np.unique(j.astype(np.int64), return_inverse=True)
         start = np.array([self.anchor(int(place)) for place in places])[which]

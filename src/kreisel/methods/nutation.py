@@ -36,8 +36,8 @@ def darboux(m: Array, b: Array, p: Array, eps: Array, r: Array) -> tuple[Array, 
 
 
 def rationals(x: Array) -> Array:
-    """An array of doubles as exact rationals."""
-    return np.vectorize(Fraction, otypes=[object])(np.asarray(x, dtype=np.float64))
+    """An array of doubles, or of rationals, as exact rationals."""
+    return np.vectorize(Fraction, otypes=[object])(np.asarray(x))
 
 
 @dataclass(frozen=True)
@@ -161,6 +161,19 @@ class Nutation:
             return c * self.half_period / p + (ctx.pi if nearest == x2 else 0)
         lag = number(ctx, I.K) / (3 * P2) * ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
         return ctx.pi - 2 * p * (-c / (2 * P2) * self.half_period + lag)
+
+    def beyond(self, eps: Number) -> tuple[Number, Number]:
+        """(tau, theta) of the map on the other branch of r, where the square root in it is negative.
+
+        With growing step the map comes there through x0 = x3, tau = omega_1; as eps -> 0 it becomes the half-turn
+        about p.
+        """
+        ctx, I, eps = self.ctx, self.integrals, self.ctx.convert(eps)
+        time = ctx.sign(eps) * 2 * self.half_period - self.tau(eps)
+        if I.P2 == 0:
+            return time, ctx.zero
+        lean = 2 * ctx.atan(eps * number(ctx, I.c) / (2 * ctx.sqrt(number(ctx, I.P2))))
+        return time, ctx.sign(eps) * (ctx.pi - self.period_turn()) - self.theta(eps) + lean
 
     def epsilon(self, h: Number) -> Number:
         """eps with tau(eps) = h, for |h| <= omega_1: 4/eps^2 = x3 + (x3 - x1) cs^2(u, k).

@@ -36,7 +36,8 @@ class Scheme:
     prepare(x0)            -> z0        once
     step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
-    orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane
+    orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane; a map, which
+                                        also states its step, has whole times and counts steps
     observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
     reopen(x)              -> z         from an observed state back to the method's own variables
     """

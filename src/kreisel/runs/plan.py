@@ -83,7 +83,7 @@ def make_plan(
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
-    dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
+    dt, steps, every = positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
             f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
@@ -105,21 +105,24 @@ def make_plan(
     )
 
 
-def plan_of_times(model: Any, x0: Any, *, reach: float, method: str, orientation: Any) -> tuple[Plan, ClosedForm]:
+def plan_of_times(
+    model: Any, x0: Any, *, reach: float, method: str, dt: float, order: int | None, orientation: Any
+) -> tuple[Plan, ClosedForm]:
     """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
     from kreisel.engines.closed import ClosedForm
 
     check_model(model)
     state = checked_state(model, x0)
-    plan = scheme(model, method, reach, None, orientation is not None)
+    plan = scheme(model, method, dt, order, orientation is not None)
     if plan.orbit is None:
         raise InputError(
-            f"method={method!r} makes steps and knows no state at a given time: use kr.simulate, or method='exact'."
+            f"No closed form of method={method!r} for {model.system.name} is known here, with n = {model.n}"
+            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate, or method='exact' for a Lagrange top."
         )
     start = _start(model, state, plan, orientation)
-    engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), 0.0, reach)
+    engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
     lanes = math.prod(start.shape[:-1])
-    return Plan(model, plan, engine, dt=0.0, steps=0, every=1, lanes=lanes, batched=start.ndim > 1), engine
+    return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1), engine
 
 
 def check_model(model: Any) -> None:
@@ -139,14 +142,14 @@ def _start(model: Model, state: State, plan: Scheme, orientation: Any) -> Floats
 
 
 def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
-    if plan.orbit is not None:
-        from kreisel.engines.closed import ClosedForm
-
-        return ClosedForm(plan, start, dt, steps * dt)
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
         return Kernel(plan, start)
+    if plan.orbit is not None:
+        from kreisel.engines.closed import ClosedForm
+
+        return ClosedForm(plan, start, dt, steps * dt)
     from kreisel.engines.ode import Reference
 
     return Reference(plan, start, dt)
@@ -181,7 +184,8 @@ def checked_state(model: Model, x0: Any) -> State:
     return model.state(**x0)
 
 
-def _positive(value: Any, name: str) -> float:
+def positive(value: Any, name: str) -> float:
+    """A positive number.  Raises `InputError`."""
     try:
         number = float(value)
     except (TypeError, ValueError):
