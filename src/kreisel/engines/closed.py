@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.methods.scheme import Orbit, Scheme
@@ -28,7 +29,7 @@ def orbits(scheme: Scheme, z0: Floats, reach: float) -> list[Orbit]:
     ]
 
 
-def dyadic(times: Floats) -> tuple[Floats, Floats]:
+def dyadic(times: Floats) -> tuple[Array, Array]:
     """Doubles as M 2^e, exactly: M Python integers in an object array."""
     fraction, exponent = np.frexp(times)
     return (fraction * 2.0**53).astype(np.int64).astype(object), exponent.astype(np.int64) - 53
@@ -55,7 +56,7 @@ class ClosedForm:
         self._rows(out, *dyadic(times))
         return out
 
-    def _rows(self, out: Floats, M: Floats, e: Floats) -> None:
+    def _rows(self, out: Floats, M: Array, e: Array) -> None:
         for first in range(0, len(out), ROWS):
             here = slice(first, first + ROWS)
             for lane, orbit in enumerate(self._orbits):

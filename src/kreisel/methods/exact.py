@@ -21,9 +21,7 @@ from kreisel.model import Model
 KNOWN = ("lagrange-top", "lagrange-top-moving", "symmetric-top")
 
 
-def motion(
-    frame: Frame, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float
-) -> Motion:
+def motion(frame: Frame, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
     """The motion in the rest frame; that of the moving frame at time 0 where the state is given there."""
     first, second = algebra.axial(state[0]), state[1]
     b, p = (second, constants["p"]) if frame is Frame.REST else (constants["A"], second)
@@ -42,8 +40,8 @@ def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float
     s, r, hat = eps * eps / 4, algebra.dot(a, a), algebra.hat(m)
     b = a - eps / 2 * algebra.act(hat, a) + s * r * p
     here = Motion(m, b, p, reach=0.0)
-    I = here.integrals
-    root = 2 * (I.A + s * I.J**2) / r - (1 + 2 * s * I.E + 2 * s * s * I.J * I.c)
+    known = here.integrals
+    root = 2 * (known.A + s * known.J**2) / r - (1 + 2 * s * known.E + 2 * s * s * known.J * known.c)
 
     def clock() -> tuple[Number, Number]:
         step = number(here.ctx, eps)
@@ -90,8 +88,10 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
 
         def at(M: Array, e: Array) -> tuple[Array, ...]:
             m, b, *turned = here.at(M, e, oriented=oriented or frame is Frame.MOVING)
-            g = tuple(algebra.quaternion_product(start, q) if frame is Frame.MOVING else algebra.quaternion_product(q, start)
-                      for start, q in zip(z0[2:], turned, strict=False))
+            g = tuple(
+                algebra.quaternion_product(start, q) if frame is Frame.MOVING else algebra.quaternion_product(q, start)
+                for start, q in zip(z0[2:], turned, strict=False)
+            )
             if frame is Frame.REST:
                 return (algebra.hat(m), b, *g)
             back = algebra.rotation_matrix(turned[0]).mT

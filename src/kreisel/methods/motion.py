@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
@@ -42,23 +41,23 @@ def _power(f: Series, exponent: Number) -> Series:
 
 def _weierstrass(nutation: Nutation) -> Series:
     """Y with 4/eps^2 = x0 = 4 Y(h^2)/h^2: x0 = 4 wp(h) - 4E/3, wp'^2 = 4 wp^3 - g2 wp - g3."""
-    ctx, I = nutation.ctx, nutation.integrals
-    u, v = (number(ctx, w) for w in I.depressed)
+    ctx, known = nutation.ctx, nutation.integrals
+    u, v = (number(ctx, w) for w in known.depressed)
     wp = [ctx.one, ctx.zero, -u / 80, -v / 448]  # 1, 0, g2/20, g3/28 with g2 = -u/4, g3 = -v/16
     for k in range(4, TERMS):
         wp.append(3 * sum(wp[i] * wp[k - i] for i in range(2, k - 1)) / ((2 * k + 1) * (k - 3)))
-    wp[1] = -number(ctx, I.E) / 3
+    wp[1] = -number(ctx, known.E) / 3
     return wp
 
 
-def _theta_series(nutation: Nutation, I: Integrals, Y: Series, eps: Series) -> Series:
-    """theta(h)/h in powers of h^2, from theta' = -|p|c/(2 P2) + (4 eps' c + |p| K h^2/P2 * ...) ; see `Nutation.theta`."""
+def _theta_series(nutation: Nutation, known: Integrals, Y: Series, eps: Series) -> Series:
+    """Powers of h^2 in theta(h)/h: theta' = c/(2|p|) (eps'/(1 + s c^2/P2) - 1) + |p| K/(2 P2) s/(1 + s c^2/P2)."""
     ctx = nutation.ctx
-    if I.P2 == 0:
+    if known.P2 == 0:
         return [ctx.zero] * TERMS
-    P2, c, K = (number(ctx, w) for w in (I.P2, I.c, I.K))
+    P2, c, K = (number(ctx, w) for w in (known.P2, known.c, known.K))
     p = ctx.sqrt(P2)
-    shifted = Y[:1] + [Y[1] + c * c / (4 * P2), *Y[2:]]  # Y (1 + s c^2/P2),  s = h^2/(4Y)
+    shifted = [Y[0], Y[1] + c * c / (4 * P2), *Y[2:]]  # Y (1 + s c^2/P2),  s = h^2/(4Y)
     inverse = _power(shifted, ctx.mpf(-1))
     turn = _product([(2 * k + 1) * e for k, e in enumerate(eps)], _product(Y, inverse))  # eps'/(1 + s c^2/P2)
     lag = [ctx.zero, *inverse[:-1]]  # 4 s/(1 + s c^2/P2)
@@ -70,8 +69,8 @@ def _theta_series(nutation: Nutation, I: Integrals, Y: Series, eps: Series) -> S
 class Motion:
     """The motion through (m, b), axial vectors, under p: state and orientation at times M 2^e.
 
-    `reach` is the largest |time| that will be asked; `spin` a further constant angular velocity of the body about its
-    axis b.  Extended digits serve the set-up only.
+    `reach` is the largest |time| that will be asked; the body turns about its axis b by spin_factor (m.b)/|b| more than
+    m says, without an effect on m and b.
     """
 
     def __init__(self, m: Array, b: Array, p: Array, *, reach: float, spin_factor: Fraction = NONE):
@@ -79,9 +78,9 @@ class Motion:
 
         self.ctx = ctx = mpmath.MPContext()
         self.m, self.b, self.p = (rationals(v) for v in (m, b, p))
-        self.integrals = I = Integrals.of(self.m, self.b, self.p)
+        self.integrals = known = Integrals.of(self.m, self.b, self.p)
         ctx.dps = self._digits(reach)
-        self.nutation = Nutation(ctx, I)
+        self.nutation = Nutation(ctx, known)
         self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
         self._series()
         self._clock(reach, spin_factor)
@@ -89,44 +88,48 @@ class Motion:
 
     def _digits(self, reach: float) -> int:
         """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
-        ctx, I = self.ctx, self.integrals
-        scale = max(number(ctx, abs(I.E)), ctx.sqrt(number(ctx, I.A * I.P2)), ctx.sqrt(abs(number(ctx, I.J * I.c))))
+        ctx, known = self.ctx, self.integrals
+        scale = max(
+            number(ctx, abs(known.E)),
+            ctx.sqrt(number(ctx, known.A * known.P2)),
+            ctx.sqrt(abs(number(ctx, known.J * known.c))),
+        )
         if scale == 0:
             return DIGITS
         periods = max(0, int(ctx.log10(1 + reach * ctx.sqrt(scale))) + 1)
-        if I.separatrix:
+        if known.separatrix:
             away = self.e_foldings()
             return DIGITS + periods + (int(2 * (SETTLED + away) / math.log(10)) if math.isfinite(away) else 0)
-        if I.discriminant == 0:
+        if known.discriminant == 0:
             return DIGITS + periods
-        closeness = ctx.log10((4 * scale) ** 6 / number(ctx, I.discriminant))
+        closeness = ctx.log10((4 * scale) ** 6 / number(ctx, known.discriminant))
         return int(DIGITS + periods + max(0, closeness))
 
     def e_foldings(self) -> float:
         """How far a separatrix motion is from the steady one that it tends to, x = x3; infinite if it is that."""
-        ctx, I = self.ctx, self.integrals
-        if I.coincident is None:
+        ctx, known = self.ctx, self.integrals
+        if known.coincident is None:
             return 0.0
-        x1, _, x3 = I.coincident
-        gap = x3 - 2 * (algebra.dot(self.b, self.p) - I.E)
+        x1, _, x3 = known.coincident
+        gap = x3 - 2 * (algebra.dot(self.b, self.p) - known.E)
         return float(ctx.log(number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
 
     def _series(self) -> None:
         """The series of eps and the two thetas, and the |h| up to which they hold."""
-        ctx, nutation, I = self.ctx, self.nutation, self.integrals
+        ctx, nutation, known = self.ctx, self.nutation, self.integrals
         Y = _weierstrass(nutation)
         eps = _power(Y, ctx.mpf(-0.5))
-        series = [eps, _theta_series(nutation, I, Y, eps), _theta_series(nutation, I.dual, Y, eps)]
+        series = [eps, _theta_series(nutation, known, Y, eps), _theta_series(nutation, known.dual, Y, eps)]
         tail = [(k, f[k]) for f in series for k in range(TERMS - 4, TERMS) if f[k] != 0]
-        rate = ctx.sqrt(algebra.dot(self._mp[0], self._mp[0])) + ctx.sqrt(ctx.sqrt(number(ctx, I.A * I.P2)))
+        rate = ctx.sqrt(algebra.dot(self._mp[0], self._mp[0])) + ctx.sqrt(ctx.sqrt(number(ctx, known.A * known.P2)))
         most = [1 / rate] if rate else [ctx.one]
         self.longest = min(most + [(TAIL / abs(v)) ** (ctx.one / (2 * k)) for k, v in tail])
         self.series = [np.array([float(v * self.longest ** (2 * k)) for k, v in enumerate(f)]) for f in series]
 
     def _clock(self, reach: float, spin_factor: Fraction) -> None:
         """Parts of the period, and all rates as integers of `bits` binary places."""
-        ctx, nutation, I = self.ctx, self.nutation, self.integrals
-        if I.separatrix or nutation.half_period > reach + self.longest:
+        ctx, nutation, known = self.ctx, self.nutation, self.integrals
+        if known.separatrix or nutation.half_period > reach + self.longest:
             self.parts, self.part = 0, 2 * self.longest
         else:
             self.parts = int(ctx.ceil(nutation.half_period / self.longest))
@@ -136,10 +139,10 @@ class Motion:
         self.per_part = self._fixed(1 / self.part)
         turn = 2 * ctx.pi
         self.turns = [self._fixed(nutation.period_turn(dual) / turn) if self.parts else 0 for dual in (False, True)]
-        spin = number(ctx, spin_factor * I.J) / ctx.sqrt(number(ctx, I.A))
+        spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A))
         self.spin = self._fixed(spin / turn)
-        self.settled = self._settled() if I.separatrix else None
-        self.sleeping = self._fixed(number(ctx, I.J) / ctx.sqrt(number(ctx, I.A)) * self.part / turn)
+        self.settled = self._settled() if known.separatrix else None
+        self.sleeping = self._fixed(number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) * self.part / turn)
 
     def _settled(self) -> int:
         """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
@@ -165,7 +168,7 @@ class Motion:
 
     def jump(self, h: Number) -> tuple[Array, Array, Array]:
         """The flow over |h| <= omega_1: m, b (axial), orientation (unit quaternion), in extended digits."""
-        ctx, nutation, I = self.ctx, self.nutation, self.integrals
+        ctx, nutation, known = self.ctx, self.nutation, self.integrals
         m, b, p = self._mp
         q = np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero], dtype=object)
         if h == 0:
@@ -178,9 +181,9 @@ class Motion:
             old = b
             hat_m, b, a = darboux(hat_m, b, p, eps, r)
             q = algebra.quaternion_product(half_turns(a, old), q)
-        A = ctx.sqrt(number(ctx, I.A))
+        A = ctx.sqrt(number(ctx, known.A))
         left = -count * nutation.theta(eps)
-        right = count * (2 * ctx.atan(eps * number(ctx, I.J) / (2 * A)) + nutation.theta(eps, dual=True))
+        right = count * (2 * ctx.atan(eps * number(ctx, known.J) / (2 * A)) + nutation.theta(eps, dual=True))
         turn = self._about(p, left)
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), self._about(axis, right))
         R = algebra.rotation_matrix(turn)
@@ -195,7 +198,7 @@ class Motion:
     # -- in doubles ------------------------------------------------------------------------------------
 
     def at(self, M: Array, e: Array, oriented: bool = False) -> tuple[Array, ...]:
-        """m (..., 3), b (..., 3) and, if asked, the orientation (..., 4) at times M 2^e.
+        """The axial m and b, (times, 3), and, if asked, the orientation (times, 4) at times M 2^e.
 
         M are Python integers in an object array, e small integers; both of shape (times,).
         """
@@ -207,7 +210,7 @@ class Motion:
         return self._at_parts(scaled * self.per_part, bits, 0.0, spun, oriented)
 
     def iterate(self, k: Array, tau: Number, theta: Number) -> tuple[Array, ...]:
-        """m, b after k steps, Python integers (steps,), of a map that is the flow over tau and the turn theta about p."""
+        """The axial m and b after k steps (integers) of a map: the flow over tau, then the turn theta about p."""
         if len(k) == 1:
             return tuple(v[:1] for v in self.iterate(np.repeat(k, 2), tau, theta))
         turned = _turns(k * self._fixed(theta / (2 * self.ctx.pi)), self.bits)
@@ -237,17 +240,17 @@ class Motion:
         polyval = np.polynomial.polynomial.polyval
         y = (h / float(self.longest)) ** 2
         eps, theta, theta_dual = (h * polyval(y, f) for f in self.series)
-        I = self.integrals
-        A, J, c, E = (float(v) for v in (I.A, I.J, I.c, I.E))
+        known = self.integrals
+        A, J, c, E = (float(v) for v in (known.A, known.J, known.c, known.E))
         x = [float(v) for v in self.nutation.x]
         m, b, p = algebra.hat(start[:, :3]), start[:, 3:6], self.p.astype(np.float64)
         m1, b1, a = darboux(m, b, p, eps, squared_length(np.sqrt, eps * eps / 4, x, A, J, c, E))
-        turn = _about(p, left - theta)
+        turn = rotation(p, left - theta)
         R = algebra.rotation_matrix(turn)
         out = algebra.act(R, algebra.axial(m1)), algebra.act(R, b1)
         if not oriented:
             return out
-        spun = _about(self.b.astype(np.float64), right + theta_dual + 2 * np.arctan(eps * J / (2 * math.sqrt(A))))
+        spun = rotation(self.b.astype(np.float64), right + theta_dual + 2 * np.arctan(eps * J / (2 * math.sqrt(A))))
         q = start[:, 6:]
         for left_factor in (half_turns(a, b), turn):
             q = algebra.quaternion_product(left_factor, q)
@@ -266,7 +269,7 @@ def _turns(scaled: Array, bits: int) -> Array:
     return part.astype(np.float64) * (2.0**-FRACTION * 2 * np.pi)
 
 
-def _about(axis: Array, angle: Array) -> Array:
+def rotation(axis: Array, angle: Array) -> Array:
     """The turn about an axis, of any length, as a unit quaternion."""
     length = math.sqrt(algebra.dot(axis, axis))
     along = np.sin(angle / 2)[..., None] * (axis / length if length else axis)

@@ -140,26 +140,26 @@ class Nutation:
 
     def theta(self, eps: Number, dual: bool = False) -> Number:
         """The angle about p of D_eps beyond the flow, odd in eps; 0 if p = 0.  `dual`: about A in the body."""
-        I, ctx = self.integrals.dual if dual else self.integrals, self.ctx
-        if I.P2 == 0:
+        known, ctx = self.integrals.dual if dual else self.integrals, self.ctx
+        if known.P2 == 0:
             return ctx.zero
         eps = ctx.convert(eps)
-        P2, c, K, x0 = number(ctx, I.P2), number(ctx, I.c), number(ctx, I.K), 4 / eps**2
+        P2, c, K, x0 = number(ctx, known.P2), number(ctx, known.c), number(ctx, known.K), 4 / eps**2
         p = ctx.sqrt(P2)
-        lag = K / (3 * P2) * ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if I.K else ctx.zero
+        lag = K / (3 * P2) * ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if known.K else ctx.zero
         return p * (-c / (2 * P2) * self.tau(eps) + ctx.sign(eps) * lag) + ctx.atan(eps * c / (2 * p))
 
     def period_turn(self, dual: bool = False) -> Number:
         """theta_P: the flow over the period 2 omega_1 is Rot_p(theta_P), mod 2 pi; 0 if p = 0."""
-        I, ctx = self.integrals.dual if dual else self.integrals, self.ctx
-        if I.P2 == 0:
+        known, ctx = self.integrals.dual if dual else self.integrals, self.ctx
+        if known.P2 == 0:
             return ctx.zero
-        P2, c = number(ctx, I.P2), number(ctx, I.c)
+        P2, c = number(ctx, known.P2), number(ctx, known.c)
         p, (x1, x2, x3) = ctx.sqrt(P2), self.x
-        if I.K == 0:  # -c^2/P2 is a root
+        if known.K == 0:  # -c^2/P2 is a root
             nearest = min(self.x, key=lambda x: abs(x + c**2 / P2))
             return c * self.half_period / p + (ctx.pi if nearest == x2 else 0)
-        lag = number(ctx, I.K) / (3 * P2) * ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
+        lag = number(ctx, known.K) / (3 * P2) * ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
         return ctx.pi - 2 * p * (-c / (2 * P2) * self.half_period + lag)
 
     def beyond(self, eps: Number) -> tuple[Number, Number]:
@@ -168,15 +168,15 @@ class Nutation:
         With growing step the map comes there through x0 = x3, tau = omega_1; as eps -> 0 it becomes the half-turn
         about p.
         """
-        ctx, I, eps = self.ctx, self.integrals, self.ctx.convert(eps)
+        ctx, known, eps = self.ctx, self.integrals, self.ctx.convert(eps)
         time = ctx.sign(eps) * 2 * self.half_period - self.tau(eps)
-        if I.P2 == 0:
+        if known.P2 == 0:
             return time, ctx.zero
-        lean = 2 * ctx.atan(eps * number(ctx, I.c) / (2 * ctx.sqrt(number(ctx, I.P2))))
+        lean = 2 * ctx.atan(eps * number(ctx, known.c) / (2 * ctx.sqrt(number(ctx, known.P2))))
         return time, ctx.sign(eps) * (ctx.pi - self.period_turn()) - self.theta(eps) + lean
 
     def epsilon(self, h: Number) -> Number:
-        """eps with tau(eps) = h, for |h| <= omega_1: 4/eps^2 = x3 + (x3 - x1) cs^2(u, k).
+        """The eps with tau(eps) = h, for |h| <= omega_1: 4/eps^2 = x3 + (x3 - x1) cs^2(u, k).
 
         Infinite or imaginary, then NaN, where x0 = 4/eps^2 <= 0: take h in parts.
         """
@@ -192,17 +192,15 @@ class Nutation:
         return 2 * ctx.sign(h) / ctx.sqrt(x0) if x0 > 0 else ctx.nan
 
     def length(self, eps: Number) -> Number:
-        """r = |a|^2 on the branch that is |b|^2 at eps = 0."""
-        x, I, eps = self.x, self.integrals, self.ctx.convert(eps)
-        A, J, c, E = (number(self.ctx, v) for v in (I.A, I.J, I.c, I.E))
+        """The constant r = |a|^2 on the branch that is |b|^2 at eps = 0."""
+        x, known, eps = self.x, self.integrals, self.ctx.convert(eps)
+        A, J, c, E = (number(self.ctx, v) for v in (known.A, known.J, known.c, known.E))
         return squared_length(self.ctx.sqrt, eps * eps / 4, x, A, J, c, E)
 
 
 def squared_length(sqrt: Any, s: Array, x: Any, A: Any, J: Any, c: Any, E: Any) -> Array:
-    """r = 2 (A + s J^2) / (1 + 2sE + 2 s^2 Jc + sqrt((1 - s x1)(1 - s x2)(1 - s x3))), factor by factor."""
+    """The |a|^2 = 2 (A + s J^2)/(1 + 2sE + 2 s^2 Jc + root), root^2 = (1 - s x1)(1 - s x2)(1 - s x3)."""
     root = 1
     for xj in x:
         root = root * sqrt(1 - s * xj)
     return 2 * (A + s * J * J) / (1 + 2 * s * E + 2 * s * s * J * c + root)
-
-

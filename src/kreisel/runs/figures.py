@@ -58,26 +58,26 @@ def nutation(system: Any, x0: Any) -> Figures:
         raise InputError("kr.nutation takes one motion; an ensemble came. Take one lane at a time.")
     here = motion(system.system.frame, parts, system.constants, reach=0.0)
     top, kind = here.nutation, _kind(here)
-    I, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
-    height = number(ctx, I.E)
+    known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
+    height = number(ctx, known.E)
     alpha = ctx.convert(float(system.constants.get("alpha", 1.0)))
     return Figures(
         kind=kind,
-        period=math.inf if I.separatrix else float(2 * top.half_period),
+        period=math.inf if known.separatrix else float(2 * top.half_period),
         lowest=float((x2 if kind.startswith("sleeping") else x1) / 2 + height),
         highest=float(x2 / 2 + height),
         precession=float(_precession(top)),
-        spin=float(number(ctx, I.J) / ctx.sqrt(number(ctx, I.A)) / alpha),
+        spin=float(number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / alpha),
     )
 
 
 def _kind(here: Motion) -> str:
-    I = here.integrals
-    if I.P2 == 0:
+    known = here.integrals
+    if known.P2 == 0:
         return "free"
-    if I.coincident is None:
+    if known.coincident is None:
         return "nutating"
-    x1, x2, x3 = I.coincident
+    x1, x2, x3 = known.coincident
     if x2 < x3:
         return "steady"
     if x1 == x3:
@@ -90,19 +90,19 @@ def _precession(top: Nutation) -> Number:
 
     z = z1 + (z2 - z1) sn^2 splits it into 1/(|b||p| - z) and 1/(|b||p| + z); a pole on the orbit has the weight 0.
     """
-    ctx, I, (x1, x2, x3) = top.ctx, top.integrals, top.x
-    if I.P2 == 0 or I.separatrix:
+    ctx, known, (x1, x2, x3) = top.ctx, top.integrals, top.x
+    if known.P2 == 0 or known.separatrix:
         return ctx.nan
-    A, J, c, E = (number(ctx, v) for v in (I.A, I.J, I.c, I.E))
-    top_most, low, swing = ctx.sqrt(number(ctx, I.A * I.P2)), x1 / 2 + E, (x2 - x1) / 2
-    vertical = I.c**2 * I.A == I.J**2 * I.P2  # the orbit reaches +p, -p, or both
+    A, J, c, E = (number(ctx, v) for v in (known.A, known.J, known.c, known.E))
+    top_most, low, swing = ctx.sqrt(number(ctx, known.A * known.P2)), x1 / 2 + E, (x2 - x1) / 2
+    vertical = known.c**2 * known.A == known.J**2 * known.P2  # the orbit reaches +p, -p, or both
     total = ctx.zero
     for sign in (1, -1):
-        if vertical and I.c * sign == abs(I.c) * (1 if I.J > 0 else -1 if I.J < 0 else 0):
+        if vertical and known.c * sign == abs(known.c) * (1 if known.J > 0 else -1 if known.J < 0 else 0):
             continue
         gap = top_most - sign * low
         weight = (c * A / top_most - sign * J) / 2
         total += weight / gap * ctx.ellippi(sign * swing / gap, (x2 - x1) / (x3 - x1))
     if vertical and x1 == x2:
         return ctx.nan  # asleep or hanging
-    return 4 * ctx.sqrt(number(ctx, I.P2)) / ctx.sqrt(x3 - x1) * total
+    return 4 * ctx.sqrt(number(ctx, known.P2)) / ctx.sqrt(x3 - x1) * total

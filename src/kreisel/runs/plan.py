@@ -117,7 +117,7 @@ def plan_of_times(
     if plan.orbit is None:
         raise InputError(
             f"No closed form of method={method!r} for {model.system.name} is known here, with n = {model.n}"
-            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate, or method='exact' for a Lagrange top."
+            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
     start = _start(model, state, plan, orientation)
     engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
