@@ -8,18 +8,21 @@ and theta(h) from their power series; k theta_P is reduced mod 2 pi in integers.
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 from fractions import Fraction
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.errors import InputError
 from kreisel.methods.nutation import Integrals, Number, Nutation, darboux, number, rationals, squared_length
 
 TERMS = 28  # of the power series in h^2
 TAIL = 1e-19  # what they leave out, by the size of their last terms
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
+LARGEST = 1e150  # of an integral: products of two must not overflow
 FRACTION = 62  # bits of a reduced time or turn
 
 NONE = Fraction(0)
@@ -79,6 +82,11 @@ class Motion:
         self.ctx = ctx = mpmath.MPContext()
         self.m, self.b, self.p = (rationals(v) for v in (m, b, p))
         self.integrals = known = Integrals.of(self.m, self.b, self.p)
+        if max(abs(v) for v in astuple(known)) > LARGEST:
+            raise InputError(
+                f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the closed "
+                "form, so that their products do not overflow; larger ones came. Use other units."
+            )
         ctx.dps = self._digits(reach)
         self.nutation = Nutation(ctx, known)
         self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))

@@ -63,7 +63,7 @@ class Integrals:
 
     @property
     def K(self) -> Fraction:
-        """2 J P2 - 2 E c + c^3/P2; C(-c^2/P2) = -K^2/P2 when p is not 0."""
+        """2 J P2 - 2 E c + c^3/P2, for p not 0; C(-c^2/P2) = -K^2/P2."""
         return 2 * self.J * self.P2 - 2 * self.E * self.c + self.c**3 / self.P2
 
     @cached_property

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import plan_of_times, positive
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ def at(
 
     No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  A
     motion costs some 50 milliseconds once, then about 5 microseconds a time.  Returns the `xarray.Dataset` of
-    `kr.simulate`, with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times.
+    `kr.simulate`, with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times,
+    and `RunError` where numbers overflow.
     """
     wanted = _times(times)
     flat = np.atleast_1d(wanted)
@@ -54,7 +55,13 @@ def at(
     )
     from kreisel.runs.archive import in_memory
 
-    run = in_memory(plan, [plan.observe(engine.at(flat))], flat * step)
+    with np.errstate(all="ignore"):
+        states = plan.observe(engine.at(flat))
+    for name, value in states.items():
+        if not np.isfinite(value).all():
+            raise RunError(f"{name} is not finite: its powers leave the range of doubles. Use other units.")
+    with np.errstate(all="ignore"):
+        run = in_memory(plan, [states], flat * step)
     for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
         del run.attrs[name]
     return run if wanted.ndim else run.isel(time=0)
