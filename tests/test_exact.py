@@ -338,7 +338,7 @@ def test_iterates_of_the_papers_map(eps: float, order: int) -> None:
         jumped = kr.at(top, {"m": m, "a": a}, steps, method="suris", dt=eps, order=order)
         for k, bound in zip(range(5), (3e-15, 5e-15, 3e-12, 3e-12, 1e-8), strict=True):
             off = max(abs(jumped[name].values[k] - run[name].values[steps[k]]).max() for name in ("m", "a"))
-            assert off < bound * max(1, eps)  # b is (eps/2)^2 times as large as a
+            assert off < bound * max(1, eps) ** 2  # b is (eps/2)^2 times as large as a
 
 
 def test_a_million_million_iterates_keep_the_deformed_integrals(top: object, x0: object) -> None:

@@ -84,8 +84,8 @@ class Motion:
         self.integrals = known = Integrals.of(self.m, self.b, self.p)
         if max(abs(v) for v in astuple(known)) > LARGEST:
             raise InputError(
-                f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the closed "
-                "form, so that their products do not overflow; larger ones came. Use other units."
+                f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
+                "closed form, so that their products do not overflow; larger ones came. Use other units."
             )
         ctx.dps = self._digits(reach)
         self.nutation = Nutation(ctx, known)
