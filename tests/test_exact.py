@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -16,7 +17,7 @@ from kreisel.lab.taylor import quadrature, taylor
 from kreisel.methods import motion as motions
 from kreisel.methods.motion import Motion
 from kreisel.methods.nutation import Nutation
-from kreisel.runs import simulate as runs
+from kreisel.runs import march as runs
 
 DOUBLE = 4e-15  # relative: some twenty roundings
 UP = (0, 0, 1)
@@ -461,3 +462,13 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
 def test_errors_say_what_to_do(call: object, words: str, top: object) -> None:
     with pytest.raises(kr.InputError, match=words):
         call(top)
+
+
+def test_a_run_goes_on_and_is_lengthened(top: object, x0: object, tmp_path: Path) -> None:
+    """The same bits as in one go: they do not depend on how far a motion will be followed."""
+    options = {"dt": 0.4, "every": 3, "method": "exact", "orientation": (1, 0, 0, 0)}
+    kr.simulate(top, x0, steps=9, path=tmp_path / "a.zarr", **options)
+    longer = kr.resume(tmp_path / "a.zarr", extend=3000)
+    whole = kr.simulate(top, x0, steps=3000, **options)
+    for name in ("m", "a", "g", "energy"):
+        assert (longer[name].values == whole[name].values).all()

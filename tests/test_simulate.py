@@ -9,7 +9,7 @@ import xarray as xr
 import kreisel as kr
 from kreisel import algebra
 from kreisel.lab import exact
-from kreisel.runs import simulate as runs
+from kreisel.runs import march as runs
 from kreisel.systems import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None]

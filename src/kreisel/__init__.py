@@ -30,10 +30,11 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
+    from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
     from kreisel.runs.drift import drift
     from kreisel.runs.figures import nutation
-    from kreisel.runs.simulate import simulate
+    from kreisel.runs.simulate import resume, simulate
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
@@ -42,6 +43,8 @@ _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "simulate": "kreisel.runs.simulate",
+    "resume": "kreisel.runs.simulate",
+    "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
 }
@@ -60,7 +63,9 @@ __all__ = [
     "at",
     "drift",
     "nutation",
+    "open_run",
     "plot",
+    "resume",
     "simulate",
     "systems",
 ]

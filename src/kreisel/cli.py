@@ -1,4 +1,4 @@
-"""The command line: run, check, plot, systems, verify.  Bad input ends with exit code 2 and one message."""
+"""The command line: run, resume, check, plot, systems, verify.  Bad input ends with exit code 2 and one message."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, Stopped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,12 +81,40 @@ def run(
 
 
 @app.command()
-def check(archive: Path, as_json: AsJson = False) -> None:
+def resume(
+    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    extend: Annotated[int | None, typer.Option("--extend", help="Lengthen the run to this number of steps.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
+    from kreisel.runs.drift import drift
+    from kreisel.runs.simulate import resume as go_on
+
+    result = go_on(archive, extend=extend)
+    table = drift(result)
+    if as_json:
+        _print_json({"archive": str(archive), "steps": result.attrs["steps"], "drift": _records(table)})
+        return
+    print(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
+    _print_drift(table)
+
+
+@app.command()
+def check(
+    archive: Path,
+    as_json: AsJson = False,
+    out: Annotated[
+        Path | None, typer.Option("--recover", help="Write the rows that are whole to a new archive.")
+    ] = None,
+) -> None:
     """Check an archive: complete, readable, finite, and its integrals equal to those of its states."""
-    from kreisel.runs.checking import check_archive
+    from kreisel.runs.checking import check_archive, recover
     from kreisel.runs.drift import drift
 
     result, faults = check_archive(archive)
+    if out is not None:
+        kept, rows = recover(archive, out)
+        print(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
     table = drift(result) if result is not None else None
     if as_json:
         _print_json({"archive": str(archive), "faults": faults, "drift": _records(table)})
@@ -257,11 +285,14 @@ def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
     try:
         app()
+    except Stopped as stopped:
+        print(f"kreisel: {stopped}", file=sys.stderr)
+        sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:
         print(f"kreisel: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        print("kreisel: interrupted; what was finished is kept beside the archive as .part", file=sys.stderr)
+        print("kreisel: interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from kreisel.algebra import Array
@@ -49,6 +51,12 @@ class ClosedForm:
         self._rows(out, k * self._dt, np.broadcast_to(self._exponent, k.shape))
         self._done += every * len(out)
         self.z[:] = out[-1]
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"steps": np.asarray(self._done, dtype=np.float64), "z": self.z}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self._done, self.z[:] = int(snapshot["steps"]), snapshot["z"]
 
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""

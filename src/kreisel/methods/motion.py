@@ -137,7 +137,7 @@ class Motion:
     def _clock(self, reach: float, spin_factor: Fraction) -> None:
         """Parts of the period, and all rates as integers of `bits` binary places."""
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
-        if known.separatrix or nutation.half_period > reach + self.longest:
+        if known.separatrix:
             self.parts, self.part = 0, 2 * self.longest
         else:
             self.parts = int(ctx.ceil(nutation.half_period / self.longest))

@@ -16,6 +16,7 @@ from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
 from kreisel.methods import Scheme, scheme
+from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
 
 if TYPE_CHECKING:
@@ -34,6 +35,12 @@ class Marcher(Protocol):
     def advance(self, out: Floats, every: int) -> None:
         """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there."""
 
+    def snapshot(self) -> dict[str, Floats]:
+        """All that the next step depends on."""
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        """Go on from a snapshot."""
+
 
 @dataclass
 class Plan:
@@ -47,6 +54,7 @@ class Plan:
     every: int
     lanes: int
     batched: bool
+    start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
 
     @property
     def rows(self) -> int:
@@ -83,7 +91,7 @@ def make_plan(
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
-    dt, steps, every = positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
+    dt, steps, every = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
             f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
@@ -92,7 +100,8 @@ def make_plan(
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
     state = checked_state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
-    start = _start(model, state, plan, orientation)
+    parts = _parts(model, state, orientation)
+    start = _lanes(model, plan, parts)
     return Plan(
         model=model,
         scheme=plan,
@@ -102,6 +111,7 @@ def make_plan(
         every=every,
         lanes=math.prod(start.shape[:-1]),
         batched=start.ndim > 1,
+        start=_named(model, parts),
     )
 
 
@@ -119,10 +129,11 @@ def plan_of_times(
             f"No closed form of method={method!r} for {model.system.name} is known here, with n = {model.n}"
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
-    start = _start(model, state, plan, orientation)
+    parts = _parts(model, state, orientation)
+    start = _lanes(model, plan, parts)
     engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
-    lanes = math.prod(start.shape[:-1])
-    return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1), engine
+    lanes, told = math.prod(start.shape[:-1]), _named(model, parts)
+    return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1, start=told), engine
 
 
 def check_model(model: Any) -> None:
@@ -133,12 +144,14 @@ def check_model(model: Any) -> None:
         )
 
 
-def _start(model: Model, state: State, plan: Scheme, orientation: Any) -> Floats:
-    """The initial state in the scheme's own variables, (d,) or (lanes, d), and the checked orientation."""
+def _parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
+    """The components of the initial state, and the checked orientation if there is one."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
-    if orientation is not None:
-        parts += (_orientation(orientation, model),)
-    return _lanes(model, plan, parts)
+    return parts if orientation is None else (*parts, _orientation(orientation, model))
+
+
+def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
+    return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
 
 
 def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
@@ -198,7 +211,8 @@ def positive(value: Any, name: str) -> float:
     return number
 
 
-def _whole(value: Any, name: str) -> int:
+def whole(value: Any, name: str) -> int:
+    """A number of steps, 1 or more.  Raises `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
         raise InputError(f"{name} must be a whole number, 1 or more; {value!r} came.")
     return int(value)

@@ -97,7 +97,7 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
-    model = model_of(run)
+    model = model_of(run.attrs)
     kinds = dict(model.system.space.components)
     start = {k: run[k][0].values for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
