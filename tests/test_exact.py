@@ -18,6 +18,7 @@ from kreisel.methods import motion as motions
 from kreisel.methods.motion import Motion
 from kreisel.methods.nutation import Nutation
 from kreisel.runs import march as runs
+from kreisel.runs.checking import check_archive
 
 DOUBLE = 4e-15  # relative: some twenty roundings
 UP = (0, 0, 1)
@@ -472,3 +473,4 @@ def test_a_run_goes_on_and_is_lengthened(top: object, x0: object, tmp_path: Path
     whole = kr.simulate(top, x0, steps=3000, **options)
     for name in ("m", "a", "g", "energy"):
         assert (longer[name].values == whole[name].values).all()
+    assert check_archive(tmp_path / "a.zarr")[1] == []
