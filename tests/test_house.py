@@ -49,7 +49,7 @@ def test_arrows_run_one_way() -> None:
 
 
 def test_import_is_light() -> None:
-    heavy = ("numba", "xarray", "zarr", "matplotlib", "scipy", "pandas", "flint", "jax", "optimistix")
+    heavy = ("numba", "xarray", "zarr", "matplotlib", "scipy", "pandas", "flint", "jax", "optimistix", "mpmath")
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.split() == []

@@ -266,12 +266,12 @@ def moebius(X: Array) -> Array:
 
 def turn_left(X: Array, g: Array) -> Array:
     """cay(X) g, for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(X, g) if _is_matrix(X, g) else _unit(_quaternion_product(_half_turn(X), g))
+    return cayley_columns(X, g) if _is_matrix(X, g) else _unit(quaternion_product(_half_turn(X), g))
 
 
 def turn_right(g: Array, X: Array) -> Array:
     """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(_quaternion_product(g, _half_turn(X)))
+    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(quaternion_product(g, _half_turn(X)))
 
 
 def _is_matrix(X: Array, g: Array) -> bool:
@@ -284,7 +284,8 @@ def _half_turn(X: Array) -> Array:
     return np.concatenate([1 + 0 * u[..., :1], u], -1)
 
 
-def _quaternion_product(a: Array, b: Array) -> Array:
+def quaternion_product(a: Array, b: Array) -> Array:
+    """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
     s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from kreisel.errors import InputError, nearest
+from kreisel.methods.exact import exact
 from kreisel.methods.lagrangian import lagrangian
 from kreisel.methods.reference import dop853
 from kreisel.methods.scheme import Outcome, Scheme
@@ -14,6 +15,7 @@ from kreisel.model import Model
 METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
     "suris": suris,
     "lagrangian": lagrangian,
+    "exact": exact,
     "dop853": dop853,
 }
 

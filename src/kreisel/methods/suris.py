@@ -8,6 +8,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
 from kreisel.errors import InputError
+from kreisel.methods.exact import iterates
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
 from kreisel.model import Model
@@ -64,6 +65,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         n=model.n,
         prepare=prepare,
         step=step,
+        orbit=iterates if model.system.name == "lagrange-top" and model.n == 3 and not oriented else None,
         observe=observe_all,
         reopen=reopen,
         outcomes=outcomes,

@@ -67,7 +67,7 @@ def versions() -> dict[str, str]:
     """Versions of what computed a run."""
     import platform
 
-    packages = ("kreisel", "numpy", "numba", "scipy", "xarray", "zarr")
+    packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
     return {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in packages}
 
 

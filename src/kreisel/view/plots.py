@@ -31,8 +31,12 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
     relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
-    Raises `InputError` if it is of another system, or if the run lacks the vector that is drawn.
+    Raises `InputError` if it is of another system, if the run lacks the vector that is drawn, and for states at
+    given times (`kr.at`), which are no run.
     """
+    for each in (run, compare):
+        if each is not None and "dt" not in each.attrs:
+            raise InputError("A run of kr.simulate was expected; states at given times, of kr.at, came.")
     if compare is not None and compare.attrs["system"] != run.attrs["system"]:
         raise InputError(
             f"Runs of one system can be compared; {run.attrs['system']} and {compare.attrs['system']} came."
