@@ -79,7 +79,7 @@ def test_killed_at_random_moments(top: object, x0: object, tmp_path: Path) -> No
         else:  # killed before the first step: nothing was done, and it says so
             with pytest.raises(kr.InputError, match=r"no archive|no checkpoint|cannot be read"):
                 kr.resume(path, progress=False)
-            slow_run(path, top, x0, {**options, "overwrite": True})
+            slow_run(path, top, x0, options)
         assert contents(path) == expected
         assert not part.exists()
     assert killed >= 1

@@ -225,8 +225,8 @@ class Archive:
                 self._fit()
             else:
                 self._make_room()
-                self._group = zarr.open_group(str(self.part), mode="w-", zarr_format=3)
-                self._group.attrs.update({**describe(self.plan), "complete": False})
+                told = {**describe(self.plan), "complete": False}
+                self._group = zarr.create_group(str(self.part), zarr_format=3, attributes=told)
                 self._group.create_group(checkpoint.NAME.split("/")[0])
         return self
 
@@ -237,7 +237,7 @@ class Archive:
                 "(overwrite=True)."
             )
         if self.part.exists():
-            if not self._overwrite:
+            if not self._overwrite and (self.part / checkpoint.NAME).exists():
                 raise InputError(
                     f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
                     f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
