@@ -135,8 +135,8 @@ def test_recorded_arithmetic_is_python_arithmetic() -> None:
         result = formula(u, v)
         for a, b in rng.normal(size=(5, 2)):
             known = {"u": a, "v": b}
-            for name, expression, _ in tape.lines:
-                known[name] = eval(expression, {}, known)
+            for line in tape.lines:
+                exec(line.text, {}, known)
             assert eval(text(result), {}, known) == pytest.approx(formula(a, b), rel=1e-15, abs=1e-15)
 
 

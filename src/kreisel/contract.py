@@ -39,14 +39,16 @@ class PhaseSpace:
     """A Poisson manifold in coordinates: components, Poisson tensor, Casimirs.
 
     `tensor(*state)` is the matrix of brackets of the independent coordinates (skew matrices count by
-    their entries i < j); the field of H is F' = {H, F}.  `constraints` names functions that vanish on
-    the phase space when it is a submanifold of its coordinate space.
+    their entries i < j); the field of H is F' = {H, F}.  `momentum(*state)` is the M in so(n) that
+    generates the turns of the state.  `constraints` names functions that vanish on the phase space when it
+    is a submanifold of its coordinate space.
     """
 
     name: str
     components: tuple[tuple[str, str], ...]
     tensor: Function
     casimirs: Function
+    momentum: Function
     sign: int
     constraints: Mapping[str, Function] = field(default_factory=dict)
 
@@ -60,6 +62,11 @@ class PhaseSpace:
         """The kinds of the components: "skew" or "vector"."""
         return tuple(kind for _, kind in self.components)
 
+    @property
+    def carried(self) -> int:
+        """The place of the vector that turns with the body: a, P or x.  The others are momenta."""
+        return self.kinds.index("vector")
+
 
 def dual_euclidean(skew: str, vector: str, sign: int) -> PhaseSpace:
     """e*(n) with the plus (moving frame) or minus (rest frame) Lie-Poisson bracket."""
@@ -68,6 +75,7 @@ def dual_euclidean(skew: str, vector: str, sign: int) -> PhaseSpace:
         components=((skew, "skew"), (vector, "vector")),
         tensor=lambda M, P: sign * invariants.lie_poisson(M, P),
         casimirs=invariants.casimirs,
+        momentum=lambda M, P: M,
         sign=sign,
     )
 
@@ -79,6 +87,7 @@ SPHERE_SPACE = PhaseSpace(
     components=(("x", "vector"), ("q", "vector")),
     tensor=invariants.sphere_poisson,
     casimirs=lambda x, q: invariants.stack([algebra.dot(x, x), algebra.dot(x, q)]),
+    momentum=algebra.wedge,
     sign=+1,
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
 )
@@ -154,6 +163,8 @@ class System:
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
+    inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
+    spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
     """
@@ -172,6 +183,8 @@ class System:
     integrals: Mapping[str, Function] = field(default_factory=dict)
     commuting: tuple[str, ...] = ()
     lax: Function | None = None
+    inverse_inertia: Function | None = None
+    spin: Function | None = None
     map: Map | None = None
     relations: tuple[Relation, ...] = ()
     derive: Function | None = None

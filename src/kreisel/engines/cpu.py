@@ -141,12 +141,11 @@ class Recording:
         values = list(layout.flatten(new, self.kinds))
         self.new = [text(v) for v in values]
         self.lines = self.tape.needed([v.name for v in values if isinstance(v, Scalar)])
-        used = " ".join(expression for _, expression in self.lines) + " " + " ".join(self.new)
-        self.words = set(used.replace("(", " ").replace(")", " ").replace("-", " ").split())
+        self.words = {name for line in self.lines for name in line.needs} | {getattr(v, "name", "") for v in values}
         self.places: list[tuple[str, slice, str]] = []
 
     def _array_code(self, constants: Floats) -> None:
-        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,)}
+        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
         parts = [Matrix(self.tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
         known = {
@@ -186,7 +185,7 @@ class Recording:
         return _indented(lines, indent)
 
     def body(self, indent: int) -> str:
-        return _indented([f"{name} = {expression}" for name, expression in self.lines], indent)
+        return _indented([part for line in self.lines for part in line.text.splitlines()], indent)
 
     def assign(self, indent: int) -> str:
         return _indented([f"{', '.join(self.state)}, = {', '.join(self.new)},"], indent)
@@ -201,8 +200,8 @@ class Recording:
         return _indented(lines, indent)
 
 
-LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector"}
-STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store"}
+LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector", "scalar": "number"}
+STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store", "scalar": "store_number"}
 ARRAY_HEAD = """
 @njit({options})
 def number(flat, n):
@@ -243,6 +242,11 @@ def mirror(X):
 @njit({options})
 def store(X, flat):
     flat[:] = X.reshape(X.size)
+
+
+@njit({options})
+def store_number(x, flat):
+    flat[0] = x
 
 
 @njit({options})

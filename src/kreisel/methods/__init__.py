@@ -8,16 +8,21 @@ from kreisel.errors import InputError, nearest
 from kreisel.methods.reference import dop853
 from kreisel.methods.scheme import Outcome, Scheme
 from kreisel.methods.suris import suris
+from kreisel.methods.variational import variational
 from kreisel.model import Model
 
-METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {"suris": suris, "dop853": dop853}
+METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
+    "suris": suris,
+    "variational": variational,
+    "dop853": dop853,
+}
 
 __all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
 
 
 def default_method(model: Model) -> str:
-    """The system's own map where one is known, else the reference."""
-    return "suris" if model.system.map is not None else "dop853"
+    """The system's own map where one is known, else the variational integrator."""
+    return "suris" if model.system.map is not None else "variational"
 
 
 def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:

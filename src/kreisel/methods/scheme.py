@@ -28,6 +28,16 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class Guard:
+    """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
+
+    component: str
+    limit: float
+    fault: str
+    cause: str
+
+
+@dataclass(frozen=True)
 class Scheme:
     """A method for one model.
 
@@ -54,6 +64,7 @@ class Scheme:
     rate: Callable[..., tuple[Array, ...]] | None = None
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     options: Mapping[str, Any] | None = None
+    guard: Guard | None = None
 
     @property
     def stage_count(self) -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
@@ -46,12 +44,6 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         new = call(phi.step, own, consts)
         return (*new, *(_turned(model, own, new, g, consts) for g in z[len(letters) :]))
 
-    def observe_all(z: tuple[Array, ...]) -> dict[str, Array]:
-        out = observe(z)
-        if oriented and model.n == 3:  # of q and -q, which are the same rotation, the one with w >= 0
-            out[ORIENTATION] = np.where(out[ORIENTATION][..., :1] < 0, -1, 1) * out[ORIENTATION]
-        return out
-
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
@@ -62,7 +54,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         n=model.n,
         prepare=prepare,
         step=step,
-        observe=observe_all,
+        observe=observe,
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import Plan, make_plan
@@ -130,6 +131,7 @@ def _finished(plan: Plan, rows: Floats, done: int) -> dict[str, Array]:
             f"The state is no longer finite at or before step {step} (time {step * plan.dt:g}). "
             "Usual cause: a step far too long, or a state so large that its square overflows. Use a smaller dt."
         )
+    _check_guard(plan, rows, done)
     with np.errstate(all="ignore"):
         block = plan.observe(rows.copy())  # the buffer is filled again
     for name, value in block.items():
@@ -139,6 +141,17 @@ def _finished(plan: Plan, rows: Floats, done: int) -> dict[str, Array]:
                 "Usual cause: a state so large that its powers overflow. Use smaller units."
             )
     return block
+
+
+def _check_guard(plan: Plan, rows: Floats, done: int) -> None:
+    guard = plan.scheme.guard
+    if guard is None:
+        return
+    letters = [letter for letter, _ in plan.scheme.components]
+    values = layout.restore(rows, plan.kinds, plan.model.n)[letters.index(guard.component)]
+    if (values > guard.limit).any():
+        step = (done - len(rows) + 1 + int(np.argmax((values > guard.limit).any(-1)))) * plan.every
+        raise RunError(f"{guard.fault} at or before step {step} (time {step * plan.dt:g}). Usual cause: {guard.cause}")
 
 
 def _check_memory(plan: Plan) -> None:

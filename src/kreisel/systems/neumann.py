@@ -13,16 +13,20 @@ from kreisel.systems import clebsch
 from kreisel.systems.matrices import diagonal
 
 
-def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x
-    return q, b * x - vec(dot(x, b * x) + dot(q, q)) * x
-
-
-def kick(x, *, b, eps):
-    """The tangential part of eps Bx / den.
+def force(x, *, b):
+    """The tangential part of Bx.
 
     Divided by |x|^2 = 1 it stays tangential under round-off: without, <x, q> left 0 a hundred times faster.
     """
-    return vec(eps / clebsch.denominator(x, b=b, eps=eps)) * (b * x - vec(dot(x, b * x) / dot(x, x)) * x)
+    return b * x - vec(dot(x, b * x) / dot(x, x)) * x
+
+
+def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x
+    return q, force(x, b=b) - vec(dot(q, q)) * x
+
+
+def kick(x, *, b, eps):
+    return vec(eps / clebsch.denominator(x, b=b, eps=eps)) * force(x, b=b)
 
 
 def turn(x, q, eps):  # cay(-(eps/2) x ^ q) on both: a great circle
@@ -88,8 +92,12 @@ def conjugator(x, q, *, b, lam, eps):
     return clebsch.conjugator(wedge(x, q), x, b=b, lam=lam, eps=eps)
 
 
+def inverse_inertia(M):
+    return M
+
+
 def velocity(x, q):
-    return wedge(x, q)
+    return inverse_inertia(wedge(x, q))
 
 
 def generator(x, q, x1, q1):  # (eps/2) M_(k+1) = x_k ^ x_(k+1) / (1 + <x_k, x_(k+1)>)
@@ -115,6 +123,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
