@@ -1,6 +1,7 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
-Up to n = 8 the record is straight-line scalar code; beyond, compiled array code with the same operations.
+Up to n = 8, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
+same operations.
 The source is written to a cache folder, named by its hash, so that it can be read and debugged, and so that
 Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ in the user's cache folder.
 """
@@ -28,6 +29,7 @@ from kreisel.engines.trace import Matrix, Scalar, Tape, text
 from kreisel.methods.scheme import Scheme
 
 STRAIGHT_LINE_N = 8
+STRAIGHT_LINES = 8000  # beyond, compiling takes longer than array code is slow
 OPTIONS = 'cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}'
 
 HEAD = '''"""Made by kreisel.engines.cpu by recording {name}; not to be edited."""
@@ -119,11 +121,12 @@ class Recording:
         self.scheme, self.n = scheme, scheme.n
         self.columns = {"c": columns, "s": stage_columns or {}}
         self.kinds = [kind for _, kind in scheme.components]
-        self.tape = Tape()
-        record = self._straight_line if scheme.n <= STRAIGHT_LINE_N else self._array_code
-        record(constants)
+        if scheme.n > STRAIGHT_LINE_N or self._straight_line(constants) > STRAIGHT_LINES:
+            self._array_code()
 
-    def _straight_line(self, constants: Floats) -> None:
+    def _straight_line(self, constants: Floats) -> int:
+        """Record scalar code; the number of its lines."""
+        self.tape = Tape()
         count = sum(layout.size(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
         flat = np.array([Scalar(self.tape, name) for name in self.state], dtype=object)
@@ -143,8 +146,10 @@ class Recording:
         self.lines = self.tape.needed([v.name for v in values if isinstance(v, Scalar)])
         self.words = {name for line in self.lines for name in line.needs} | {getattr(v, "name", "") for v in values}
         self.places: list[tuple[str, slice, str]] = []
+        return sum(len(line.text.splitlines()) for line in self.lines)
 
-    def _array_code(self, constants: Floats) -> None:
+    def _array_code(self) -> None:
+        self.tape = Tape()
         shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
         parts = [Matrix(self.tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
@@ -203,6 +208,36 @@ class Recording:
 LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector", "scalar": "number"}
 STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store", "scalar": "store_number"}
 ARRAY_HEAD = """
+@njit({options})
+def add(x, y):
+    return x + y
+
+
+@njit({options})
+def subtract(x, y):
+    return x - y
+
+
+@njit({options})
+def multiply(x, y):
+    return x * y
+
+
+@njit({options})
+def divide(x, y):
+    return x / y
+
+
+@njit({options})
+def power(x, y):
+    return x**y
+
+
+@njit({options})
+def negative(x):
+    return -x
+
+
 @njit({options})
 def number(flat, n):
     return flat[0]

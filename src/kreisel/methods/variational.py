@@ -62,12 +62,8 @@ def variational(model: Model, dt: float, order: int | None, oriented: bool) -> S
     count = len(space.letters)
 
     def step(*z: Array, eps: Array, **consts: Array) -> State:
-        own, turned, worst = z[:count], z[count:-1], z[-1]
-        own = kick(system, own, eps / 2, consts)
-        X, defect = half_turn(system, own, eps, consts)
-        g = tuple(_turned(system, own, X, g, eps, consts) for g in turned)
-        own = kick(system, coadjoint(system, X, own), eps / 2, consts)
-        return (*own, *g, algebra.maximum(worst, defect))
+        own, turned, defect = stage(system, z[:count], eps, consts, z[count:-1])
+        return (*own, *turned, algebra.maximum(z[-1], defect))
 
     def reopen(x: State) -> State:
         return (*x, 0 * x[0].sum(-1).sum(-1) if space.kinds[0] == "skew" else 0 * x[0].sum(-1))
@@ -94,6 +90,16 @@ def variational(model: Model, dt: float, order: int | None, oriented: bool) -> S
             "a step in which the body turns too far, or a singular kinetic energy. Use a smaller dt.",
         ),
     )
+
+
+def stage(
+    system: System, state: State, eps: Array, consts: Constants, turned: State = ()
+) -> tuple[State, State, Array]:
+    """The symmetric step of order 2: the new state, the orientations `turned` along, and the defect."""
+    state = kick(system, state, eps / 2, consts)
+    X, defect = half_turn(system, state, eps, consts)
+    turned = tuple(_turned(system, state, X, g, eps, consts) for g in turned)
+    return kick(system, coadjoint(system, X, state), eps / 2, consts), turned, defect
 
 
 def kick(system: System, state: State, time: Array, consts: Constants) -> State:
