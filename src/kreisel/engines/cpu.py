@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -131,12 +132,12 @@ class Recording:
         self.state = [f"z{i}" for i in range(count)]
         flat = np.array([Scalar(self.tape, name) for name in self.state], dtype=object)
         varying = max((place.stop for place in self.columns["s"].values()), default=0)
-        entries = {
+        entries: dict[str, list[Any]] = {
             "c": [_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])],
             "s": [Scalar(self.tape, f"s{j}") for j in range(varying)],
         }
         known = {
-            name: np.array(entries[letter][place], dtype=object).reshape((self.n,) * self.scheme.axes[name])[()]
+            name: _shaped(entries[letter][place], (self.n,) * self.scheme.axes[name])
             for letter, columns in self.columns.items()
             for name, place in columns.items()
         }
@@ -298,6 +299,11 @@ def store_skew(X, flat):
 
 def _indented(lines: list[str], indent: int) -> str:
     return "\n".join(" " * indent + line for line in lines)
+
+
+def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:
+    array: Any = np.array(entries, dtype=object).reshape(shape)
+    return array[()]
 
 
 def _folded(tape: Tape, name: str, values: Floats) -> Scalar | float:

@@ -32,7 +32,7 @@ from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Guard, Scheme
 from kreisel.model import Model
 
-NEWTON_STEPS = 3
+NEWTON_STEPS = 4
 NEWTON_LIMIT = 1e-8  # of the last correction of X: what is left is of the order of its square
 MOST_SWEEPS = 100
 SWEEP_LIMIT = 1e-15
@@ -53,7 +53,8 @@ def variational(model: Model, dt: float, order: int | None, oriented: bool) -> S
     system, space = model.system, model.system.space
     if system.inverse_inertia is None:
         raise InputError(
-            f"method='variational' needs H = T(M) + V; {system.name} does not state inverse_inertia. Use method='dop853'."
+            f"method='variational' needs H = T(M) + V; {system.name} does not state inverse_inertia. "
+            "Use method='dop853'."
         )
     fractions = symmetric_composition(order, "variational")
     order = 2 if order is None else order
@@ -118,9 +119,10 @@ def coadjoint(system: System, X: Array, state: State) -> State:
 
 def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tuple[Array, Array]:
     """X of the free step, and the square of the last correction of X."""
+    inverse_inertia: Any = system.inverse_inertia
 
     def turn(N: Array) -> Array:
-        return system.space.sign * eps / 2 * call(system.inverse_inertia, (N,), consts)
+        return system.space.sign * eps / 2 * call(inverse_inertia, (N,), consts)
 
     M = system.space.momentum(*state)
     N, defect = newton(turn, M) if M.shape[-1] == 3 else sweeps(turn, M)
@@ -128,9 +130,10 @@ def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tu
 
 
 def newton(turn: Linear, M: Array) -> tuple[Array, Array]:
-    """N from M = (I + X) N (I - X), X = turn(N), by a few sweeps and a fixed number of Newton steps.
+    """N from M = (I + X) N (I - X), X = turn(N), by two sweeps and a fixed number of Newton steps.
 
-    Last correction of X in the worst of twenty random heavy tops, n = 3, against the length of X: see MEASURED.
+    Largest last correction of X for twenty random heavy tops, n = 3, with h = 0.1, 0.4, 0.8 (|X| about 0.01, 0.06,
+    0.11): 6e-18, 2e-12, 3e-8 with two Newton steps; 3e-18, 2e-17, 6e-16 with three; round-off with four.
     """
     N = M
     for _ in range(2):
@@ -142,6 +145,7 @@ def newton(turn: Linear, M: Array) -> tuple[Array, Array]:
 
 
 def newton_step(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
+    """N improved once, and the square of the change of X."""
     n = M.shape[-1]
     X = turn(N)
     XN = X @ N
