@@ -110,8 +110,8 @@ def test_order_conditions(order: int) -> None:
 )
 def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
     model, x0 = random_start(name, n)
-    plan = scheme(model, "variational", 0.1, order, True)
-    x0 += (np.array([1.0, 0, 0, 0]) if n == 3 else np.eye(n),)
+    plan = scheme(model, "variational", 0.1, order, n < 9)
+    x0 += {3: (np.array([1.0, 0, 0, 0]),), 4: (np.eye(4),), 9: ()}[n]
     kinds = [kind for _, kind in plan.components]
     z = plan.prepare(x0)
     kernel = Kernel(plan, layout.flatten(z, kinds)[None])
@@ -202,8 +202,8 @@ MUTANTS = [
     ("coadjoint", still_momentum, off_casimirs),
     ("half_turn", explicit, off_poisson),
     ("half_turn", explicit, off_symmetry),
-    ("NEWTON_STEPS", 1, partial(off_poisson, dt=0.4)),
-    ("NEWTON_STEPS", 1, partial(off_symmetry, dt=0.4)),
+    ("NEWTON_STEPS", 1, partial(off_poisson, dt=0.8)),
+    ("NEWTON_STEPS", 1, partial(off_symmetry, dt=0.8)),
 ]
 
 
