@@ -5,12 +5,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench examples picture roundoff clean help
+.PHONY: demo test lint bench examples picture roundoff verify soak clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
 	@echo "make examples  run every example, outputs in out/"
+	@echo "make verify    every theorem of the paper, into docs/verified.md"
+	@echo "make soak      200 kills of a run at random moments; some minutes"
 	@echo "make lint      ruff and mypy --strict"
 	@echo "make bench     speed against C++ (needs g++); make roundoff: drift over 10^8 steps"
 
@@ -45,6 +47,12 @@ examples: $(STAMP)
 
 picture: $(STAMP)
 	$(BIN)/python examples/compare.py docs
+
+verify: $(STAMP)
+	$(BIN)/kreisel verify --markdown > docs/verified.md.part && mv docs/verified.md.part docs/verified.md
+
+soak: $(STAMP)
+	KREISEL_KILLS=200 $(BIN)/python -m pytest -q tests/test_resume.py -k killed
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py

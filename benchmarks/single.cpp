@@ -99,30 +99,15 @@ template <bool corrected> struct Clebsch { // c = b, eps
 };
 
 // cay(x ^ y) in the plane of x and y
-template <bool corrected> struct Plane {
-    Vec x, y;
-    double X, Y, c, scale;
-    Plane(Vec x, Vec y) : x(x), y(y), X(dot(x, x)), Y(dot(y, y)), c(dot(x, y)), scale(1 / (1 + X * Y - c * c)) {}
-    Vec add_turn(Vec w, Vec u) const { return (w + dot(y, u) * x) - dot(x, u) * y; }
-    Vec once(Vec v) const {
-        double xv = dot(x, v), yv = dot(y, v);
-        return v + ((((1 + c) * yv - Y * xv) * scale) * x - (((1 - c) * xv + X * yv) * scale) * y);
-    }
-    Vec act(Vec v) const {
-        Vec w = once(2 * (dot(y, v) * x - dot(x, v) * y));
-        return corrected ? sum(v, w, once(add_turn(add_turn(-w, 2 * v), w))) : v + w;
-    }
-};
-
 template <bool corrected> struct Neumann { // c = b, eps
     Vec x, q, b;
     double eps;
     Neumann(const double *z, const double *c) : x(vector_at(z)), q(vector_at(z + 3)), b(vector_at(c)), eps(c[3]) {}
     void step() {
         Vec Bx = b * x;
-        double xBx = dot(x, Bx);
-        q = q + eps / (1 + eps * eps / 4 * xBx) * (Bx - xBx / dot(x, x) * x);
-        Plane<corrected> circle(-eps / 2 * x, q);
+        q = q + eps / (1 + eps * eps / 4 * dot(x, Bx)) * Bx;
+        q = q - dot(x, q) / dot(x, x) * x;
+        Cayley<corrected> circle(-eps / 2 * cross(q, x));
         x = circle.act(x), q = circle.act(q);
     }
     void store(double *z) const { put_vector(z, x), put_vector(z + 3, q); }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import zarr
 
 import kreisel as kr
 from kreisel.runs import archive as archives
-from kreisel.runs import simulate as runs
+from kreisel.runs import march as runs
 from kreisel.runs.checking import check_archive
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
@@ -31,7 +32,7 @@ def test_archive_is_the_dataset(top: object, x0: object, tmp_path: Path, monkeyp
             assert run[name].dims == memory[name].dims
             assert run[name].attrs == memory[name].attrs
     same = {k: v for k, v in memory.attrs.items() if k != "created"}
-    assert {k: v for k, v in plain.attrs.items() if k not in ("created", "complete")} == same
+    assert {k: v for k, v in plain.attrs.items() if k != "created"} == same
     assert plain.attrs["complete"] is True
     assert not list(tmp_path.rglob("*.part"))
     assert json.loads(plain.attrs["parameters"])["p"] == [0.0, 0.0, 1.0]
@@ -95,15 +96,15 @@ def test_interrupted_run_keeps_its_rows(
     blocks = iter(range(100))
     original = archives.Archive.append
 
-    def append(self: archives.Archive, block: object) -> None:
+    def append(self: archives.Archive, block: object, start: int) -> None:
         if next(blocks) == 3:
             raise KeyboardInterrupt
-        original(self, block)
+        original(self, block, start)
 
     monkeypatch.setattr(archives.Archive, "append", append)
     with pytest.raises(KeyboardInterrupt):
         kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
-    kept = xr.open_zarr(tmp_path / "run.zarr.part", consolidated=False)
+    kept = kr.open_run(tmp_path / "run.zarr.part")
     assert kept.sizes["time"] == 15
     assert np.isfinite(kept.a.values).all()
 
@@ -148,6 +149,35 @@ def test_what_is_no_archive(name: str, tmp_path: Path) -> None:
         xr.Dataset({"v": ("t", [1.0])}).to_zarr(path, consolidated=False, zarr_format=3)
     with pytest.raises(kr.InputError):
         check_archive(path)
+
+
+@pytest.mark.parametrize("name", ["a", "casimir"])
+def test_check_names_a_missing_variable(name: str, top: object, x0: object, tmp_path: Path) -> None:
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
+    shutil.rmtree(tmp_path / "run.zarr" / name)
+    run, faults = check_archive(tmp_path / "run.zarr")
+    assert faults == [f"{name} is missing"]
+    if name == "a":
+        with pytest.raises(kr.InputError, match="lacks a of its state"):
+            kr.plot(run)
+
+
+def test_lost_attributes_are_named(top: object, x0: object, tmp_path: Path) -> None:
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", **OPTIONS)
+    group = zarr.open_group(tmp_path / "run.zarr")
+    kept = {k: v for k, v in group.attrs.asdict().items() if k not in ("dt", "system")}
+    group.attrs.put(kept)
+    with pytest.raises(kr.InputError, match="lack system, dt"):
+        check_archive(tmp_path / "run.zarr")
+
+
+def test_what_a_user_adds_is_left_alone(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    attrs = kr.simulate(top, x0, path=path, **OPTIONS).attrs
+    xr.Dataset({"tilt": ("time", np.zeros(35))}, attrs=attrs).to_zarr(path, mode="a", consolidated=False)
+    run, faults = check_archive(path)
+    assert faults == []
+    assert list(run)[-1] == "tilt"
 
 
 def test_unwritable_places(top: object, x0: object, tmp_path: Path) -> None:

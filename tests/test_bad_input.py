@@ -26,6 +26,8 @@ steps = 100
 path = "run.zarr"
 """
 TOP = kr.LagrangeTop(p=(0, 0, 1))
+BODY = kr.Clebsch(b=(1, 2, 3))
+STATE = TOP.state(m=(1, 0, 0), a=(1, 0, 0))
 NAN_MATRIX = "[[0.0, nan, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]"
 # (what to replace, by what, words of the message)
 CASES = [
@@ -186,6 +188,16 @@ def test_folder_without_permission(tmp_path: Path, top: object, x0: object, monk
         (lambda: kr.LagrangeTop(p=(0, 0, 1)).state(m=np.ones((4, 4)), a=(0, 0, 1)), "skew matrix"),
         (lambda: kr.LagrangeTop(p=(0, 0, 1)).state(m=np.ones((4, 3)), a=np.ones((5, 3))), "batch axes"),
         (lambda: kr.LagrangeTop(p=np.ones((2, 2, 3))), "batch axis"),
+        (lambda: kr.LagrangeTop(p=np.ones((2, 3)), alpha=np.ones(3)), r"do not fit: p \(2,\), alpha \(3,\)"),
+        (lambda: kr.simulate(TOP, BODY.state(M=(1, 0, 0), P=(1, 0, 0)), dt=1, steps=1), "components m, a"),
+        (lambda: kr.simulate(kr.LagrangeTop(p=(0, 0, 0, 1)), STATE, dt=1, steps=1), "n = 4"),
+        (
+            lambda: kr.plot(
+                kr.simulate(TOP, STATE, dt=0.1, steps=1),
+                compare=kr.simulate(BODY, {"M": (1, 0, 0), "P": (1, 0, 0)}, dt=0.1, steps=1),
+            ),
+            "Runs of one system",
+        ),
         (lambda: kr.simulate(TOP, TOP.state(m=np.ones((0, 3)), a=np.ones((0, 3))), dt=1, steps=1), "one lane"),
         (lambda: kr.simulate(TOP, TOP.state(m=(1, 0, 0), a=(1, 0, 0)), dt=1, steps=1, path="."), "needs a name"),
         (lambda: kr.simulate("top", {}, dt=1, steps=1), "system with its parameters"),

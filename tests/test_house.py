@@ -24,6 +24,7 @@ RANK = {
     "lab": 8,
     "view": 8,
     "cli": 9,
+    "__main__": 10,
 }
 
 
@@ -51,6 +52,16 @@ def test_import_is_light() -> None:
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.split() == []
+
+
+def test_every_public_name_exists() -> None:
+    assert set(kr.__all__) <= set(dir(kr))
+    assert all(getattr(kr, name) is not None for name in dir(kr))
+
+
+def test_the_package_runs_as_the_command() -> None:
+    out = subprocess.run([sys.executable, "-m", "kreisel", "systems"], capture_output=True, text=True, check=True)
+    assert "lagrange-top-moving" in out.stdout
 
 
 def test_version_stands_in_one_place() -> None:

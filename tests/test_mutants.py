@@ -7,9 +7,11 @@ from dataclasses import replace
 import pytest
 
 from kreisel import invariants
-from kreisel.algebra import act, cayley_act, dot, log, mat, moebius, pairing, trace_log, vec, wedge
+from kreisel.algebra import act, cayley_act, dot, mat, pairing, vec, wedge
 from kreisel.contract import System
 from kreisel.lab import laws
+from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
+from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
 from kreisel.systems import clebsch, lagrange_top, lagrange_top_moving, neumann
 from kreisel.systems.matrices import border
 
@@ -52,32 +54,6 @@ def euler_for_cayley(m, a, *, p, eps):
 STEPS = [turned_backwards, kicked_backwards, old_momentum, lost_half, euler_for_cayley]
 
 
-def printed_b(m, a, *, p, eps=0):  # erratum E11: (eps^2/4) p for any |a|
-    return a - eps * act(m, a) / 2 + eps * eps * p / 4
-
-
-def printed_lax(m, a, *, p, lam, eps):
-    return border(m, lam * printed_b(m, a, p=p, eps=eps) - p / lam)
-
-
-def printed_conjugator(M, P, *, A, alpha, lam, eps):  # erratum E2: -lambda A^T in U
-    W = lagrange_top_moving.cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=eps))
-    turn = border(W, 0 * P)
-    turn[..., -1, -1] = 1
-    return turn @ moebius(eps / 2 * border(0 * M, lam * A, -lam * A))
-
-
-def printed_lagrangian(g, h, p, *, b, eps):  # erratum E1: 4/eps for 2/eps
-    P = act(g.mT, p)
-    kinetic = lagrange_top_moving.lagrangian(g, h, 0 * p, A=p, alpha=1, eps=eps)
-    return kinetic + 4 / eps * log(clebsch.denominator(P, b=b, eps=eps))
-
-
-def printed_pencil(M, P, *, b, lam, eps):  # erratum E10: S = I + eps^2/4 B for any |P|
-    S = 1 + eps * eps / 4 * b
-    return clebsch.pencil(M, clebsch.shifted(M, P, eps=eps), b, lam) / S[..., :, None]
-
-
 def rough_kick(M, P, *, b, eps):  # a Clebsch step without its denominator
     M = M + eps * wedge(P, b * P)
     return M, cayley_act(-eps / 2 * M, P)
@@ -107,12 +83,6 @@ def isotropic_turn(m, a, m1, a1, *, alpha, eps):
 
 def constant_alpha(g, h, A, *, p, alpha, eps):
     return lagrange_top.lagrangian(g, h, A, p=p, alpha=1, eps=eps)
-
-
-def unnormalised(g, h, A, *, p, alpha, eps):  # erratum E11: 1 for |A|^2
-    w, a, a1 = h @ g.mT, act(g, A), act(h, A)
-    kinetic = alpha / eps * trace_log(2 * lagrange_top.identity(w.shape[-1]) + w + w.mT)
-    return -kinetic - 2 * (1 - alpha) / eps * log(1 + dot(a, a1)) - eps * dot(p, a)
 
 
 def same(m, a, *, p, eps):

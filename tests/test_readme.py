@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import re
 from pathlib import Path
@@ -27,3 +28,9 @@ def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert all(float(row[-1]) < 2 for row in table[1:])
     assert (tmp_path / "top.png").stat().st_size > 10_000
     assert (tmp_path / "top.zarr").is_dir()
+
+
+def test_the_speed_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(README.parent / "benchmarks"))
+    tables = importlib.import_module("tables")
+    assert tables.speed_and_stillness() in README.read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ import xarray as xr
 import kreisel as kr
 from kreisel import algebra
 from kreisel.lab import exact
-from kreisel.runs import simulate as runs
+from kreisel.runs import march as runs
 from kreisel.systems import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
@@ -116,11 +116,27 @@ def test_axial_and_matrix_states_are_the_same(top: object) -> None:
 def test_drift_measures_change_and_slope() -> None:
     time = np.linspace(0, 10, 11)
     attrs = {"kind": "integral", "kept": 1, "roundoff_scale": [2.0], "evaluation_scale": [5.0]}
-    run = xr.Dataset({"I": ("time", 5 + 0.5 * time, attrs)}, {"time": time}, {"steps": 100})
+    run = xr.Dataset({"I": ("time", 5 + 0.5 * time, attrs)}, {"time": time}, {"dt": 0.1})
     row = kr.drift(run).loc["I"]
     assert (row.start, row.max_change) == (5.0, 5.0)
     assert row.slope == pytest.approx(0.5)
     assert row.roundoff == pytest.approx(np.finfo(float).eps * (2 * 10 + 5))
+
+
+def test_the_band_of_a_part_is_that_of_its_steps(top: object, x0: object) -> None:
+    run = kr.simulate(top, x0, dt=0.1, steps=10_000, every=10)
+    part = kr.drift(run.isel(time=slice(0, 11)))
+    attrs = run.energy_eps.attrs
+    band = np.finfo(float).eps * (10 * attrs["roundoff_scale"][0] + attrs["evaluation_scale"][0])
+    assert part.roundoff["energy_eps"] == pytest.approx(band)
+
+
+@pytest.mark.parametrize(("order", "told"), [(1, "O(dt)"), (2, "O(dt^2)")])
+def test_the_energy_of_the_flow_oscillates_by_the_order(top: object, x0: object, order: int, told: str) -> None:
+    runs_ = [kr.simulate(top, x0, dt=dt, steps=round(5 / dt), order=order) for dt in (0.01, 0.005)]
+    widths = [float(np.ptp(run.energy.values)) for run in runs_]
+    assert np.log2(widths[0] / widths[1]) == pytest.approx(order, abs=0.1)
+    assert runs_[0].energy.attrs["long_name"].endswith(told)
 
 
 def test_default_method_and_names() -> None:

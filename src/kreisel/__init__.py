@@ -30,18 +30,19 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
-    from kreisel.runs.archive import open_archive as _open_archive  # noqa: F401
+    from kreisel.runs.archive import open_run
     from kreisel.runs.drift import drift
-    from kreisel.runs.simulate import simulate
+    from kreisel.runs.simulate import resume, simulate
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
 
 _LAZY = {
     "simulate": "kreisel.runs.simulate",
+    "resume": "kreisel.runs.simulate",
+    "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
-    "open": "kreisel.runs.opening",
 }
 
 __all__ = [
@@ -56,7 +57,9 @@ __all__ = [
     "RunError",
     "SymmetricTop",
     "drift",
+    "open_run",
     "plot",
+    "resume",
     "simulate",
     "systems",
 ]

@@ -137,12 +137,12 @@ def pairing(X: Array, Y: Array) -> Array:
 
 
 def wedge(x: Array, y: Array) -> Array:
-    """X ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
+    """The wedge product x ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
     return x[..., :, None] * y[..., None, :] - y[..., :, None] * x[..., None, :]
 
 
 def act(X: Array, v: Array) -> Array:
-    """X v for a batch of matrices and vectors."""
+    """The product X v for a batch of matrices and vectors."""
     return (X @ v[..., None])[..., 0]
 
 
@@ -231,7 +231,7 @@ def _resolvent(X: Array, V: Array) -> Array:
 
 
 def _add_product(C: Array, X: Array, V: Array) -> Array:
-    """C + X V.  Object arrays are summed from C on, so that kernels fuse each product into the sum unrounded."""
+    """C + X V: object arrays are summed from C on, so that kernels fuse each product into the sum unrounded."""
     if not holds_objects(C):
         return C + X @ V
     for k in range(X.shape[-1]):
@@ -284,23 +284,6 @@ def cayley_conjugate(X: Array, M: Array) -> Array:
     return cayley_columns(X, cayley_columns(X, M).mT).mT
 
 
-def cayley_plane(x: Array, y: Array, v: Array) -> Array:
-    """cay(x ^ y) v in O(n), for vectors (..., n); corrected by the residual like `cayley_columns`."""
-    X, Y, c = dot(x, x), dot(y, y), dot(x, y)
-    scale = 1 / (1 + X * Y - c * c)
-
-    def once(v: Array) -> Array:
-        xv, yv = dot(x, v), dot(y, v)
-        along_y, along_x = ((1 + c) * yv - Y * xv) * scale, ((1 - c) * xv + X * yv) * scale
-        return v + (x * vec(along_y) - y * vec(along_x))
-
-    def add_turn(w: Array, u: Array) -> Array:  # w + (x ^ y) u
-        return (w + x * vec(dot(y, u))) - y * vec(dot(x, u))
-
-    w = once(2 * add_turn(0 * v, v))
-    return v + w if exact(v) else _sum(v, w, once(add_turn(add_turn(-w, 2 * v), w)))
-
-
 def moebius(X: Array) -> Array:
     """(I + X)(I - X)^-1 for any matrix X (..., n, n); for skew X use `cayley`."""
     return solve(identity(X.shape[-1]) - X, identity(X.shape[-1]) + X)
@@ -315,7 +298,7 @@ def turn_left(X: Array, g: Array) -> Array:
 
 
 def turn_right(g: Array, X: Array) -> Array:
-    """G cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
+    """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
     return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(_quaternion_product(g, _half_turn(X)))
 
 

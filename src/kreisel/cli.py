@@ -1,4 +1,4 @@
-"""The command line: run, check, plot, systems.  Bad input ends with exit code 2 and one message."""
+"""The command line: run, resume, check, plot, systems, verify.  Bad input ends with exit code 2 and one message."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, Stopped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,12 +81,40 @@ def run(
 
 
 @app.command()
-def check(archive: Path, as_json: AsJson = False) -> None:
+def resume(
+    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    extend: Annotated[int | None, typer.Option("--extend", help="Lengthen the run to this number of steps.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
+    from kreisel.runs.drift import drift
+    from kreisel.runs.simulate import resume as go_on
+
+    result = go_on(archive, extend=extend)
+    table = drift(result)
+    if as_json:
+        _print_json({"archive": str(archive), "steps": result.attrs["steps"], "drift": _records(table)})
+        return
+    print(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
+    _print_drift(table)
+
+
+@app.command()
+def check(
+    archive: Path,
+    as_json: AsJson = False,
+    out: Annotated[
+        Path | None, typer.Option("--recover", help="Write the rows that are whole to a new archive.")
+    ] = None,
+) -> None:
     """Check an archive: complete, readable, finite, and its integrals equal to those of its states."""
-    from kreisel.runs.checking import check_archive
+    from kreisel.runs.checking import check_archive, recover
     from kreisel.runs.drift import drift
 
     result, faults = check_archive(archive)
+    if out is not None:
+        kept, rows = recover(archive, out)
+        print(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
     table = drift(result) if result is not None else None
     if as_json:
         _print_json({"archive": str(archive), "faults": faults, "drift": _records(table)})
@@ -109,8 +137,9 @@ def plot(
     """Draw the figure of an archive."""
     from kreisel.runs.archive import open_archive
 
-    target = out or archive.with_suffix(".png")
-    _save_figure(open_archive(archive), target, open_archive(compare) if compare else None)
+    result = open_archive(archive)
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
+    _save_figure(result, target, open_archive(compare) if compare else None)
     print(f"figure: {target}")
 
 
@@ -132,14 +161,81 @@ def systems(
         print(table(REGISTRY.values()))
 
 
+@app.command()
+def verify(
+    name: Annotated[str | None, typer.Argument(help="A row, or the beginning of names, such as theorem.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Name the rows without testing them.")] = False,
+    as_json: AsJson = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
+) -> None:
+    """Every theorem and displayed identity of the paper, exactly over Q and in floats, n = 3 to 6."""
+    from rich.console import Console
+
+    from kreisel.lab import paper
+    from kreisel.lab.paper import rows
+
+    if listed:
+        for row in rows.chosen(name):
+            print(f"{row.name:32}{row.place}")
+        return
+    console = Console(stderr=True)
+    findings: list[paper.Finding] = []
+    asked = rows.chosen(name)
+    with console.status("") as status:
+        for row in asked:
+            status.update(f"{row.name} ({len(findings) + 1} of {len(asked)})")
+            findings.append(paper.test(row))
+            if not (as_json or markdown):
+                _print_finding(findings[-1])
+    if as_json:
+        _print_json([_told(finding) for finding in findings])
+    elif markdown:
+        print(rows.markdown(findings), end="")
+    failing = [finding.row.name for finding in findings if not finding.holds]
+    if not (as_json or markdown):
+        errata = sum(finding.row.printed is not None for finding in findings)
+        print(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
+    if failing:
+        raise typer.Exit(1)
+
+
+def _print_finding(finding: Any) -> None:
+    from kreisel.lab.paper import rows
+
+    n, over_q, floats, verdict = rows.cells(finding)
+    row = finding.row
+    print(f"{row.name}: {row.place}\n    {row.statement}")
+    print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
+
+
+def _told(finding: Any) -> dict[str, Any]:
+    row = finding.row
+    return {
+        "row": row.name,
+        "place": row.place,
+        "statement": row.statement,
+        "erratum": row.erratum,
+        "n": finding.dimensions,
+        "exact": finding.over_q,
+        "float": finding.in_floats,
+        "printed": finding.printed,
+        "holds": finding.holds,
+        "verdict": finding.verdict,
+    }
+
+
 def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
     from kreisel.view.plots import plot as draw
 
+    if not target.name:
+        raise InputError(f"The figure needs a name such as top.png; {str(target)!r} came.")
     scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         draw(result, compare=compare).savefig(scratch)
         scratch.replace(target)
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         scratch.unlink(missing_ok=True)
         raise InputError(
@@ -189,11 +285,14 @@ def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
     try:
         app()
+    except Stopped as stopped:
+        print(f"kreisel: {stopped}", file=sys.stderr)
+        sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:
         print(f"kreisel: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        print("kreisel: interrupted; what was finished is kept beside the archive as .part", file=sys.stderr)
+        print("kreisel: interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()

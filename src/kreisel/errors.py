@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import errno
+import signal
 from collections.abc import Iterable
 
 
@@ -12,6 +14,31 @@ class InputError(ValueError):
 
 class RunError(RuntimeError):
     """A run that had to stop: a state that is no longer finite, a disk that is full."""
+
+
+class Stopped(RunError):
+    """A run that was told to stop by a signal; what it had done is kept, and it can go on."""
+
+    def __init__(self, number: int, steps: int, part: object):
+        self.number = number
+        name = str(part).removesuffix(".part")
+        super().__init__(
+            f"stopped by {signal.Signals(number).name} after {steps:,} steps. All of them are kept in {part}; "
+            f"`kreisel resume {name}` goes on."
+        )
+
+
+def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError:
+    """What the file system says, as one message with the fix."""
+    fix = {
+        errno.ENOSPC: "The disk is full: free some space, save less often (every), or choose another disk.",
+        errno.EDQUOT: "The disk quota is used up: free some space or choose another disk.",
+        errno.EACCES: "Choose a folder that you may write to.",
+        errno.EROFS: "The file system is read-only: choose another folder.",
+        errno.ENOTDIR: "A part of the path is a file: choose another folder.",
+        errno.ENAMETOOLONG: "Choose a shorter name.",
+    }.get(error.errno or 0, "Check the path and the disk.")
+    return RunError(f"{path} could not {what}: {error.strerror or error}. {fix}{kept}")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

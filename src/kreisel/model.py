@@ -97,7 +97,11 @@ class Model:
             v.shape[: v.ndim - PARAMETER_AXES[p.kind]]
             for p, v in zip(system.parameters, self.params.values(), strict=True)
         ]
-        self.batch = np.broadcast_shapes(*batches)
+        try:
+            self.batch = np.broadcast_shapes(*batches)
+        except ValueError:
+            told = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
+            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {told}.") from None
         spread = {
             k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
             for (k, v), b in zip(self.params.items(), batches, strict=True)
@@ -220,7 +224,7 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
         off = algebra.magnitude(array + array.mT)
         if off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1):
-            return (array - array.mT) / 2
+            return array / 2 - array.mT / 2  # halved first: the difference may overflow
         if n != 3 or array.ndim == 2:
             raise InputError(
                 f"{name} must be skew ({letter}^T = -{letter}); {letter} + {letter}^T is up to {off:.3g}. "

@@ -366,6 +366,12 @@ class Kernel:
     def advance(self, out: Floats, every: int) -> None:
         self._kernel(self.z, self.constants, self.stages, out, every)
 
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+
 
 def _head(scheme: Scheme, record: Recording) -> str:
     head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,9 @@ from kreisel.engines.cpu import compiled_rate, flat_constants
 from kreisel.engines.layout import Floats
 from kreisel.errors import RunError
 from kreisel.methods.scheme import Scheme
+
+# all that the next step and the dense output of scipy.integrate.DOP853 depend on
+SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
 
 Rate = Callable[[float, Floats, Floats], Floats]
 
@@ -42,6 +45,24 @@ class Reference:
             for lane, solver in enumerate(self._solvers):
                 row[lane] = self._to(solver, self._steps * self._dt)
             self.z[:] = row
+
+    def snapshot(self) -> dict[str, Floats]:
+        out = {"steps": np.asarray(self._steps, dtype=np.float64), "z": self.z}
+        for name in SOLVER:
+            like = np.full(np.shape(getattr(self._solvers[0], "y" if name == "y_old" else name)), np.nan)
+            values = [getattr(solver, name) for solver in self._solvers]
+            out[name] = np.array([like if value is None else value for value in values], dtype=np.float64)
+        return out
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self._steps, self.z[:] = int(snapshot["steps"]), snapshot["z"]
+        for lane, solver in enumerate(self._solvers):
+            if np.isnan(snapshot["t_old"][lane]):
+                continue  # no step yet: as it was made
+            for name in SOLVER:
+                value = np.array(snapshot[name][lane])
+                setattr(solver, name, value if value.ndim else float(value))
+            solver.K = solver.K_extended[: len(solver.K)]
 
     def _to(self, solver: Any, t: float) -> Floats:
         while solver.t < t:

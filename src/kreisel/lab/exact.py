@@ -157,7 +157,8 @@ def random_model(system: System, n: int, draw: Random) -> Model:
 
 def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
     if p.kind == "scalar":
-        return abs(draw((1,)))[0]
+        value = draw((1,))
+        return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles
     if p.kind == "vector":
         value = draw((n,))
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value

@@ -375,7 +375,7 @@ def make_case(system: System, n: int, numbers: str, seed: int) -> Case:
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = exact.random_model(system, n, draw)
     state = exact.random_state(system.space, n, draw)
-    eps, lam = (exact.rational(2, 7), exact.rational(5, 3)) if numbers == "exact" else (2 / 7, 5 / 3)
+    eps, lam = abs(draw((1,)))[0] / 4, draw((1,))[0]  # short enough for the logarithms of Lagrangians in floats
     return Case(model, state, eps, lam, draw, numbers)
 
 

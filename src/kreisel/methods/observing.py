@@ -17,7 +17,7 @@ ORIENTATION = "g"
 
 
 def orientation_component(n: int) -> tuple[str, str]:
-    """G as a unit quaternion for n = 3, as an orthogonal matrix otherwise."""
+    """The orientation g as a unit quaternion for n = 3, as an orthogonal matrix otherwise."""
     return (ORIENTATION, "quaternion" if n == 3 else "matrix")
 
 
@@ -27,12 +27,17 @@ def with_orientation(model: Model, oriented: bool) -> Components:
 
 
 def functions(
-    model: Model, eps: float | None, kept: Collection[str] = (), told: Mapping[str, str] | None = None
+    model: Model,
+    eps: float | None,
+    order: int = 1,
+    kept: Collection[str] = (),
+    told: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
     """Name -> (what it is, function, whether it takes the map's own variables).
 
     With `eps` (a step of the map) the deformed integrals come under names ending in `_eps`, and the
-    undeformed ones are marked as not kept.  Without, only the names in `kept` are.  `told` has other meanings.
+    undeformed ones, which the map of that order changes by O(dt^order), are marked as not kept.  Without,
+    only the names in `kept` are kept.  `told` has other meanings.
     """
     system = model.system
     by_map = eps is not None
@@ -48,7 +53,7 @@ def functions(
         deforms = by_map and "eps" in keywords(function) and system.map is not None
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
         if deforms:
-            oscillates = f"{meaning}, not kept by the map: it oscillates by O(dt)"
+            oscillates = f"{meaning}, not kept by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
             out[name] = (Outcome("integral", oscillates), _bind(model, function), False)
             deformed = f"deformed {name}, kept exactly by the map"
             out[f"{name}_eps"] = (Outcome("integral", deformed, kept=True), _bind(model, function, eps=eps), True)
@@ -71,7 +76,7 @@ def observer(
 ) -> tuple[Callable[[tuple[Array, ...]], dict[str, Array]], dict[str, Outcome]]:
     """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
     space = model.system.space
-    table = functions(model, eps, kept, told)
+    table = functions(model, eps, 1 if to_user is None else 2, kept, told)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
 

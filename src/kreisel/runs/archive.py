@@ -1,13 +1,14 @@
 """Datasets in memory and Zarr archives on disk, both described from the record.
 
 An archive is written beside its final name, as NAME.part, block by block; it takes its name only when it is
-whole.  Every chunk carries a CRC-32C.  Archives are data: arrays and JSON attributes, nothing that runs.
+whole.  Its arrays have their full length from the beginning, each block is one chunk or shard, and a checkpoint says
+how far the run is: a process killed at any instant leaves an archive that opens and can go on.  Every chunk carries a
+CRC-32C, and checksums.json the hash of the metadata.  Archives are data: arrays and JSON, nothing that runs.
 """
 
 from __future__ import annotations
 
-import contextlib
-import errno
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -25,16 +26,24 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, Stopped, disk_trouble
+from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
+from kreisel.runs import checkpoint
 from kreisel.runs.drift import KINDS
-from kreisel.runs.plan import Plan
-from kreisel.runs.simulate import block_rows
+from kreisel.runs.march import March, Snapshot, block_rows
+from kreisel.runs.plan import Plan, make_plan
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 1
+NEEDED = {  # attributes and their types
+    **dict.fromkeys(("title", "system", "parameters", "method", "options"), str),
+    **dict.fromkeys(("n", "steps", "every", "rows_in_block"), int),
+    **{"dt": float, "complete": bool},
+}
+LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -80,6 +89,8 @@ def describe(plan: Plan) -> dict[str, Any]:
         "dt": plan.dt,
         "steps": plan.steps,
         "every": plan.every,
+        "rows_in_block": block_rows(plan),
+        "complete": True,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": json.dumps(versions()),
     }
@@ -160,8 +171,8 @@ def saved_times(plan: Plan) -> Floats:
 TIME = {"long_name": "time", "units": "1", "axis": "T"}
 
 
-def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
-    """Blocks of outputs as a Dataset."""
+def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
+    """Blocks of outputs as a Dataset, at the times of the saved steps unless others are given."""
     import xarray as xr
 
     attrs = attributes(plan, blocks[0])
@@ -169,10 +180,18 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]]) -> xr.Dataset:
     for name in plan.scheme.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
         data[name] = (dimensions(plan, name, value.shape), value, attrs[name])
-    coords: dict[str, Any] = {"time": ("time", saved_times(plan), TIME)}
+    coords: dict[str, Any] = {"time": ("time", saved_times(plan) if times is None else times, TIME)}
     if plan.batched:
         coords["lane"] = ("lane", np.arange(plan.lanes))
     return xr.Dataset(data, coords, describe(plan))
+
+
+def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
+    """A run on disk, opened lazily as `kr.simulate` returns it; of an interrupted one what it has done.
+
+    Raises `InputError` for what is not an archive of Kreisel, or is damaged (`kreisel check` says how).
+    """
+    return open_archive(Path(path))
 
 
 def target(path: str | os.PathLike[str]) -> Path:
@@ -184,23 +203,29 @@ def target(path: str | os.PathLike[str]) -> Path:
 
 
 class Archive:
-    """A Zarr store that grows block by block under NAME.part and gets its name when it is whole."""
+    """A Zarr store that grows block by block under NAME.part and gets its name when it is whole.
 
-    def __init__(self, path: Path, plan: Plan, overwrite: bool):
+    `begun` continues a store that is there: rows up to the checkpoint are in it.
+    """
+
+    def __init__(self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False):
         self.path, self.part, self.plan = path, path.with_name(path.name + ".part"), plan
-        self._overwrite, self._rows = overwrite, 0
+        self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
         self._times = saved_times(plan)
+        self._start: dict[str, Floats] = dict(plan.start)
 
     def __enter__(self) -> Archive:
         import zarr
 
-        with self._disk("be created"):
-            self._make_room()
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._group = zarr.open_group(str(self.part), mode="w-", zarr_format=3)
-            self._group.attrs.update({**describe(self.plan), "complete": False})
-            if self.plan.batched:
-                self._create("lane", np.arange(self.plan.lanes), ("lane",), {}, grows=False)
+        with self._disk("be opened again" if self._begun else "be created"):
+            if self._begun:
+                self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
+                self._fit()
+            else:
+                self._make_room()
+                self._group = zarr.open_group(str(self.part), mode="w-", zarr_format=3)
+                self._group.attrs.update({**describe(self.plan), "complete": False})
+                self._group.create_group(checkpoint.NAME.split("/")[0])
         return self
 
     def _make_room(self) -> None:
@@ -212,73 +237,85 @@ class Archive:
         if self.part.exists():
             if not self._overwrite:
                 raise InputError(
-                    f"{self.part} was left by a run that was interrupted. Look at it with `kreisel plot {self.part}`; "
-                    "then remove it, or start over with --overwrite (overwrite=True)."
+                    f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
+                    f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
                 )
             shutil.rmtree(self.part)
+
+    def _fit(self) -> None:
+        """Give every array the length of the plan, which may be longer; remove what a kill left half written."""
+        for pattern in (".checkpoint-*", "*.partial", "*.new"):
+            for scratch in self.part.rglob(pattern):
+                scratch.unlink()
+        for name in self._group.array_keys():
+            array: Any = self._group[name]
+            if name != "lane" and array.shape[0] != self.plan.rows:
+                array.resize((self.plan.rows, *array.shape[1:]))
 
     def _disk(self, what: str) -> _DiskTrouble:
         return _DiskTrouble(self, what)
 
-    def append(self, block: Mapping[str, Array]) -> None:
-        """Write a block of rows at the end."""
-        count = len(next(iter(block.values())))
-        start, stop = self._rows, self._rows + count
+    def append(self, block: Mapping[str, Array], start: int) -> None:
+        """Write a block of rows that begins at row `start`, a chunk or the last rows."""
+        stop = start + len(next(iter(block.values())))
         values = {"time": self._times[start:stop], **block}
-        attrs = {"time": TIME, **attributes(self.plan, block)} if start == 0 else {}
         with self._disk("be written"):
+            if "time" not in self._group:
+                self._create(values, {"time": TIME, **attributes(self.plan, block)})
             for name, value in values.items():
-                if start == 0:
-                    dims = ("time",) if name == "time" else dimensions(self.plan, name, value.shape)
-                    self._create(name, value, dims, attrs[name])
-                else:
-                    array: Any = self._group[name]
-                    array.resize((stop, *array.shape[1:]))
-                    array[start:stop] = value
-        self._rows = stop
+                array: Any = self._group[name]
+                array[start:stop] = value
+        self._worth_keeping = True
 
-    def _create(
-        self, name: str, value: Array, dims: tuple[str, ...], attrs: Mapping[str, Any], grows: bool = True
-    ) -> None:
+    def _create(self, values: Mapping[str, Array], attrs: Mapping[str, Mapping[str, Any]]) -> None:
+        """Every array at its full length; `time` last, because it says that all are there."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
-        chunk = (block_rows(self.plan), *value.shape[1:]) if grows else value.shape
-        array = self._group.create_array(
-            name,
-            shape=value.shape,
-            chunks=chunk,
-            dtype=value.dtype,
-            dimension_names=dims,
-            compressors=[ZstdCodec(level=1), Crc32cCodec()],
-            attributes=dict(attrs),
-            fill_value=np.nan if value.dtype.kind == "f" else 0,
-        )
-        array[...] = value
+        whole, rows = block_rows(self.plan), self.plan.rows
+        codecs = [ZstdCodec(level=1), Crc32cCodec()]
+        if self.plan.batched:
+            lanes = np.arange(self.plan.lanes)
+            lane = self._group.create_array(
+                "lane", data=lanes, chunks=lanes.shape, dimension_names=("lane",), compressors=codecs, overwrite=True
+            )
+            lane.attrs["long_name"] = "lane"
+        for name in sorted(values, key=lambda name: name == "time"):
+            value = values[name]
+            self._group.create_array(
+                name,
+                shape=(rows, *value.shape[1:]),
+                chunks=(whole, *value.shape[1:]),
+                dtype=value.dtype,
+                dimension_names=("time",) if name == "time" else dimensions(self.plan, name, value.shape),
+                compressors=codecs,
+                attributes=dict(attrs[name]),
+                fill_value=np.nan,
+                overwrite=True,
+            )
+
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Write down where the run stands; everything before is kept whatever happens."""
+        with self._disk("be written"):
+            checkpoint.write(self.part, snapshot, self._start)
+
+    def finish(self) -> None:
+        """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
+        import zarr
+
+        with self._disk("be finished"):
+            self._group.attrs["complete"] = True
+            with warnings.catch_warnings():  # Zarr calls the one file that lists all others not yet a standard
+                warnings.simplefilter("ignore")
+                zarr.consolidate_metadata(str(self.part))
+            write_checksums(self.part)
+            self._take_name()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is None:
-            import zarr
-
-            with self._disk("be finished"):
-                self._group.attrs["complete"] = True
-                with warnings.catch_warnings():  # Zarr calls the one file that lists all others not yet a standard
-                    warnings.simplefilter("ignore")
-                    zarr.consolidate_metadata(str(self.part))
-                self._take_name()
-        elif self._rows == 0:
+        stopped = isinstance(error, Stopped | KeyboardInterrupt)
+        if error is not None and not (stopped or self._worth_keeping):
             shutil.rmtree(self.part, ignore_errors=True)
-        else:
-            with contextlib.suppress(OSError):  # a full disk may refuse even this; check then names the damage
-                self._cut_back()
-
-    def _cut_back(self) -> None:
-        """Take back a block that was written in part, so that all variables have the same rows."""
-        for name in self._group.array_keys():
-            array: Any = self._group[name]
-            if name != "lane" and array.shape[0] > self._rows:
-                array.resize((self._rows, *array.shape[1:]))
 
     def _take_name(self) -> None:
         old = None
@@ -288,6 +325,66 @@ class Archive:
         os.replace(self.part, self.path)
         if old is not None:
             shutil.rmtree(old) if old.is_dir() else old.unlink()
+
+
+def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
+    """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
+    part = path.with_name(path.name + ".part")
+    store = part if part.exists() else path
+    attrs = read_attributes(store)
+    if store == path and extend is None:
+        raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
+    steps = attrs["steps"] if extend is None else extend
+    if extend is not None and extend < attrs["steps"]:
+        raise InputError(f"{path} has {attrs['steps']:,} steps; --extend needs more, but {extend:,} came.")
+    snapshot, start = checkpoint.read(store)
+    plan = _plan(attrs, start, steps)
+    if snapshot.rows.shape[1:] != plan.engine.z.shape:
+        raise InputError(
+            f"The checkpoint of {store} does not belong to its attributes. Run it again from its TOML file."
+        )
+    march = March(plan, rows_in_block=attrs["rows_in_block"])
+    march.restore(snapshot)
+    if store == path:
+        os.replace(path, part)
+    _mark(part, steps)
+    return Archive(path, plan, begun=True), march
+
+
+def _mark(part: Path, steps: int) -> None:
+    """Not complete any more, so many steps, and what versions go on with it, if others than began it."""
+    import zarr
+
+    group = zarr.open_group(str(part), mode="r+", zarr_format=3, use_consolidated=False)
+    changed = json.dumps(versions())
+    resumed = {} if group.attrs["versions"] == changed else {"resumed": changed}
+    group.attrs.update({"complete": False, "steps": steps, **resumed})
+
+
+CHECKSUMS = "engine/checksums.json"
+
+
+def metadata_hashes(store: Path) -> dict[str, str]:
+    """SHA-256 of every zarr.json, without the list of all others that the first of them may hold."""
+    out = {}
+    for path in sorted(store.rglob("zarr.json")):
+        try:
+            told = json.loads(path.read_text(encoding="utf-8"))
+            if isinstance(told, dict):
+                told.pop("consolidated_metadata", None)
+            text = json.dumps(told, sort_keys=True)
+        except ValueError:
+            text = repr(path.read_bytes())
+        out[path.relative_to(store).as_posix()] = hashlib.sha256(text.encode()).hexdigest()
+    return out
+
+
+def write_checksums(store: Path) -> None:
+    """Write the hashes of the metadata beside it."""
+    scratch = store / f"{CHECKSUMS}.new"
+    scratch.parent.mkdir(exist_ok=True)
+    scratch.write_text(json.dumps(metadata_hashes(store), indent=1), encoding="utf-8")
+    os.replace(scratch, store / CHECKSUMS)
 
 
 class _DiskTrouble:
@@ -302,41 +399,125 @@ class _DiskTrouble:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not isinstance(error, OSError):
-            return
-        archive = self._archive
-        kept = f" The {archive._rows:,} rows before are kept in {archive.part}." if archive._rows else ""
-        fix = {
-            errno.ENOSPC: "The disk is full: free some space, save less often (every), or choose another disk.",
-            errno.EDQUOT: "The disk quota is used up: free some space or choose another disk.",
-            errno.EACCES: "Choose a folder that you may write to.",
-            errno.EROFS: "The file system is read-only: choose another folder.",
-            errno.ENOTDIR: "A part of the path is a file: choose another folder.",
-            errno.ENAMETOOLONG: "Choose a shorter name.",
-        }.get(error.errno or 0, "Check the path and the disk.")
-        raise RunError(f"{archive.path} could not {self._what}: {error.strerror or error}. {fix}{kept}") from error
+        if isinstance(error, OSError):
+            archive = self._archive
+            kept = ""
+            if (archive.part / checkpoint.NAME).exists():
+                kept = f" What was done until the last checkpoint is kept: `kreisel resume {archive.path}` goes on."
+            raise disk_trouble(error, archive.path, self._what, kept) from error
 
 
-def open_archive(path: Path) -> xr.Dataset:
-    """A run on disk, opened lazily.  Raises `InputError` for what is not a Kreisel archive."""
+def read_attributes(store: Path) -> dict[str, Any]:
+    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+    if not store.exists():
+        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.")
+    try:
+        size = (store / "zarr.json").stat().st_size
+        if size > LARGEST_METADATA:
+            raise InputError(f"{store} is damaged: its zarr.json has {size:,} bytes.")
+        attrs = json.loads((store / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
+    if not isinstance(attrs, dict) or attrs.get("kreisel_format") != FORMAT:
+        raise InputError(f"{store} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
+    missing = [key for key in NEEDED if key not in attrs]
+    wrong = [key for key, kind in NEEDED.items() if key not in missing and not isinstance(attrs[key], kind)]
+    wrong += [key for key in ("steps", "every", "n", "rows_in_block") if key not in missing + wrong and attrs[key] < 1]
+    if missing or wrong:
+        told = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
+        raise InputError(f"{store} is damaged: its attributes {told}. Make it again from its TOML file.")
+    return attrs
+
+
+def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
+    """A run on disk, opened lazily; of an interrupted one all rows until its last checkpoint.
+
+    With `indexed` the times are read, so that rows can be chosen by time.  Raises `InputError` for what is not a
+    Kreisel archive.
+    """
     import xarray as xr
 
-    if not path.exists():
-        raise InputError(f"There is no archive {path}. Run `kreisel run` first, or check the name.")
+    attrs = read_attributes(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            run = xr.open_dataset(path, engine="zarr", consolidated=False, cache=False, mask_and_scale=False)
+            run = xr.open_dataset(
+                path,
+                engine="zarr",
+                consolidated=False,
+                cache=False,
+                mask_and_scale=False,
+                create_default_indexes=False,
+            )
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
-    if run.attrs.get("kreisel_format") != FORMAT:
-        raise InputError(f"{path} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
-    order = ("state", "orientation", *KINDS)
-    return run[sorted(run.data_vars, key=lambda name: (order.index(run[name].attrs["kind"]), str(name)))]
+    if not attrs["complete"]:
+        run = _until_checkpoint(path, attrs, run)
+    for name in ("time", "lane"):
+        if indexed and name in run.dims and name in run.variables and name not in run.xindexes:
+            try:
+                run = run.set_xindex(name)
+            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+                raise InputError(
+                    f"{path} is damaged, {name} cannot be read: {error}. `kreisel check {path}`."
+                ) from error
+    return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
 
 
-def model_of(run: xr.Dataset) -> Model:
-    """The model that a run was made from."""
+def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> xr.Dataset:
+    """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
+    import xarray as xr
+
+    if not (path / checkpoint.NAME).exists():
+        return run
+    snapshot, start = checkpoint.read(path)
+    whole = run.isel(time=slice(0, snapshot.flushed)) if "time" in run.dims else run
+    if len(snapshot.rows) == 0:
+        return whole
+    plan = _plan(attrs, start, attrs["steps"])
+    first = snapshot.flushed
+    times = saved_times(plan)[first : first + len(snapshot.rows)]
+    rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
+    if first:
+        for name in rest.variables:
+            rest[name].attrs = whole[name].attrs
+        rest = xr.concat(
+            [whole, rest.drop_indexes(list(rest.xindexes))],
+            dim="time",
+            data_vars="minimal",
+            coords="minimal",
+            compat="override",
+            join="override",
+        )
+    return rest.assign_attrs(run.attrs)
+
+
+def _place(variable: xr.DataArray) -> int:
+    """States first, then the orientation, Casimirs, integrals, and what a user has added."""
+    order, kind = ("state", "orientation", *KINDS), variable.attrs.get("kind")
+    return order.index(kind) if kind in order else len(order)
+
+
+def model_of(attrs: Mapping[str, Any]) -> Model:
+    """The model that a run was made from, by its attributes.  Raises `InputError` where they are damaged."""
     from kreisel.systems import find
 
-    return find(run.attrs["system"])(**json.loads(run.attrs["parameters"]))
+    try:
+        parameters = json.loads(attrs["parameters"])
+    except ValueError as error:
+        raise InputError(f"The parameters among the attributes are damaged: {error}") from error
+    return find(attrs["system"])(**parameters)
+
+
+def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
+    """The plan of a run from its attributes and its start."""
+    return make_plan(
+        model_of(attrs),
+        {letter: value for letter, value in start.items() if letter != ORIENTATION},
+        dt=attrs["dt"],
+        steps=steps,
+        every=attrs["every"],
+        method=attrs["method"],
+        order=json.loads(attrs["options"]).get("order"),
+        orientation=start.get(ORIENTATION),
+    )

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import json
+import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kreisel import algebra
+from kreisel.errors import InputError
 from kreisel.methods import scheme
-from kreisel.runs.archive import model_of, open_archive
+from kreisel.runs.archive import (
+    CHECKSUMS,
+    metadata_hashes,
+    model_of,
+    open_archive,
+    read_attributes,
+    write_checksums,
+)
 from kreisel.runs.drift import KINDS
 
 if TYPE_CHECKING:
@@ -20,41 +30,111 @@ RELATIVE = 1e-12
 
 
 def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
-    """The run in memory and what is wrong with it, each fault in one sentence.
+    """The run in memory, as far as it can be read, and what is wrong with it, each fault in one sentence.
 
-    Every chunk is read, which verifies its checksum; the Casimirs and the integrals that are functions of
-    the saved state alone are computed again from it.  Raises `InputError` if there is no archive at all.
+    The metadata are compared with their hashes; every chunk is read, which verifies its checksum; the Casimirs and
+    the integrals that are functions of the saved state alone are computed again from it.  Raises `InputError` if
+    there is no archive at all.
     """
-    run = open_archive(path)
-    faults = []
-    if not run.attrs.get("complete", False):
-        faults.append("the run was interrupted before its end (complete = false)")
-    expected = 1 + run.attrs["steps"] // run.attrs["every"] + (run.attrs["steps"] % run.attrs["every"] > 0)
-    if run.attrs.get("complete", False) and run.sizes.get("time") != expected:
-        faults.append(f"{expected} rows were expected, {run.sizes.get('time')} are there")
-    for name in list(run.variables):
-        try:
-            run[name].load()
-        except Exception as error:  # whatever a damaged chunk makes the libraries raise
-            faults.append(f"{name} cannot be read: {error}")
-            run = run.drop_vars([name])
+    run = open_archive(path, indexed=False)
+    faults = _metadata_faults(path) + _size_faults(run)
+    if faults and not _fits(run):
+        return None, faults
+    damaged = damaged_rows(run)
+    for name, (first, last, why) in damaged:
+        faults.append(f"{name} cannot be read in rows {first} to {last}: {why}")
+    run = run.drop_vars({name for name, _ in damaged}).load()
     faults += [
         f"{name} is not finite at row {int(np.argmin(np.isfinite(v.values.reshape(len(v), -1)).all(1)))}"
         for name, v in run.data_vars.items()
-        if not np.isfinite(v.values).all()
+        if v.dtype.kind == "f" and not np.isfinite(v.values).all()
     ]
     if "time" in run.coords and not (np.diff(run["time"].values) > 0).all():
         faults.append("time does not increase")
     faults += [] if faults else _recomputed(run)
-    return (run if "time" in run.coords else None), faults
+    if not run.attrs["complete"]:
+        faults.insert(0, "the run was interrupted before its end: `kreisel resume` goes on with it")
+    return (run.set_xindex("time") if "time" in run.coords else None), faults
+
+
+def _metadata_faults(path: Path) -> list[str]:
+    """Metadata that are not as they were written; of an interrupted run they still change."""
+    try:
+        written = json.loads((path / CHECKSUMS).read_text(encoding="utf-8"))
+        here = metadata_hashes(path)
+        faults = [f"{name.removesuffix('/zarr.json')} is missing" for name in written if name not in here]
+        changed = [name for name, value in written.items() if here.get(name, value) != value]
+    except FileNotFoundError:
+        return [] if not read_attributes(path)["complete"] else [f"{CHECKSUMS} is missing"]
+    except (OSError, ValueError, AttributeError) as error:
+        return [f"{CHECKSUMS} cannot be read: {error}"]
+    return faults + [f"{name} was changed after the run" for name in changed]
+
+
+def _size_faults(run: xr.Dataset) -> list[str]:
+    attrs = run.attrs
+    expected = 1 + attrs["steps"] // attrs["every"] + (attrs["steps"] % attrs["every"] > 0)
+    rows = run.sizes.get("time", 0)
+    faults = [f"{expected} rows were expected, {rows} are there"] if attrs["complete"] and rows != expected else []
+    if not _fits(run):
+        faults.append(f"it claims to hold {run.nbytes:,} bytes, more than this machine's memory: not read")
+    return faults
+
+
+def _fits(run: xr.Dataset) -> bool:
+    return run.nbytes < os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
+    """The blocks of rows of each variable that cannot be read: its name, first and last row, and why."""
+    block, rows = run.attrs["rows_in_block"], run.sizes.get("time", 0)
+    found = []
+    for name, variable in run.variables.items():
+        for first in range(0, rows, block) if "time" in variable.dims else [0]:
+            last = min(first + block, rows) - 1
+            try:
+                part = variable[first : last + 1] if "time" in variable.dims else variable
+                if part.dtype.kind == "f" and np.isnan(part.values).all() and part.size:
+                    found.append((str(name), (first, last, "nothing is there")))
+            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+                found.append((str(name), (first, last, str(error) or type(error).__name__)))
+    return found
+
+
+def recover(path: Path, out: Path) -> tuple[int, int]:
+    """Write the rows of a damaged archive that are whole in every variable to a new one; how many, and of how many.
+
+    The new archive has the attribute `recovered`, and complete = false where rows are lost.  Raises `InputError` where
+    nothing is whole, or `out` exists.
+    """
+    if out.exists():
+        raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
+    run = open_archive(path, indexed=False)
+    rows = run.sizes.get("time", 0)
+    keep = np.ones(rows, dtype=bool)
+    for _, (first, last, _) in damaged_rows(run):
+        keep[first : last + 1] = False
+    if not keep.any():
+        raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
+    whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
+    lost = not (run.attrs["complete"] and keep.all())
+    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        whole.to_zarr(out, zarr_format=3)
+    write_checksums(out)
+    return int(keep.sum()), rows
 
 
 def _recomputed(run: xr.Dataset) -> list[str]:
     """Integrals of the saved states against the saved integrals."""
-    model = model_of(run)
+    model = model_of(run.attrs)
     options = json.loads(run.attrs["options"])
     plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
     kinds = dict(model.system.space.components)
+    missing = [f"{name} is missing" for name in plan.outcomes if name not in run]
+    if missing:
+        return missing
     state = tuple(algebra.hat(run[k].values) if kinds[k] == "skew" and model.n == 3 else run[k].values for k in kinds)
     outputs = plan.observe(plan.reopen(state))
     faults = []

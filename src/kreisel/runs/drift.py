@@ -36,13 +36,14 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     ratio       max_change / roundoff: about 1 or less for an integral that is kept
     slope       least-squares slope of the change against time
 
-    In an ensemble each row is the worst lane.
+    `steps` are those from the first to the last saved time.  In an ensemble each row is the worst lane.
     """
     import pandas as pd
 
     time = np.asarray(run["time"].values)
+    steps = float(time[-1] - time[0]) / run.attrs["dt"]  # those that are there: a run may be cut short
     rows = {
-        series.name: {"kind": series.kind, "kept": series.kept, **_row(series, time, run.attrs["steps"])}
+        series.name: {"kind": series.kind, "kept": series.kept, **_row(series, time, steps)}
         for series in all_series(run)
     }
     return pd.DataFrame.from_dict(rows, orient="index")
@@ -79,7 +80,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
             yield Series(label, str(name), attrs["kind"], kept, series[:, worst], float(step_scale), float(value_scale))
 
 
-def _row(series: Series, time: np.ndarray, steps: int) -> dict[str, float]:
+def _row(series: Series, time: np.ndarray, steps: float) -> dict[str, float]:
     change = series.values - series.values[0]
     centred = time - time.mean()
     slope = float(centred @ change / (centred @ centred)) if len(time) > 1 else 0.0

@@ -16,6 +16,7 @@ from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
 from kreisel.methods import Scheme, scheme
+from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
@@ -31,6 +32,12 @@ class Marcher(Protocol):
     def advance(self, out: Floats, every: int) -> None:
         """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there."""
 
+    def snapshot(self) -> dict[str, Floats]:
+        """All that the next step depends on."""
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        """Go on from a snapshot."""
+
 
 @dataclass
 class Plan:
@@ -44,16 +51,11 @@ class Plan:
     every: int
     lanes: int
     batched: bool
-
-    @property
-    def saved_steps(self) -> list[int]:
-        """Steps at which rows are saved: 0, every, 2 every, ... and the last."""
-        regular = list(range(0, self.steps + 1, self.every))
-        return regular if regular[-1] == self.steps else [*regular, self.steps]
+    start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
 
     @property
     def rows(self) -> int:
-        """How many rows are saved."""
+        """How many rows are saved: those of the steps 0, every, 2 every, ... and the last."""
         return 1 + self.steps // self.every + (self.steps % self.every > 0)
 
     @property
@@ -89,14 +91,14 @@ def make_plan(
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
         )
-    dt, steps, every = _positive(dt, "dt"), _whole(steps, "steps"), _whole(every, "every")
+    dt, steps, every = _positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
             f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
         )
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
-    state = x0 if isinstance(x0, State) else _state(model, x0)
+    state = _state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     if orientation is not None:
@@ -111,6 +113,7 @@ def make_plan(
         every=every,
         lanes=math.prod(start.shape[:-1]),
         batched=start.ndim > 1,
+        start=dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False)),
     )
 
 
@@ -146,7 +149,7 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
 
 
 def _state(model: Model, x0: Any) -> State:
-    if not isinstance(x0, Mapping):
+    if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         raise InputError(f"The initial state must come from system.state({letters}) or be a dict; {x0!r} came.")
     return model.state(**x0)
@@ -165,7 +168,8 @@ def _positive(value: Any, name: str) -> float:
     return number
 
 
-def _whole(value: Any, name: str) -> int:
+def whole(value: Any, name: str) -> int:
+    """A number of steps, 1 or more.  Raises `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
         raise InputError(f"{name} must be a whole number, 1 or more; {value!r} came.")
     return int(value)

@@ -13,8 +13,8 @@ SHOW_AFTER_SECONDS = 0.5
 class Progress:
     """Counts steps; a bar on stderr appears once the run has taken half a second."""
 
-    def __init__(self, total: int, show: bool | None):
-        self.total, self.done = total, 0
+    def __init__(self, total: int, show: bool | None, done: int = 0):
+        self.total, self.done, self._before = total, done, done
         self._show = sys.stderr.isatty() if show is None else show
         self._begun, self._bar, self._task = time.perf_counter(), None, None
 
@@ -27,7 +27,7 @@ class Progress:
         if self._bar is None and self._show and time.perf_counter() - self._begun > SHOW_AFTER_SECONDS:
             self._bar, self._task = _bar(self.total)
         if self._bar is not None:
-            rate = self.done / (time.perf_counter() - self._begun)
+            rate = (self.done - self._before) / (time.perf_counter() - self._begun)
             self._bar.update(self._task, completed=self.done, rate=f"{_short(rate)} steps/s")
 
     def __exit__(

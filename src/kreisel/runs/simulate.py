@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from kreisel.algebra import Array
-from kreisel.engines import layout
-from kreisel.engines.layout import Floats
-from kreisel.errors import InputError, RunError
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.errors import InputError, Stopped
+from kreisel.runs.checkpoint import Lock, signals_wait
+from kreisel.runs.march import March
+from kreisel.runs.plan import Plan, make_plan, whole
 from kreisel.runs.progress import Progress
 
 if TYPE_CHECKING:
     import xarray as xr
 
-BLOCK_BYTES = 1 << 20  # of states, held at once
-TICK_SECONDS = 0.1  # between two looks at the clock
+    from kreisel.runs.archive import Archive
+
+CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 
 
 def simulate(
@@ -57,102 +54,60 @@ def simulate(
     a state is no longer finite, an implicit step is not solved or the archive cannot be written.
     """
     plan = make_plan(system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation)
-    from kreisel.runs.archive import Archive, in_memory, open_archive, target
+    from kreisel.runs.archive import Archive, in_memory, target
 
-    with Progress(plan.steps * plan.lanes, progress) as bar:
-        if path is None:
-            _check_memory(plan)
-            return in_memory(plan, list(march(plan, bar.advance)))
-        with Archive(target(path), plan, overwrite) as archive:
-            for block in march(plan, bar.advance):
-                archive.append(block)
-    return open_archive(Path(path))
-
-
-def march(plan: Plan, tick: Callable[[int], None] = lambda steps: None) -> Iterator[dict[str, Array]]:
-    """Blocks of outputs, time in front, in order; the first holds the initial state."""
-    width = plan.engine.z.size
-    most = block_rows(plan)
-    buffer = np.empty((most, *plan.engine.z.shape))
-    buffer[0] = plan.engine.z
-    filled, done = 1, 0
-    pace = _Pace(plan, tick)
-    regular, rest = plan.steps // plan.every, plan.steps % plan.every
-    while done < regular or rest:
-        if filled == most:
-            yield _finished(plan, buffer[:filled], done)
-            filled = 0
-        every = plan.every if done < regular else rest
-        rows = min(most - filled, regular - done) if done < regular else 1
-        rows = pace.fill(buffer[filled : filled + rows], every)
-        filled, done, rest = filled + rows, done + rows, rest if done < regular else 0
-    if filled and width:
-        yield _finished(plan, buffer[:filled], done)
+    if path is None:
+        _check_memory(plan)
+        with Progress(plan.steps * plan.lanes, progress) as bar:
+            return in_memory(plan, list(March(plan, bar.advance).blocks()))
+    where = target(path)
+    with Lock(where):
+        return _write(Archive(where, plan, overwrite), March(plan), progress)
 
 
-def block_rows(plan: Plan) -> int:
-    """Rows held at once, and rows in a chunk of an archive."""
-    return int(max(1, min(plan.rows, BLOCK_BYTES // (8 * plan.engine.z.size))))
+def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None) -> xr.Dataset:
+    """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen one that is finished.
+
+    path      the archive, NAME or NAME.part
+    extend    the run's new number of steps, more than it has: a finished run goes on to it
+    progress  as in `simulate`
+
+    The parameters, the start, the method and the state of its engine come from the archive.  The same bits are
+    promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
+    Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
+    """
+    from kreisel.runs.archive import reopen, target
+
+    where = target(path)
+    where = where.with_suffix("") if where.suffix == ".part" else where
+    with Lock(where):
+        archive, march = reopen(where, None if extend is None else whole(extend, "extend"))
+        return _write(archive, march, progress)
 
 
-class _Pace:
-    """Calls of the engine short enough to show progress and to be interrupted."""
+def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:
+    """March into an archive, with a checkpoint now and then and when the run is told to stop."""
+    from kreisel.runs.archive import open_archive
 
-    def __init__(self, plan: Plan, tick: Callable[[int], None]):
-        self.engine, self.lanes, self.tick, self.burst = plan.engine, plan.lanes, tick, 256
-        self.scratch = np.empty((1, *plan.engine.z.shape))
+    plan, last = march.plan, -math.inf
 
-    def fill(self, out: Floats, every: int) -> int:
-        """Fill as many rows of `out` as fit in a tick, at least one."""
-        rows = min(len(out), max(1, self.burst // every))
-        left = every if rows == 1 else 0
-        while left > self.burst:
-            burst = self.burst  # the call changes it
-            self._call(self.scratch, burst)
-            left -= burst
-        self._call(out[:rows], left or every)
-        return rows
+    def between() -> None:
+        nonlocal last
+        due = time.monotonic() - last > CHECKPOINT_SECONDS or stop.signal is not None
+        closing = march.rows == plan.steps // plan.every + 1  # what a longer run would have is there
+        written = march.filled == 0  # a block was just written
+        if march.into == 0 if closing else march.regular and (due or written):
+            archive.checkpoint(march.snapshot())
+            last = time.monotonic()
+        if stop.signal is not None:
+            raise Stopped(stop.signal, march.steps, archive.part)
 
-    def _call(self, out: Floats, every: int) -> None:
-        begun = time.perf_counter()
-        self.engine.advance(out, every)
-        seconds = time.perf_counter() - begun
-        self.tick(len(out) * every * self.lanes)
-        if seconds < TICK_SECONDS:
-            self.burst = min(2 * self.burst, 1 << 40)
-        elif seconds > 2 * TICK_SECONDS:
-            self.burst = max(1, self.burst // 2)
-
-
-def _finished(plan: Plan, rows: Floats, done: int) -> dict[str, Array]:
-    finite = np.isfinite(rows).all(axis=(1, 2))
-    if not finite.all():
-        step = (done - len(rows) + 1 + int(np.argmin(finite))) * plan.every
-        raise RunError(
-            f"The state is no longer finite at or before step {step} (time {step * plan.dt:g}). "
-            "Usual cause: a step far too long, or a state so large that its square overflows. Use a smaller dt."
-        )
-    _check_guard(plan, rows, done)
-    with np.errstate(all="ignore"):
-        block = plan.observe(rows.copy())  # the buffer is filled again
-    for name, value in block.items():
-        if not np.isfinite(value).all():
-            raise RunError(
-                f"{name} is not finite, although the state is, in the rows before step {done * plan.every}. "
-                "Usual cause: a state so large that its powers overflow. Use smaller units."
-            )
-    return block
-
-
-def _check_guard(plan: Plan, rows: Floats, done: int) -> None:
-    guard = plan.scheme.guard
-    if guard is None:
-        return
-    letters = [letter for letter, _ in plan.scheme.components]
-    values = layout.restore(rows, plan.kinds, plan.model.n)[letters.index(guard.component)]
-    if (values > guard.limit).any():
-        step = (done - len(rows) + 1 + int(np.argmax((values > guard.limit).any(-1)))) * plan.every
-        raise RunError(f"{guard.fault} at or before step {step} (time {step * plan.dt:g}). Usual cause: {guard.cause}")
+    with signals_wait() as stop, archive, Progress(plan.steps * plan.lanes, progress, march.steps * plan.lanes) as bar:
+        march.tick = bar.advance
+        for block in march.blocks(between):
+            archive.append(block, march.flushed)
+        archive.finish()
+    return open_archive(archive.path)
 
 
 def _check_memory(plan: Plan) -> None:

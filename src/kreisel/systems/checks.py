@@ -18,7 +18,7 @@ def nonzero_vector(A, letter):
     if np.asarray(dot(A, A) == 0).any():
         raise InputError(
             f"{letter} must not be the zero vector: it points from the fixed point to the centre of mass. "
-            "A body held at its centre of mass is the free top (heavy-top with p = 0)."
+            "A body held at its centre of mass is the free top (heavy-top with A = 0)."
         )
 
 

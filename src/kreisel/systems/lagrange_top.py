@@ -2,7 +2,7 @@
 
 m is the angular momentum and a = gA the vector from the fixed point to the centre of mass, both in
 the rest frame; p is the constant gravity vector (potential <p, a>).  Minus bracket, F' = {H, F}.
-[Suris 2001, sections 5 and 6.1; corrections E10 to E12 of the errata apply: any |a|, alpha != 0]
+[Suris 2001, sections 5 and 6.1; any |a| by erratum E11, alpha != 0; integrals complete with noether, erratum E12]
 """
 
 from kreisel.algebra import (

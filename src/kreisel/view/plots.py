@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from kreisel.errors import InputError
 from kreisel.runs.archive import model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
 from kreisel.view.style import COLOURS, FAINT, STYLE
@@ -28,7 +29,12 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
     relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
+    Raises `InputError` if it is of another system, or if the run lacks the vector that is drawn.
     """
+    if compare is not None and compare.attrs["system"] != run.attrs["system"]:
+        raise InputError(
+            f"Runs of one system can be compared; {run.attrs['system']} and {compare.attrs['system']} came."
+        )
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -54,11 +60,13 @@ def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
 
 def _vector_letter(run: xr.Dataset) -> str:
     """The component that is drawn: the vector one of a pair (m, a), the position of (x, q)."""
-    names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") == "state"]
     from kreisel.systems import find
 
-    kinds = dict(find(run.attrs["system"]).space.components)
-    return next(name for name in kinds if name in names and kinds[name] == "vector")
+    space = find(run.attrs["system"]).space
+    missing = [name for name in space.letters if name not in run]
+    if missing:
+        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
+    return space.letters[space.kinds.index("vector")]
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
@@ -85,7 +93,7 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
-    model = model_of(run)
+    model = model_of(run.attrs)
     kinds = dict(model.system.space.components)
     start = {k: run[k][0].values for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
@@ -119,7 +127,7 @@ def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
     time = np.linspace(0, float(run["time"][-1]), 400)[1:]
     band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
-    axes.plot(time, band, color="black", linestyle="--", linewidth=0.9, label=r"$\varepsilon\sqrt{\mathrm{steps}}$")
+    axes.plot(time, band, color="black", linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(0, time[-1]))
     axes.set_ylim(bottom=1e-17)
     axes.set_title("integrals of the flow" if reference else "what the method keeps")

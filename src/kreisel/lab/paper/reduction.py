@@ -1,0 +1,341 @@
+"""Sections 2 and 3: Euler-Poincare equations, continuous and discrete, of a generic Lagrangian on SO(n).
+
+The general theory at G = SO(n), V = R^n, Phi(g) v = g v, with Lagrangians that couple everything to everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import (
+    Array,
+    act,
+    bracket,
+    cayley,
+    cayley_act,
+    coordinates,
+    dot,
+    identity,
+    pairing,
+    project_out,
+    resolvent,
+    skew,
+    wedge,
+)
+from kreisel.contract import MOVING_SPACE, REST_SPACE
+from kreisel.invariants import lie_poisson
+from kreisel.lab.jets import Jet, coefficient, generator
+from kreisel.lab.laws import Sides
+from kreisel.lab.paper.rows import Setting, gradient, left_derivative, printed, right_derivative, row
+
+
+def generic_lagrangian(s: Setting) -> Callable[[Array, Array], Any]:
+    """L(xi, v) on so(n) x R^n: kinetic energy, couplings of velocity and vector, a cubic potential."""
+    J, B, u, q = s.symmetric(), s.symmetric(), s.vector(), s.vector()
+
+    def lagrangian(xi: Array, v: Array) -> Any:
+        kinetic = pairing(xi, J @ xi + xi @ J) / 2
+        coupled = dot(v, act(xi, u)) + dot(v, act(xi, q)) ** 2 / 8
+        return kinetic + coupled + dot(v, act(B, v)) / 2 + dot(q, v) ** 3 / 6
+
+    return lagrangian
+
+
+def generic_discrete(s: Setting) -> Callable[[Array, Array], Any]:
+    """Lambda(w, v) on SO(n) x R^n."""
+    K, B, u, q = s.draw((s.n, s.n)), s.symmetric(), s.vector(), s.vector()
+
+    def discrete(w: Array, v: Array) -> Any:
+        turned = dot(v, act(w, u))
+        return 3 * (K * w).sum(-1).sum(-1) + turned + turned**2 / 4 + dot(v, act(B, v)) / 2 + dot(q, v) * turned / 3
+
+    return discrete
+
+
+# -- section 2 --------------------------------------------------------------------------------------
+
+
+@row("phi-star", "Section 2, definition of phi*", "<phi*(xi) y, v> = <y, phi(xi) v>; phi* is an anti-representation")
+def phi_star(s: Setting) -> Sides:
+    xi, eta, y, v = s.skew(), s.skew(), s.vector(), s.vector()
+    yield dot(act(-xi, y), v), dot(y, act(xi, v))
+    yield act(-bracket(xi, eta), y), act(-eta, act(-xi, y)) - act(-xi, act(-eta, y))
+
+
+@row(
+    "diamond",
+    "Section 2, definition of the diamond, and section 4",
+    "<y <> v, xi> = -<y, phi(xi) v> with y <> v = v ^ y",
+)
+def diamond(s: Setting) -> Sides:
+    xi, y, v = s.skew(), s.vector(), s.vector()
+    yield pairing(wedge(v, y), xi), -dot(y, act(xi, v))
+
+
+@row(
+    "ad-star",
+    "Section 2, coadjoint actions",
+    "<ad*_xi M, eta> = <M, [xi, eta]> with ad*_xi M = [M, xi]; Ad*_g M = g^T M g",
+)
+def ad_star(s: Setting) -> Sides:
+    xi, eta, M, g = s.skew(), s.skew(), s.skew(), s.rotation()
+    yield pairing(bracket(M, xi), eta), pairing(M, bracket(xi, eta))
+    yield pairing(g.T @ M @ g, eta), pairing(M, g @ eta @ g.T)
+
+
+@row(
+    "well-defined",
+    "Sections 2 and 3, reduced Lagrangians",
+    "h in G^[p]: (hg, Omega) and (hg, W) have the P of (g, Omega), (g, W); h in G^[A]: (gh, w) has the a of (g, w)",
+)
+def well_defined(s: Setting) -> Sides:
+    g, g1, v = s.rotation(), s.rotation(), s.vector()
+    h = cayley(project_out(s.skew(), v) / dot(v, v))
+    yield act(h, v), v
+    yield act((h @ g).T, v), act(g.T, v)
+    yield (h @ g).T @ (h @ g1), g.T @ g1
+    yield act(g @ h, v), act(g, v)
+    yield (g1 @ h) @ (g @ h).T, g1 @ g.T
+
+
+@row(
+    "right-section",
+    "Section 3, right version",
+    "the section is G x O_A: w_k = g_(k+1) g_k^-1 is in G (printed g x O_A, E9)",
+    "E9",
+)
+def right_section(s: Setting) -> Sides:
+    w = s.rotation() @ s.rotation().T
+    yield w.T @ w, identity(s.n) + 0 * w
+
+
+@printed("right-section")
+def right_section_printed(s: Setting) -> Sides:
+    w = s.rotation() @ s.rotation().T
+    yield w + w.T, 0 * w
+
+
+# -- section 2, Theorem 2.1: the raw Euler-Lagrange equation in a chart against the reduced one -------
+
+
+def _charted(lagrangian: Callable[[Array, Array], Any], X: Array, rate: Array, v: Array, left: bool) -> Any:
+    """The Lagrangian in the chart g = g0 cay(X) (left) or cay(X) g0 (right), with v = P0 or a0 at X = 0."""
+    R = resolvent(X, identity(X.shape[-1]) + 0 * X)
+    velocity = 2 * (R.T @ rate @ R if left else R @ rate @ R.T)
+    return lagrangian(velocity, cayley_act(-X if left else X, v))
+
+
+def _units(s: Setting) -> Iterator[Array]:
+    """The coordinate directions of so(n)."""
+    count = s.n * (s.n - 1) // 2
+    for i in range(count):
+        unit = 0 * coordinates(s.skew())
+        unit[i] = unit[i] + 1
+        yield skew(unit, s.n)
+
+
+def _column(entries: list[Any]) -> Array:
+    out = np.empty(len(entries), dtype=object)
+    out[:] = entries
+    return out
+
+
+def euler_lagrange(s: Setting, left: bool) -> Sides:
+    """Raw: d/dt dL/dX' - dL/dX along any curve with X(0) = 0, so xi = 2 X', xi' = 2 X''.  Reduced: twice M' - ..."""
+    lagrangian = generic_lagrangian(s)
+    speed, push, v = s.skew(), s.skew(), s.vector()
+    xi, pushed = 2 * speed, 2 * push
+    one = 1 + 0 * s.scalar()
+    t, h = generator(0, one), generator(1, one)
+    v_rate = -act(xi, v) if left else act(xi, v)
+    raw, momentum_rate = [], []
+    for unit in _units(s):
+        along = _charted(lagrangian, speed * t, speed + push * t + unit * h, v, left)
+        across = _charted(lagrangian, unit * h, speed + 0 * unit * h, v, left)
+        raw.append(coefficient(along, 0b11) - coefficient(across, 0b10))
+        momentum_rate.append(coefficient(lagrangian(xi + pushed * t + unit * h, v + v_rate * t), 0b11))
+    M = gradient(lambda x: lagrangian(x, v + 0 * x[0]), xi)
+    force = gradient(lambda x: lagrangian(xi + 0 * x[0], x), v)
+    turning = bracket(M, xi) if left else bracket(xi, M)
+    pull = wedge(v, force) if left else -wedge(v, force)
+    yield _column(raw), 2 * (_column(momentum_rate) - coordinates(turning + pull))
+
+
+@row(
+    "theorem-2.1a",
+    "Section 2, Theorem 2.1 a), (EL left Ham red)",
+    "Euler-Lagrange in a chart <=> M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P, for a generic L(Omega, P)",
+)
+def theorem_2_1_a(s: Setting) -> Sides:
+    yield from euler_lagrange(s, left=True)
+
+
+@row(
+    "right-euler-poincare",
+    "Section 2, (EL right Ham red)",
+    "Euler-Lagrange in a chart <=> m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a, for a generic L(omega, a)",
+)
+def right_euler_poincare(s: Setting) -> Sides:
+    yield from euler_lagrange(s, left=False)
+
+
+def _hamiltonian(s: Setting, left: bool) -> Sides:
+    lagrangian = generic_lagrangian(s)
+    xi, v = s.skew(), s.vector()
+    M = gradient(lambda x: lagrangian(x, v + 0 * x[0]), xi)
+    force = gradient(lambda x: lagrangian(xi + 0 * x[0], x), v)
+    if left:
+        rate = bracket(M, xi) + wedge(v, force), -act(xi, v)
+    else:
+        rate = bracket(xi, M) - wedge(v, force), act(xi, v)
+    space = MOVING_SPACE if left else REST_SPACE
+    slope = np.concatenate([coordinates(xi), -force])  # grad_M H = Omega, grad_P H = -grad_P L
+    yield np.concatenate([coordinates(rate[0]), rate[1]]), slope @ space.tensor(M, v)
+
+
+@row(
+    "theorem-2.1b",
+    "Section 2, Theorem 2.1 b)",
+    "the reduced equations are z' = {H, z}, H = <M, Omega> - L, for a generic L (E14: not {z, H})",
+    "E14",
+)
+def theorem_2_1_b(s: Setting) -> Sides:
+    yield from _hamiltonian(s, left=True)
+    yield from _hamiltonian(s, left=False)
+
+
+@printed("theorem-2.1b")
+def bracket_turned(s: Setting) -> Sides:
+    for rate, field in _hamiltonian(s, left=True):
+        yield rate, -field
+
+
+@row("legendre", "Section 2, Hamilton function", "H = <M, Omega> - L has grad_M H = Omega and grad_P H = -grad_P L")
+def legendre(s: Setting) -> Sides:
+    lagrangian = generic_lagrangian(s)
+    xi, v, d_xi, d_v = s.skew(), s.vector(), s.skew(), s.vector()
+    one = 1 + 0 * s.scalar()
+    t, h = generator(0, one), generator(1, one)
+    moved = xi + d_xi * t, v + d_v * t
+    momentum = [lagrangian(moved[0] + unit * h, moved[1]) for unit in _units(s)]
+    M = _column([coefficient(p, 0b10) for p in momentum])
+    dM = _column([coefficient(p, 0b11) for p in momentum])
+    dH = dM @ coordinates(xi) + M @ coordinates(d_xi) - coefficient(lagrangian(*moved), 0b01)
+    force = gradient(lambda x: lagrangian(xi + 0 * x[0], x), v)
+    yield dH, dM @ coordinates(xi) - dot(force, d_v)
+
+
+@row(
+    "lie-poisson",
+    "Section 2, (PB left red) and the remark; section 4, (en LP br 1, 2)",
+    "<M, [X, Y]> + <x, Y P> - <y, X P> = <M, [X, Y]> + <P, phi*(Y) x - phi*(X) y> = the bracket in coordinates",
+)
+def lie_poisson_bracket(s: Setting) -> Sides:
+    M, P, X, Y, x, y = s.skew(), s.vector(), s.skew(), s.skew(), s.vector(), s.vector()
+    value = pairing(M, bracket(X, Y)) + dot(x, act(Y, P)) - dot(y, act(X, P))
+    yield value, pairing(M, bracket(X, Y)) + dot(P, act(-Y, x) - act(-X, y))
+    yield value, np.concatenate([coordinates(X), x]) @ lie_poisson(M, P) @ np.concatenate([coordinates(Y), y])
+
+
+# -- section 3, Theorem 3.1 -------------------------------------------------------------------------
+
+
+def discrete_equations(s: Setting, left: bool) -> Sides:
+    """The two Lie derivatives of L(g, h) = Lambda(g^T h, g^T p) (left) or Lambda(h g^T, g A) (right)."""
+    discrete, g, h, fixed = generic_discrete(s), s.rotation(), s.rotation(), s.vector()
+
+    def whole(g: Array, h: Array) -> Any:
+        return discrete(g.T @ h, act(g.T, fixed)) if left else discrete(h @ g.T, act(g, fixed))
+
+    derivative = right_derivative if left else left_derivative
+    w, v = (g.T @ h, act(g.T, fixed)) if left else (h @ g.T, act(g, fixed))
+    M1 = derivative(lambda x: discrete(x, v + 0 * x[0]), w)
+    force = wedge(v, gradient(lambda x: discrete(w + 0 * x[0], x), v))
+    M = w @ M1 @ w.T - force if left else w.T @ M1 @ w + force
+    yield derivative(lambda x: whole(g + 0 * x, x), h), M1
+    yield derivative(lambda x: whole(x, h + 0 * x), g), -M
+
+
+@row(
+    "theorem-3.1a",
+    "Section 3, Theorem 3.1 a), (dEL left Ham red), (dEL syst)",
+    "(dEL) <=> Ad*_(W_k^-1) M_(k+1) = M_k + grad_P Lambda <> P_k, P_(k+1) = W_k^-1 P_k, M_(k+1) = d'_W Lambda, generic Lambda",
+)
+def theorem_3_1_a(s: Setting) -> Sides:
+    yield from discrete_equations(s, left=True)
+
+
+@row(
+    "right-discrete-euler-poincare",
+    "Section 3, (dEL right Ham red)",
+    "(dEL) <=> Ad*_(w_k) m_(k+1) = m_k - grad_a Lambda <> a_k, a_(k+1) = w_k a_k, m_(k+1) = d_w Lambda, generic Lambda",
+)
+def right_discrete(s: Setting) -> Sides:
+    yield from discrete_equations(s, left=False)
+
+
+def implicit_map(s: Setting, left: bool) -> Sides:
+    """J Pi J^T = Pi' for z -> z' given by (w, v): both Jacobians in the coordinates of (w, v)."""
+    discrete, w, v = generic_discrete(s), s.rotation(), s.vector()
+    one = 1 + 0 * s.scalar()
+    t, h = generator(0, one), generator(1, one)
+
+    def momenta(w: Array, v: Array) -> tuple[Array, Array]:  # (M_k, M_(k+1)) as jets in t
+        after = [
+            discrete(w @ (identity(s.n) + unit * h) if left else (identity(s.n) + unit * h) @ w, v) for unit in units
+        ]
+        force = [discrete(w, v + axis * h) for axis in np.eye(s.n, dtype=np.int8)]
+        M1, slope = (_times_h(entries) for entries in (after, force))
+        M1 = skew(M1, s.n)
+        pull = wedge(v, slope)
+        return (w @ M1 @ w.T - pull if left else w.T @ M1 @ w + pull), M1
+
+    def both(w: Array, v: Array) -> tuple[Array, Array]:
+        M, M1 = momenta(w, v)
+        v1 = act(w.T if left else w, v)
+        return np.concatenate([coordinates(M), v]), np.concatenate([coordinates(M1), v1])
+
+    units = list(_units(s))
+    old, new, (here, there) = [], [], both(w + 0 * t, v + 0 * t)
+    for i in range(len(units) + s.n):
+        turn = units[i] * t if i < len(units) else 0 * units[0] * t
+        axis = np.eye(s.n, dtype=np.int8)[i - len(units)] if i >= len(units) else np.zeros(s.n, dtype=np.int8)
+        before, after = both(w + w @ turn, v + axis * t)
+        old.append(coefficient(before, 0b01))
+        new.append(coefficient(after, 0b01))
+    J_old, J_new = (np.stack(columns).T for columns in (old, new))
+    space = MOVING_SPACE if left else REST_SPACE
+    count = len(units)
+    M, P = skew(coefficient(here, 0)[:count], s.n), coefficient(here, 0)[count:]
+    M1, P1 = skew(coefficient(there, 0)[:count], s.n), coefficient(there, 0)[count:]
+    if s.numbers == "float":
+        J_old, J_new, M, P, M1, P1 = (x.astype(np.float64) for x in (J_old, J_new, M, P, M1, P1))
+    J = algebra.solve(J_old.T, J_new.T).T
+    yield J @ space.tensor(M, P) @ J.T, space.tensor(M1, P1)
+
+
+def _times_h(entries: list[Any]) -> Array:
+    """The coefficient of h of jets in t and h, as jets in t."""
+    return _column([Jet({0: coefficient(e, 0b10), 1: coefficient(e, 0b11)}) for e in entries])
+
+
+@row(
+    "theorem-3.1b",
+    "Section 3, Theorem 3.1 b)",
+    "the map (M_k, P_k) -> (M_(k+1), P_(k+1)) of a generic Lambda(W, P) is Poisson for the bracket of e*(n)",
+)
+def theorem_3_1_b(s: Setting) -> Sides:
+    yield from implicit_map(s, left=True)
+
+
+@row(
+    "right-poisson",
+    "Section 3, after Theorem 3.1",
+    "the map (m_k, a_k) -> (m_(k+1), a_(k+1)) of a generic Lambda(w, a) is Poisson for the minus bracket",
+)
+def right_poisson(s: Setting) -> Sides:
+    yield from implicit_map(s, left=False)

@@ -1,0 +1,145 @@
+"""What lets a run go on after a kill: a checkpoint beside the data, one writer at a time, signals that wait.
+
+The checkpoint is one file of plain arrays (.npz without pickle; zip keeps a CRC-32 of each), replaced atomically.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import signal
+import socket
+import tempfile
+import threading
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from kreisel.engines.layout import Floats
+from kreisel.errors import InputError, disk_trouble
+from kreisel.runs.march import Snapshot
+
+NAME = "engine/checkpoint.npz"  # in a group of its own, where Zarr does not look for arrays
+
+
+def write(store: Path, snapshot: Snapshot, start: Mapping[str, Floats]) -> None:
+    """Replace the checkpoint of a store by this snapshot and the start of the run, atomically and durably."""
+    arrays = {
+        "flushed": np.asarray(snapshot.flushed),
+        "into": np.asarray(snapshot.into),
+        "rows": snapshot.rows,
+        **{f"engine/{name}": value for name, value in snapshot.engine.items()},
+        **{f"start/{name}": value for name, value in start.items()},
+    }
+    handle, scratch = tempfile.mkstemp(dir=(store / NAME).parent, prefix=".checkpoint-")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(scratch, store / NAME)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(scratch)
+        raise
+
+
+def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
+    """The snapshot and the start.  Raises `InputError` where there is none, or it is damaged."""
+    path = store / NAME
+    if not path.exists():
+        raise InputError(f"{store} has no checkpoint to go on from. Run it again from its TOML file.")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        engine, start = (
+            {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(p)} for p in ("engine/", "start/")
+        )
+        return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
+
+
+class Lock:
+    """One writer: NAME.lock, held by the operating system for as long as the writer lives.
+
+    A lock file that nobody holds is stale, and is taken over.  Raises `InputError` with the other writer's host and
+    process id, and `RunError` where no file can be made.
+    """
+
+    def __init__(self, path: Path):
+        self.archive, self.path = path, path.with_name(f"{path.name}.lock")
+
+    def __enter__(self) -> Lock:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise disk_trouble(error, self.archive, "be created", "") from error
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            told = os.pread(self._handle, 4096, 0).decode(errors="replace")
+            os.close(self._handle)
+            raise InputError(
+                f"{self.archive} is being written by {_owner(told)}. Wait for it, stop it, or choose another path."
+            ) from None
+        if not self._is_ours():  # unlinked by the writer before, between our open and our lock
+            os.close(self._handle)
+            return self.__enter__()
+        os.ftruncate(self._handle, 0)
+        os.pwrite(self._handle, json.dumps({"host": socket.gethostname(), "pid": os.getpid()}).encode(), 0)
+        return self
+
+    def _is_ours(self) -> bool:
+        try:
+            return os.path.samestat(os.fstat(self._handle), os.stat(self.path))
+        except OSError:
+            return False
+
+    def __exit__(self, *raised: object) -> None:
+        with contextlib.suppress(OSError):
+            os.unlink(self.path)
+        os.close(self._handle)
+
+
+def _owner(told: str) -> str:
+    try:
+        data = json.loads(told)
+        return f"process {data['pid']} on host {data['host']}"
+    except (ValueError, KeyError, TypeError):
+        return "another process"
+
+
+class Stop:
+    """Whether Ctrl-C or SIGTERM came; `signal` is its number."""
+
+    signal: int | None = None
+
+
+@contextlib.contextmanager
+def signals_wait() -> Iterator[Stop]:
+    """Inside, the first Ctrl-C or SIGTERM only sets a flag; a second one acts as usual.  Main thread only."""
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        stop.signal = number
+        signal.signal(number, before[number])
+
+    for number in before:
+        signal.signal(number, note)
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,154 @@
+"""A run under way: rows of states filled by an engine, blocks of outputs, and a snapshot to go on from.
+
+The snapshot is taken between two calls of the engine, is exact, and does not depend on where the calls were cut:
+a run that is stopped and restored gives the same bits as one that is not.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.engines import layout
+from kreisel.engines.layout import Floats
+from kreisel.errors import RunError
+from kreisel.runs.plan import Plan
+
+BLOCK_BYTES = 1 << 20  # of states, held at once
+TICK_SECONDS = 0.1  # between two looks at the clock
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Where a run stands: how many rows are in finished blocks, the rows after them, steps into the next, engine."""
+
+    flushed: int
+    into: int
+    rows: Floats
+    engine: dict[str, Floats] = field(default_factory=dict)
+
+
+def block_rows(plan: Plan) -> int:
+    """Rows held at once, and rows in a chunk of an archive."""
+    return int(max(1, min(plan.rows, BLOCK_BYTES // (8 * plan.engine.z.size))))
+
+
+class March:
+    """Fills rows 0, every, 2 every, ... and the last step.
+
+    `between` is called between two calls of the engine, about every tenth of a second; what it raises stops the run.
+    """
+
+    def __init__(
+        self, plan: Plan, tick: Callable[[int], None] = lambda steps: None, rows_in_block: int | None = None
+    ) -> None:
+        self.plan, self.tick, self.most = plan, tick, rows_in_block or block_rows(plan)
+        self.buffer = np.empty((self.most, *plan.engine.z.shape))
+        self.buffer[0] = plan.engine.z
+        self.filled, self.flushed, self.into = 1, 0, 0
+        self._scratch, self._burst = np.empty((1, *plan.engine.z.shape)), 256
+
+    @property
+    def rows(self) -> int:
+        """Rows that are there."""
+        return self.flushed + self.filled
+
+    @property
+    def steps(self) -> int:
+        """Steps that are done."""
+        return self._step_of(self.rows - 1) + self.into
+
+    @property
+    def regular(self) -> bool:
+        """Whether a longer run would have all these rows: not a last one that is no multiple of `every`."""
+        return self.rows <= self.plan.steps // self.plan.every + 1
+
+    def _step_of(self, row: int) -> int:
+        return min(row * self.plan.every, self.plan.steps)
+
+    def snapshot(self) -> Snapshot:
+        """A copy of all that is needed to go on.  Raises `RunError` where the state is no longer finite."""
+        self._check()
+        engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()}
+        return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on from a snapshot of a run with the same plan, or of a shorter one."""
+        self.flushed, self.into, self.filled = snapshot.flushed, snapshot.into, len(snapshot.rows)
+        self.buffer[: self.filled] = snapshot.rows
+        self.plan.engine.restore(snapshot.engine)
+
+    def blocks(self, between: Callable[[], None] = lambda: None) -> Iterator[dict[str, Array]]:
+        """Blocks of outputs, time in front, in order; the first holds the initial state."""
+        while self.rows < self.plan.rows:
+            if self.filled == self.most:
+                yield self._finished()
+                self.flushed, self.filled = self.rows, 0
+            between()
+            self._advance()
+        between()
+        if self.filled:
+            yield self._finished()
+
+    def _advance(self) -> None:
+        """One call of the engine, of about a tick: some rows, or a part of one."""
+        every = self._step_of(self.rows) - self._step_of(self.rows - 1)
+        left = every - self.into
+        if left > self._burst:
+            steps = self._burst  # the call changes it
+            self._call(self._scratch, steps)
+            self.into += steps
+            return
+        regular = self.plan.steps // self.plan.every + 1 - self.rows
+        rows = 1 if self.into or regular < 1 else min(self.most - self.filled, regular, max(1, self._burst // every))
+        self._call(self.buffer[self.filled : self.filled + rows], left)
+        self.filled, self.into = self.filled + rows, 0
+
+    def _call(self, out: Floats, every: int) -> None:
+        begun = time.perf_counter()
+        self.plan.engine.advance(out, every)
+        seconds = time.perf_counter() - begun
+        self.tick(len(out) * every * self.plan.lanes)
+        if seconds < TICK_SECONDS:
+            self._burst = min(2 * self._burst, 1 << 40)
+        elif seconds > 2 * TICK_SECONDS:
+            self._burst = max(1, self._burst // 2)
+
+    def _check(self) -> None:
+        self._require(
+            np.isfinite,
+            "The state is no longer finite",
+            "a step far too long, or a state so large that its square overflows. Use a smaller dt.",
+        )
+        guard = self.plan.scheme.guard
+        if guard is not None:
+            letters = [letter for letter, _ in self.plan.scheme.components]
+            place = letters.index(guard.component)
+
+            def within(rows: Floats) -> Array:
+                return layout.restore(rows, self.plan.kinds, self.plan.model.n)[place] <= guard.limit
+
+            self._require(within, guard.fault, guard.cause)
+
+    def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
+        """Raise `RunError` with the first row for which it does not hold, or the row after them."""
+        rows = holds(self.buffer[: self.filled]).reshape(self.filled, -1).all(1)
+        if not (rows.all() and np.all(holds(self.plan.engine.z))):
+            step = self._step_of(self.flushed + int(np.argmin(np.append(rows, False))))
+            raise RunError(f"{fault} at or before step {step} (time {step * self.plan.dt:g}). Usual cause: {cause}")
+
+    def _finished(self) -> dict[str, Array]:
+        self._check()
+        with np.errstate(all="ignore"):
+            block = self.plan.observe(self.buffer[: self.filled].copy())  # the buffer is filled again
+        for name, value in block.items():
+            if not np.isfinite(value).all():
+                raise RunError(
+                    f"{name} is not finite, although the state is, in the rows before step {self._step_of(self.rows)}. "
+                    "Usual cause: a state so large that its powers overflow. Use smaller units."
+                )
+        return block

@@ -1,0 +1,221 @@
+"""Runs that are killed, stopped, lengthened, damaged or written twice lose nothing."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.runs import checking, march
+from kreisel.runs import simulate as runs
+from kreisel.runs.checkpoint import Lock
+
+OPTIONS = {"dt": 0.1, "steps": 400, "every": 3}
+SMALL = 6 * 8 * 7  # bytes of a block: seven rows of a top
+KILLS = int(os.environ.get("KREISEL_KILLS", "8"))  # `make soak` asks for 200
+
+
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(march, "BLOCK_BYTES", SMALL)
+    monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
+
+
+def contents(store: Path) -> dict[str, object]:
+    """Every file of a store, byte by byte; without the time of its creation, and the hash of that."""
+    out: dict[str, object] = {}
+    for path in sorted(p for p in store.rglob("*") if p.is_file()):
+        name = path.relative_to(store).as_posix()
+        out[name] = path.read_bytes()
+        if name == "zarr.json":
+            told = json.loads(path.read_text())
+            told["attributes"].pop("created")
+            out[name] = told
+        elif name == "engine/checksums.json":
+            out[name] = {k: v for k, v in json.loads(path.read_text()).items() if k != "zarr.json"}
+    return out
+
+
+def slow_run(path: Path, top: object, x0: object, options: dict) -> None:
+    kr.simulate(top, x0, path=path, progress=False, **options)
+
+
+def kill_during(path: Path, after: float, *run: object) -> bool:
+    """Start a run in a process of its own and kill it; whether it was still at work."""
+    child = multiprocessing.get_context("fork").Process(target=slow_run, args=(path, *run))
+    child.start()
+    time.sleep(after)
+    working = child.is_alive()
+    child.kill()
+    child.join()
+    return working
+
+
+def test_killed_at_random_moments(top: object, x0: object, tmp_path: Path) -> None:
+    options = {**OPTIONS, "orientation": (1, 0, 0, 0)}
+    begun = time.monotonic()
+    slow_run(tmp_path / "whole.zarr", top, x0, options)
+    took = time.monotonic() - begun
+    expected, moments, killed = contents(tmp_path / "whole.zarr"), random.Random(1), 0
+    for trial in range(KILLS):
+        path = tmp_path / f"{trial}.zarr"
+        killed += kill_during(path, moments.uniform(0, 0.9 * took), top, x0, options)
+        part = path.with_name(path.name + ".part")
+        if path.exists():
+            pass
+        elif (part / "engine" / "checkpoint.npz").exists():
+            kept = kr.open_run(part)
+            assert kept.sizes["time"] >= 1
+            assert all(np.isfinite(v.values).all() for v in kept.data_vars.values())
+            kr.resume(path, progress=False)
+        else:  # killed before the first step: nothing was done, and it says so
+            with pytest.raises(kr.InputError, match=r"no archive|no checkpoint|cannot be read"):
+                kr.resume(path, progress=False)
+            slow_run(path, top, x0, {**options, "overwrite": True})
+        assert contents(path) == expected
+        assert not part.exists()
+    assert killed >= 1
+
+
+def stop_after(calls: int, monkeypatch: pytest.MonkeyPatch, number: int = signal.SIGTERM) -> None:
+    """Stop the run as a signal would, after some calls of the engine."""
+    count, original = iter(range(10**9)), march.March._advance
+
+    def advance(self: march.March) -> None:
+        original(self)
+        if next(count) == calls:
+            os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(march.March, "_advance", advance)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals_wait_for_a_checkpoint(
+    number: int, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, before = tmp_path / "run.zarr", signal.getsignal(number)
+    stop_after(2, monkeypatch, number)
+    with pytest.raises(kr.RunError, match=rf"stopped by {signal.Signals(number).name}.*kreisel resume"):
+        kr.simulate(top, x0, dt=0.01, steps=10**12, every=10**10, path=path, progress=False)
+    assert kr.open_run(path.with_name("run.zarr.part")).sizes["time"] == 1
+    assert signal.getsignal(number) == before
+
+
+@pytest.mark.parametrize("method", ["suris", "dop853"])
+@pytest.mark.parametrize("calls", [0, 1, 3])
+def test_stopped_inside_a_row(
+    method: str, calls: int, top: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(1)
+    x0 = top.state(m=rng.standard_normal((2, 3)), a=rng.standard_normal((2, 3)))
+    options = {"dt": 0.1, "steps": 5000, "every": 1900, "method": method}
+    slow_run(tmp_path / "whole.zarr", top, x0, options)
+    path = tmp_path / "run.zarr"
+    with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
+        stop_after(calls, patch)
+        slow_run(path, top, x0, options)
+    kr.resume(path)
+    assert contents(path) == contents(tmp_path / "whole.zarr")
+
+
+@pytest.mark.parametrize("first", [10, 12, 100, 398])
+def test_extended_equals_longer(first: int, top: object, x0: object, tmp_path: Path) -> None:
+    kr.simulate(top, x0, path=tmp_path / "long.zarr", **OPTIONS)
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", **{**OPTIONS, "steps": first})
+    run = kr.resume(tmp_path / "run.zarr", extend=400)
+    assert run.attrs["steps"] == 400
+    mine, theirs = contents(tmp_path / "run.zarr"), contents(tmp_path / "long.zarr")
+    if first < 3 * 7:  # the band of kr.drift and the chunks come from the first block, which was shorter
+        run, long = (kr.open_run(tmp_path / f"{name}.zarr") for name in ("run", "long"))
+        assert all((run[name].values == long[name].values).all() for name in long.variables)
+    else:
+        assert mine == theirs
+    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+
+
+def test_extension_that_is_none(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    with pytest.raises(kr.InputError, match="is finished"):
+        kr.resume(path)
+    for wrong in (10, 0, -3, 1.5):
+        with pytest.raises(kr.InputError):
+            kr.resume(path, extend=wrong)
+    with pytest.raises(kr.InputError, match="no archive"):
+        kr.resume(tmp_path / "none.zarr")
+    assert kr.open_run(path).attrs["complete"] is True
+    assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+
+
+def test_one_writer(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    with Lock(path), pytest.raises(kr.InputError, match=rf"written by process {os.getpid()} on host"):
+        kr.simulate(top, x0, path=path, **OPTIONS)
+    (tmp_path / "run.zarr.lock").write_text("left by a process that is gone")
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+
+
+def chunks(path: Path, name: str) -> list[Path]:
+    return sorted((p for p in (path / name / "c").rglob("*") if p.is_file()), key=lambda p: int(p.parts[-2]))
+
+
+def test_damage_is_named_and_the_rest_recovered(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    whole = kr.simulate(top, x0, path=path, **OPTIONS).load()
+    flipped, gone, cut = chunks(path, "a")[2], chunks(path, "m")[4], chunks(path, "casimir")[6]
+    data = bytearray(flipped.read_bytes())
+    data[len(data) // 2] ^= 1
+    flipped.write_bytes(bytes(data))
+    gone.unlink()
+    cut.write_bytes(cut.read_bytes()[:10])
+    faults = checking.check_archive(path)[1]
+    assert sorted(fault.split(":")[0] for fault in faults) == [
+        "a cannot be read in rows 14 to 20",
+        "casimir cannot be read in rows 42 to 48",
+        "m cannot be read in rows 28 to 34",
+    ]
+    kept, rows = checking.recover(path, tmp_path / "rest.zarr")
+    assert (kept, rows) == (len(whole.time) - 21, len(whole.time))
+    rest = kr.open_run(tmp_path / "rest.zarr")
+    assert rest.attrs["complete"] is False
+    assert rest.equals(whole.sel(time=rest.time))
+
+
+def test_changed_metadata_are_named(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    meta = path / "a" / "zarr.json"
+    meta.write_text(meta.read_text().replace('"state"', '"casimir"'))
+    assert checking.check_archive(path)[1][0].startswith("a/zarr.json was changed")
+
+
+def test_a_claim_of_more_than_memory_is_not_read(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    for meta in path.glob("*/zarr.json"):
+        told = json.loads(meta.read_text())
+        if told["node_type"] == "array":
+            told["shape"][0] = 10**14
+            meta.write_text(json.dumps(told))
+    assert any("more than this machine's memory" in fault for fault in checking.check_archive(path)[1])
+
+
+def test_damaged_checkpoint(top: object, x0: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    file = path / "engine" / "checkpoint.npz"
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(bytes(data))
+    with pytest.raises(kr.InputError, match=r"checkpoint .* is damaged"):
+        kr.resume(path, extend=2000)
+    assert kr.open_run(path).attrs["steps"] == 400
