@@ -136,7 +136,8 @@ class March:
 
     def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
         """Raise `RunError` with the first row for which it does not hold, or the row after them."""
-        rows = holds(self.buffer[: self.filled]).reshape(self.filled, -1).all(1)
+        rows = holds(self.buffer[: self.filled])
+        rows = rows.all(axis=tuple(range(1, rows.ndim)))
         if not (rows.all() and np.all(holds(self.plan.engine.z))):
             step = self._step_of(self.flushed + int(np.argmin(np.append(rows, False))))
             raise RunError(f"{fault} at or before step {step} (time {step * self.plan.dt:g}). Usual cause: {cause}")
