@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,9 +136,55 @@ def test_recorded_arithmetic_is_python_arithmetic() -> None:
         result = formula(u, v)
         for a, b in rng.normal(size=(5, 2)):
             known = {"u": a, "v": b}
-            for name, expression, _ in tape.lines:
-                known[name] = eval(expression, {}, known)
+            for line in tape.lines:
+                exec(line.text, {}, known)
             assert eval(text(result), {}, known) == pytest.approx(formula(a, b), rel=1e-15, abs=1e-15)
+
+
+def test_a_recorded_loop_is_the_loop() -> None:
+    """Newton's square root of a: what does not vary stands before the loop, and names within end with it."""
+    tape = Tape()
+    a = Scalar(tape, "a")
+
+    def improve(x: np.ndarray) -> tuple[np.ndarray, object]:
+        new = (x + (a / 3 * 3) / x) / 2
+        change = (new - x)[0]
+        return new, change * change
+
+    (root,), defect = a.record_loop(improve, np.array([1.0], dtype=object), 1e-20, 50)
+    before, loop = tape.lines[:-1], tape.lines[-1]
+    assert [line.text.split(" = ")[1] for line in before] == ["a / 3.0", "t1 * 3.0"]
+    assert "for _ in range(50):" in loop.text
+    known = {"a": 7.0}
+    exec("\n".join(line.text for line in tape.needed([text(root * defect)])), {}, known)
+    assert known[text(root)] == pytest.approx(np.sqrt(7.0), abs=1e-15)
+    assert known[text(defect)] < 1e-20
+    assert text(a / 3 * 3) == before[-1].names[0]
+    assert tape.knows(f"{text(root)} + 1.0") is None
+    with pytest.raises(TypeError, match="loop within a loop"):
+        a.record_loop(lambda x: improve(a.record_loop(improve, x, 0.0, 2)[0]), np.array([1.0], dtype=object), 0.0, 2)
+
+
+def test_stages_are_one_step_each() -> None:
+    """A step of three stages is three steps with the constants of each, also one lane beside another."""
+    model, x0 = random_start("lagrange-top", 3)
+    plan = scheme(model, "suris", 0.1, 1, False)
+    fractions = np.array([[0.1, 0.25, -0.05], [0.2, 0.05, 0.3]])
+    fixed = {k: v for k, v in plan.constants.items() if k != "eps"}
+    staged = replace(plan, constants=fixed, stages={"eps": fractions})
+    row = layout.flatten(x0, ["skew", "vector"])
+    kernel, out = Kernel(staged, np.stack([row, row])), np.empty((1, 2, 6))
+    kernel.advance(out, 2)
+    for lane, steps in enumerate(fractions):
+        z = x0
+        for eps in (*steps, *steps):
+            z = plan.step(*z, **{**plan.constants, "eps": eps})
+        assert abs(out[0, lane] - layout.flatten(z, ["skew", "vector"])).max() < FLOPS_TOLERANCE
+    one = replace(plan, constants=fixed, stages={"eps": fractions[0]})
+    z = one.advance(*x0)
+    for eps in fractions[0][::-1]:
+        z = model.call(model.map.inverse, *z, eps=eps)
+    assert abs(layout.flatten(z, ["skew", "vector"]) - row).max() < FLOPS_TOLERANCE
 
 
 def test_a_recorded_skew_matrix_is_not_exact() -> None:

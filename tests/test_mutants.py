@@ -128,6 +128,10 @@ MUTANTS = [
         ),
         3,
     ),
+    ("separable", replace(MOVING, inverse_inertia=lambda M, *, A, alpha: M), 3),
+    ("separable", replace(TOP, flow=lambda m, a, *, p: (wedge(a, p) + m, act(m, a))), 3),
+    ("separable", replace(TOP, inverse_inertia=lambda m: m * mat(pairing(m, m))), 3),
+    ("separable", replace(TOP, spin=lambda m, a, *, alpha: m / alpha), 3),
     ("velocity", replace(TOP, velocity=lambda m, a, *, alpha: -m), 3),
     (
         "integrals-of-the-map",

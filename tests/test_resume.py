@@ -109,7 +109,7 @@ def test_signals_wait_for_a_checkpoint(
     assert signal.getsignal(number) == before
 
 
-@pytest.mark.parametrize("method", ["suris", "dop853"])
+@pytest.mark.parametrize("method", ["suris", "variational", "dop853"])
 @pytest.mark.parametrize("calls", [0, 1, 3])
 def test_stopped_inside_a_row(
     method: str, calls: int, top: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

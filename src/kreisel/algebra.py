@@ -15,6 +15,7 @@ Only this module knows which kind it has before it.  [Suris 2001, sections 2 and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -100,6 +101,11 @@ def log(x: Array) -> Array:
 def sqrt(x: Array) -> Array:
     """Square root of a scalar or a batch; recording scalars bring their own."""
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
+
+
+def maximum(x: Array, y: Array) -> Array:
+    """The larger of two scalars or of each entry of a batch; recorded numbers bring their own."""
+    return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
 
 
 def magnitude(x: Array) -> float:
@@ -189,6 +195,30 @@ def hat(v: Array) -> Array:
 def axial(X: Array) -> Array:
     """The axial vector of a skew 3 x 3 matrix.  Inverse: `hat`."""
     return coordinates(X)[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8)
+
+
+def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: float, most: int) -> tuple[Array, Array]:
+    """X, defect = improve(X) from a skew matrix X until defect <= small, at most `most` times.
+
+    Recorded numbers make a loop of it.  Numbers without an order, such as dual numbers, go all the way.
+    """
+    n = X.shape[-1]
+    if hasattr(X, "record_loop"):
+        return X.record_loop(improve, X, small, most)
+    recorded = [v for v in X.flat if hasattr(v, "record_loop")] if holds_objects(X) else []
+    if recorded:
+
+        def on_coordinates(x: Array) -> tuple[Array, Array]:
+            Y, defect = improve(skew(x, n))
+            return coordinates(Y), defect
+
+        x, defect = recorded[0].record_loop(on_coordinates, coordinates(X), small, most)
+        return skew(x, n), defect
+    for _ in range(most):
+        X, defect = improve(X)
+        if not holds_objects(X) and (defect <= small).all():
+            break
+    return X, defect
 
 
 # -- Cayley ---------------------------------------------------------------------------------------

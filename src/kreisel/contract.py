@@ -45,8 +45,9 @@ class PhaseSpace:
     """A Poisson manifold in coordinates: components, Poisson tensor, Casimirs.
 
     `tensor(*state)` is the matrix of brackets of the independent coordinates (skew matrices count by
-    their entries i < j); the field of H is F' = {H, F}.  `constraints` names functions that vanish on
-    the phase space when it is a submanifold of its coordinate space.
+    their entries i < j); the field of H is F' = {H, F}.  `momentum(*state)` is the M in so(n) that
+    generates the turns of the state.  `constraints` names functions that vanish on the phase space when it
+    is a submanifold of its coordinate space.
     """
 
     name: str
@@ -55,6 +56,7 @@ class PhaseSpace:
     casimirs: Function | None
     sign: int
     constraints: Mapping[str, Function] = field(default_factory=dict)
+    momentum: Function | None = None
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -66,6 +68,11 @@ class PhaseSpace:
         """The kinds of the components: "skew", "vector", or "R^k" for k numbers whatever n is."""
         return tuple(kind for _, kind in self.components)
 
+    @property
+    def carried(self) -> int:
+        """The place of the vector that turns with the body: a, P or x.  The others are momenta."""
+        return self.kinds.index("vector")
+
 
 def dual_euclidean(skew: str, vector: str, sign: int) -> PhaseSpace:
     """e*(n) with the plus (moving frame) or minus (rest frame) Lie-Poisson bracket."""
@@ -74,6 +81,7 @@ def dual_euclidean(skew: str, vector: str, sign: int) -> PhaseSpace:
         components=((skew, "skew"), (vector, "vector")),
         tensor=lambda M, P: sign * invariants.lie_poisson(M, P),
         casimirs=invariants.casimirs,
+        momentum=lambda M, P: M,
         sign=sign,
     )
 
@@ -85,6 +93,7 @@ SPHERE_SPACE = PhaseSpace(
     components=(("x", "vector"), ("q", "vector")),
     tensor=invariants.sphere_poisson,
     casimirs=lambda x, q: invariants.stack([algebra.dot(x, x), algebra.dot(x, q)]),
+    momentum=algebra.wedge,
     sign=+1,
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
 )
@@ -167,6 +176,8 @@ class System:
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
+    inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
+    spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
     n                        the dimension, where the parameters do not tell it
@@ -188,6 +199,8 @@ class System:
     integrals: Mapping[str, Function] = field(default_factory=dict)
     commuting: tuple[str, ...] = ()
     lax: Function | None = None
+    inverse_inertia: Function | None = None
+    spin: Function | None = None
     map: Map | None = None
     relations: tuple[Relation, ...] = ()
     derive: Function | None = None

@@ -175,7 +175,7 @@ class Model:
         if self.system.map is None:
             raise InputError(
                 f"No integrable discretization of {self.system.name} is known here. "
-                "Use method='dop853', or a system with a map (kreisel systems)."
+                "Use method='variational', or a system with a map (kreisel systems)."
             )
         return self.system.map
 

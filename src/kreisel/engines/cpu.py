@@ -1,6 +1,7 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
-Up to n = 8 the record is straight-line scalar code; beyond, compiled array code with the same operations.
+Up to n = 8, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
+same operations.
 The source is written to a cache folder, named by its hash, so that it can be read and debugged, and so that
 Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ in the user's cache folder.
 """
@@ -18,6 +19,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from kreisel.engines.trace import Matrix, Scalar, Tape, text
 from kreisel.methods.scheme import Scheme
 
 STRAIGHT_LINE_N = 8
+STRAIGHT_LINES = 8000  # beyond, compiling takes longer than array code is slow
 OPTIONS = 'cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}'
 
 HEAD = '''"""Made by kreisel.engines.cpu by recording {name}; not to be edited."""
@@ -41,12 +44,14 @@ from numpy.linalg import solve
 '''
 
 ADVANCE = """
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], i8)", {options})
-def kernel(z, c, out, every):
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8)", {options})
+def kernel(z, c, s, out, every):
     for lane in range(z.shape[0]):
 {load}
         for row in range(out.shape[0]):
             for _ in range(every):
+                for stage in range(s.shape[1]):
+{stage}
 {body}
 {save}
 {store}
@@ -102,40 +107,58 @@ def load(source: str) -> ModuleType:
 
 
 class Recording:
-    """A scheme's step or rate on recording numbers: source for loading, the body and storing."""
+    """A scheme's step or rate on recording numbers: source for loading, the body and storing.
 
-    def __init__(self, scheme: Scheme, constants: Floats, columns: Mapping[str, slice]):
-        self.scheme, self.columns, self.n = scheme, columns, scheme.n
+    Constants are called c, those that vary with the stage s.
+    """
+
+    def __init__(
+        self,
+        scheme: Scheme,
+        constants: Floats,
+        columns: Mapping[str, slice],
+        stage_columns: Mapping[str, slice] | None = None,
+    ):
+        self.scheme, self.n = scheme, scheme.n
+        self.columns = {"c": columns, "s": stage_columns or {}}
         self.kinds = [kind for _, kind in scheme.components]
-        self.tape = Tape()
-        record = self._straight_line if scheme.n <= STRAIGHT_LINE_N else self._array_code
-        record(constants)
+        if scheme.n > STRAIGHT_LINE_N or self._straight_line(constants) > STRAIGHT_LINES:
+            self._array_code()
 
-    def _straight_line(self, constants: Floats) -> None:
+    def _straight_line(self, constants: Floats) -> int:
+        """Record scalar code; the number of its lines."""
+        self.tape = Tape()
         count = sum(layout.size(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
         flat = np.array([Scalar(self.tape, name) for name in self.state], dtype=object)
-        entries = np.array(
-            [_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])], dtype=object
-        )
-        known = {
-            name: entries[place].reshape((self.n,) * self.scheme.axes[name]) for name, place in self.columns.items()
+        varying = max((place.stop for place in self.columns["s"].values()), default=0)
+        entries: dict[str, list[Any]] = {
+            "c": [_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])],
+            "s": [Scalar(self.tape, f"s{j}") for j in range(varying)],
         }
-        known = {k: v[()] if v.ndim == 0 else v for k, v in known.items()}
+        known = {
+            name: _shaped(entries[letter][place], (self.n,) * self.scheme.axes[name])
+            for letter, columns in self.columns.items()
+            for name, place in columns.items()
+        }
         new = _function(self.scheme)(*layout.restore(flat, self.kinds, self.n), **known)
         values = list(layout.flatten(new, self.kinds))
         self.new = [text(v) for v in values]
         self.lines = self.tape.needed([v.name for v in values if isinstance(v, Scalar)])
-        used = " ".join(expression for _, expression in self.lines) + " " + " ".join(self.new)
-        words = set(used.replace("(", " ").replace(")", " ").replace("-", " ").split())
-        self.load_constants = [(f"c{j}", j) for j in range(constants.shape[1]) if f"c{j}" in words]
+        self.words = {name for line in self.lines for name in line.needs} | {getattr(v, "name", "") for v in values}
         self.places: list[tuple[str, slice, str]] = []
+        return sum(len(line.text.splitlines()) for line in self.lines)
 
-    def _array_code(self, constants: Floats) -> None:
-        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,)}
+    def _array_code(self) -> None:
+        self.tape = Tape()
+        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
         parts = [Matrix(self.tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
-        known = {name: Matrix(self.tape, f"c_{name}", (self.n,) * self.scheme.axes[name]) for name in self.columns}
+        known = {
+            name: Matrix(self.tape, f"{letter}_{name}", (self.n,) * self.scheme.axes[name])
+            for letter, columns in self.columns.items()
+            for name in columns
+        }
         new = _function(self.scheme)(*parts, **known)
         self.lines = self.tape.needed([v.name for v in new])
         self.new = [f"mirror({v.name})" if k == "skew" else v.name for v, k in zip(new, self.kinds, strict=True)]
@@ -145,21 +168,30 @@ class Recording:
             for kind, a, b, name in zip(self.kinds, edges[:-1], edges[1:], self.state, strict=True)
         ]
 
-    def load(self, z: str, c: str, indent: int) -> str:
+    def load(self, source: str, indent: int) -> str:
+        """The state from a row."""
         if not self.places:
-            lines = [f"{name} = {z}{i}]" for i, name in enumerate(self.state)]
-            lines += [f"{name} = {c}{j}]" for name, j in self.load_constants]
-            return _indented(lines, indent)
+            return _indented([f"{name} = {source}{i}]" for i, name in enumerate(self.state)], indent)
         lines = [
-            f"{name} = {LOADERS[kind]}({z}{place.start}:{place.stop}], {self.n})" for kind, place, name in self.places
+            f"{name} = {LOADERS[kind]}({source}{place.start}:{place.stop}], {self.n})"
+            for kind, place, name in self.places
         ]
-        for name, place in self.columns.items():
-            loader = ("number", "vector", "matrix")[self.scheme.axes[name]]
-            lines.append(f"c_{name} = {loader}({c}{place.start}:{place.stop}], {self.n})")
+        return _indented(lines, indent)
+
+    def load_constants(self, letter: str, source: str, indent: int) -> str:
+        """The constants of that letter from a row, those that are used."""
+        lines = []
+        for name, place in self.columns[letter].items():
+            if self.places:
+                loader = ("number", "vector", "matrix")[self.scheme.axes[name]]
+                lines.append(f"{letter}_{name} = {loader}({source}{place.start}:{place.stop}], {self.n})")
+            else:
+                names = [(f"{letter}{j}", j) for j in range(place.start, place.stop)]
+                lines += [f"{entry} = {source}{j}]" for entry, j in names if entry in self.words]
         return _indented(lines, indent)
 
     def body(self, indent: int) -> str:
-        return _indented([f"{name} = {expression}" for name, expression in self.lines], indent)
+        return _indented([part for line in self.lines for part in line.text.splitlines()], indent)
 
     def assign(self, indent: int) -> str:
         return _indented([f"{', '.join(self.state)}, = {', '.join(self.new)},"], indent)
@@ -174,9 +206,39 @@ class Recording:
         return _indented(lines, indent)
 
 
-LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector"}
-STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store"}
+LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector", "scalar": "number"}
+STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store", "scalar": "store_number"}
 ARRAY_HEAD = """
+@njit({options})
+def add(x, y):
+    return x + y
+
+
+@njit({options})
+def subtract(x, y):
+    return x - y
+
+
+@njit({options})
+def multiply(x, y):
+    return x * y
+
+
+@njit({options})
+def divide(x, y):
+    return x / y
+
+
+@njit({options})
+def power(x, y):
+    return x**y
+
+
+@njit({options})
+def negative(x):
+    return -x
+
+
 @njit({options})
 def number(flat, n):
     return flat[0]
@@ -219,6 +281,11 @@ def store(X, flat):
 
 
 @njit({options})
+def store_number(x, flat):
+    flat[0] = x
+
+
+@njit({options})
 def store_skew(X, flat):
     k = 0
     for i in range(X.shape[0]):
@@ -232,6 +299,11 @@ def store_skew(X, flat):
 
 def _indented(lines: list[str], indent: int) -> str:
     return "\n".join(" " * indent + line for line in lines)
+
+
+def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:
+    array: Any = np.array(entries, dtype=object).reshape(shape)
+    return array[()]
 
 
 def _folded(tape: Tape, name: str, values: Floats) -> Scalar | float:
@@ -249,12 +321,22 @@ def _function(scheme: Scheme) -> Callable[..., tuple[Array, ...]]:
 
 def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
     """All constants as rows (lanes, count), and where each stands."""
-    pieces, columns, start = [], {}, 0
-    for name, value in scheme.constants.items():
+    return _rows(scheme.constants, scheme.axes, (lanes,))
+
+
+def flat_stages(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
+    """The constants of the stages as rows (lanes, stages, count), and where each stands."""
+    return _rows(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
+
+
+def _rows(
+    values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
+) -> tuple[Floats, dict[str, slice]]:
+    pieces, columns, start = [np.empty((*lead, 0))], {}, 0
+    for name, value in values.items():
         array = np.asarray(value, dtype=np.float64)
-        axes = scheme.axes[name]
-        flat = array.reshape((*array.shape[: array.ndim - axes], -1))
-        pieces.append(np.broadcast_to(flat, (lanes, flat.shape[-1])))
+        flat = array.reshape((*array.shape[: array.ndim - axes[name]], -1))
+        pieces.append(np.broadcast_to(flat, (*lead, flat.shape[-1])))
         columns[name] = slice(start, start + flat.shape[-1])
         start += flat.shape[-1]
     return np.ascontiguousarray(np.concatenate(pieces, -1)), columns
@@ -269,18 +351,20 @@ class Kernel:
     def __init__(self, scheme: Scheme, z0: Floats):
         self.z = np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
-        record = Recording(scheme, self.constants, columns)
+        self.stages, stage_columns = flat_stages(scheme, len(self.z))
+        record = Recording(scheme, self.constants, columns, stage_columns)
         self.source = _head(scheme, record) + ADVANCE.format(
             options=OPTIONS,
-            load=record.load("z[lane, ", "c[lane, ", 8),
-            body=record.body(16) + "\n" + record.assign(16),
+            load=record.load("z[lane, ", 8) + "\n" + record.load_constants("c", "c[lane, ", 8),
+            stage=record.load_constants("s", "s[lane, stage, ", 20),
+            body=record.body(20) + "\n" + record.assign(20),
             save=record.save("out[row, lane, ", record.state, 12),
             store=record.save("z[lane, ", record.state, 8),
         )
         self._kernel = load(self.source).kernel
 
     def advance(self, out: Floats, every: int) -> None:
-        self._kernel(self.z, self.constants, out, every)
+        self._kernel(self.z, self.constants, self.stages, out, every)
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z}
@@ -300,7 +384,7 @@ def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
     record = Recording(scheme, np.full_like(constants, np.nan), columns)
     source = _head(scheme, record) + RATE.format(
         options=OPTIONS,
-        load=record.load("z[", "c[", 4),
+        load=record.load("z[", 4) + "\n" + record.load_constants("c", "c[", 4),
         body=record.body(4),
         save=record.save("out[", record.new, 4),
     )

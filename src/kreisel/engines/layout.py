@@ -47,6 +47,6 @@ def restore(flat: Array, kinds: Sequence[str], n: int) -> tuple[Array, ...]:
         elif kind == "matrix":
             piece = piece.reshape((*piece.shape[:-1], n, n))
         elif kind == "scalar":
-            piece = piece[..., 0]
+            piece = piece[..., 0][()]
         parts.append(piece)
     return tuple(parts)

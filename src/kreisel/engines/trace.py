@@ -7,35 +7,89 @@ with some parameters folded in computes the same numbers as one without.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+
+
+class Line(NamedTuple):
+    """`names` = what the source `text` computes from `needs`; a loop computes several."""
+
+    names: tuple[str, ...]
+    text: str
+    needs: tuple[str, ...]
 
 
 class Tape:
     """Operations in order, each with a key; the same key is recorded once."""
 
     def __init__(self) -> None:
-        self.lines: list[tuple[str, str, tuple[str, ...]]] = []  # (name, expression, names it needs)
+        self.lines: list[Line] = []
         self._names: dict[str, str] = {}
+        self._count = 0
+        self._loop: tuple[list[Line], set[str]] | None = None  # the lines of an open loop, and what they compute
 
     def record(self, expression: str, needs: tuple[str, ...]) -> str:
         if expression not in self._names:
-            self._names[expression] = f"t{len(self.lines)}"
-            self.lines.append((self._names[expression], expression, needs))
+            name = self._names[expression] = self._fresh("t")
+            lines = self.lines
+            if self._loop is not None and not self._loop[1].isdisjoint(needs):  # what does not vary goes before
+                lines = self._loop[0]
+                self._loop[1].add(name)
+            lines.append(Line((name,), f"{name} = {expression}", needs))
         return self._names[expression]
+
+    def _fresh(self, letter: str) -> str:
+        self._count += 1
+        return f"{letter}{self._count - 1}"
 
     def knows(self, expression: str) -> str | None:
         return self._names.get(expression)
 
-    def needed(self, outputs: list[str]) -> list[tuple[str, str]]:
+    def loop(
+        self, body: Callable[[list[str]], tuple[list[Any], Any]], start: list[Any], small: float, most: int
+    ) -> tuple[list[str], str]:
+        """Record `x, defect = body(x)` from `start` until defect <= small, at most `most` times; the names of both.
+
+        The numbers of `start` and of `body` are recorded or plain; the body is recorded once.
+        """
+        if self._loop is not None:
+            raise TypeError("a loop within a loop cannot be recorded")
+        names = [self._fresh("v") for _ in start]
+        inner: list[Line] = []
+        self._loop = (inner, {*names})
+        new, defect = body(names)
+        local, self._loop = self._loop[1], None
+        for expression in [e for e, name in self._names.items() if name in local]:
+            del self._names[expression]
+        last = self._fresh("d")
+        wanted = [v.name for v in (*new, defect) if not _is_plain(v)]
+        block = [line.text for line in _needed(inner, wanted)]
+        block += [f"{', '.join(names)}, = {', '.join(map(text, new))},", f"{last} = {text(defect)}"]
+        lines = [f"{', '.join(names)}, = {', '.join(map(text, start))},", f"for _ in range({most}):"]
+        lines += [f"    {line}" for line in (*block, f"if {last} <= {small!r}:", "    break")]
+        needs = [v.name for v in start if not _is_plain(v)] + wanted + [n for line in inner for n in line.needs]
+        outer = tuple(dict.fromkeys(n for n in needs if n not in local))
+        self.lines.append(Line((*names, last), "\n".join(lines), outer))
+        return names, last
+
+    def needed(self, outputs: list[str]) -> list[Line]:
         """The lines that the outputs depend on, in order."""
-        wanted, kept = set(outputs), []
-        for name, expression, needs in reversed(self.lines):
-            if name in wanted:
-                wanted.update(needs)
-                kept.append((name, expression))
-        return kept[::-1]
+        return _needed(self.lines, outputs)
+
+
+def _needed(lines: list[Line], outputs: list[str]) -> list[Line]:
+    wanted, kept = set(outputs), []
+    for line in reversed(lines):
+        if not wanted.isdisjoint(line.names):
+            wanted.update(line.needs)
+            kept.append(line)
+    return kept[::-1]
+
+
+def _is_plain(x: Any) -> bool:
+    return not isinstance(x, Scalar | Matrix)
 
 
 def _number(x: Any) -> float | None:
@@ -124,6 +178,25 @@ class Scalar:
     def sqrt(self) -> Scalar:
         return self._new(f"sqrt({self.signed})", self.name)
 
+    def maximum(self, other: Any) -> Scalar:
+        needs = (self.name,) if _is_plain(other) else (self.name, other.name)
+        return self._new(f"max({self.signed}, {text(other)})", *needs)
+
+    def record_loop(
+        self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
+    ) -> tuple[Any, Scalar]:
+        """`x, defect = body(x)`, repeated, for an array x (d,) of recorded numbers."""
+
+        def on_names(names: list[str]) -> tuple[list[Any], Any]:
+            new, defect = body(self._array(names))
+            return list(new), defect
+
+        names, defect = self.tape.loop(on_names, list(start), small, most)
+        return self._array(names), Scalar(self.tape, defect)
+
+    def _array(self, names: list[str]) -> Any:
+        return np.array([Scalar(self.tape, name) for name in names], dtype=object)
+
     @property
     def signed(self) -> str:
         return f"(-{self.name})" if self.negative else self.name
@@ -137,7 +210,9 @@ def _is_number(x: Any) -> bool:
 
 
 def text(x: Any) -> str:
-    """A recorded or plain number as source."""
+    """A recorded or plain number, or a recorded array, as source."""
+    if isinstance(x, Matrix):
+        return x.name
     return x.signed if isinstance(x, Scalar) else repr(float(x))
 
 
@@ -169,43 +244,44 @@ class Matrix:
             return f"eye({len(other)})", other.shape, ()
         return None
 
-    def _binary(self, other: Any, symbol: str, reverse: bool = False) -> Any:
+    def _binary(self, other: Any, operation: str, reverse: bool = False) -> Any:
+        """By a function of the engine: written as an operator, Numba would compile each one anew, for 0.2 s."""
         operand = self._operand(other)
         if operand is None:
             return NotImplemented
         name, shape, needs = operand
         left, right = (name, self.name) if reverse else (self.name, name)
-        return self._new(f"{left} {symbol} {right}", np.broadcast_shapes(self.shape, shape), self.name, *needs)
+        return self._new(f"{operation}({left}, {right})", np.broadcast_shapes(self.shape, shape), self.name, *needs)
 
     def __add__(self, other: Any) -> Any:
         return (
-            self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "+")
+            self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "add")
         )
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return self._binary(other, "-")
+        return self._binary(other, "subtract")
 
     def __rsub__(self, other: Any) -> Any:
-        return self._binary(other, "-", reverse=True)
+        return self._binary(other, "subtract", reverse=True)
 
     def __mul__(self, other: Any) -> Any:
-        return self._binary(other, "*")
+        return self._binary(other, "multiply")
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
-        return self._binary(other, "/")
+        return self._binary(other, "divide")
 
     def __rtruediv__(self, other: Any) -> Any:
-        return self._binary(other, "/", reverse=True)
+        return self._binary(other, "divide", reverse=True)
 
     def __pow__(self, exponent: int) -> Any:
-        return self._binary(exponent, "**")
+        return self._binary(exponent, "power")
 
     def __neg__(self) -> Matrix:
-        return self._new(f"-{self.name}", self.shape, self.name)
+        return self._new(f"negative({self.name})", self.shape, self.name)
 
     def __matmul__(self, other: Matrix) -> Matrix:
         shape = (*self.shape[:-1], *other.shape[1:])
@@ -250,6 +326,21 @@ class Matrix:
 
     def sqrt(self) -> Matrix:
         return self._new(f"sqrt({self.name})", self.shape, self.name)
+
+    def maximum(self, other: Matrix) -> Matrix:
+        return self._new(f"max({self.name}, {other.name})", (), self.name, other.name)
+
+    def record_loop(
+        self, body: Callable[..., tuple[Matrix, Matrix]], start: Matrix, small: float, most: int
+    ) -> tuple[Matrix, Matrix]:
+        """`x, defect = body(x)`, repeated, for an array x."""
+
+        def on_names(names: list[str]) -> tuple[list[Any], Any]:
+            new, defect = body(Matrix(self.tape, names[0], self.shape))
+            return [new], defect
+
+        (name,), defect = self.tape.loop(on_names, [start], small, most)
+        return Matrix(self.tape, name, self.shape), Matrix(self.tape, defect, ())
 
     def __repr__(self) -> str:
         return f"{self.name}{self.shape}"

@@ -198,9 +198,29 @@ def velocity(case: Case) -> Sides:
     yield rate, algebra.act(turn, vector) if case.system.frame is Frame.REST else -algebra.act(turn, vector)
 
 
+@_law(
+    "z' = kick + turn: dT/dM is linear, the kick depends on the vector alone", lambda s: s.inverse_inertia is not None
+)
+def separable(case: Case) -> Sides:
+    space, carried = case.system.space, case.system.space.carried
+    still = tuple(z if i == carried else 0 * z for i, z in enumerate(case.state))
+    X = -space.sign * case.call(case.system.inverse_inertia, case.call(space.momentum))
+    turned = {"skew": algebra.bracket, "vector": algebra.act}
+    parts = zip(space.kinds, case.state, case.model.flow(*still), strict=True)
+    yield case.flat(case.model.flow(*case.state)), case.flat(tuple(turned[k](X, z) + kick for k, z, kick in parts))
+    M, N = (algebra.skew(case.draw((case.model.n * (case.model.n - 1) // 2,)), case.model.n) for _ in range(2))
+    linear = [case.call(case.system.inverse_inertia, K) for K in (2 * M - N, M, N)]
+    yield linear[0], 2 * linear[1] - linear[2]
+    if case.system.spin is not None:
+        spin = case.call(case.system.spin)
+        momentum = case.call(case.system.inverse_inertia, case.call(space.momentum))
+        yield case.call(case.system.velocity), momentum + spin
+        yield algebra.act(spin, _carried(case, case.state)), 0 * case.state[carried]
+
+
 def _carried(case: Case, state: tuple[Array, ...]) -> Array:
     """The component that turns with the body: a, P or x."""
-    return state[case.kinds.index("vector")]
+    return state[case.system.space.carried]
 
 
 # -- the map ----------------------------------------------------------------------------------------

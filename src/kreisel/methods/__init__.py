@@ -10,10 +10,12 @@ from kreisel.methods.lagrangian import lagrangian
 from kreisel.methods.reference import dop853
 from kreisel.methods.scheme import Outcome, Scheme
 from kreisel.methods.suris import suris
+from kreisel.methods.variational import variational
 from kreisel.model import Model
 
 METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
     "suris": suris,
+    "variational": variational,
     "lagrangian": lagrangian,
     "exact": exact,
     "dop853": dop853,
@@ -23,10 +25,11 @@ __all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
 
 
 def default_method(model: Model) -> str:
-    """The system's own map where one is known, else the reference."""
-    if model.system.map is None:
-        return "dop853"
-    return "lagrangian" if model.system.numbers == "jax" else "suris"
+    """The system's own map where one is known, else the variational integrator where it applies, else the reference."""
+    system = model.system
+    if system.map is not None:
+        return "lagrangian" if system.numbers == "jax" else "suris"
+    return "dop853" if system.inverse_inertia is None else "variational"
 
 
 def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:

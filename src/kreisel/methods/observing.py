@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,31 +26,38 @@ def with_orientation(model: Model, oriented: bool) -> Components:
     return model.system.space.components + ((orientation_component(model.n),) if oriented else ())
 
 
-def functions(model: Model, eps: float | None, order: int = 1) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
+def functions(
+    model: Model,
+    eps: float | None,
+    order: int = 1,
+    kept: Collection[str] = (),
+    told: Mapping[str, str] | None = None,
+) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
     """Name -> (what it is, function, whether it takes the map's own variables).
 
     With `eps` (a step of the map) the deformed integrals come under names ending in `_eps`, and the
     undeformed ones, which the map of that order changes by O(dt^order), are marked as not kept.  Without,
-    nothing is kept.
+    only the names in `kept` are kept.  `told` has other meanings.
     """
     system = model.system
     by_map = eps is not None
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
     if system.space.casimirs is not None:
-        told = f"Casimirs of {system.space.name}"
-        out["casimir"] = (Outcome("casimir", told, kept=by_map), system.space.casimirs, False)
+        meaning = f"Casimirs of {system.space.name}"
+        out["casimir"] = (Outcome("casimir", meaning, kept=by_map or "casimir" in kept), system.space.casimirs, False)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():
         deforms = by_map and "eps" in keywords(function) and system.map is not None
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
         if deforms:
-            told = f"{meaning}, not kept by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
-            out[name] = (Outcome("integral", told), _bind(model, function), False)
-            told = f"deformed {name}, kept exactly by the map"
-            out[f"{name}_eps"] = (Outcome("integral", told, kept=True), _bind(model, function, eps=eps), True)
+            oscillates = f"{meaning}, not kept by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
+            out[name] = (Outcome("integral", oscillates), _bind(model, function), False)
+            deformed = f"deformed {name}, kept exactly by the map"
+            out[f"{name}_eps"] = (Outcome("integral", deformed, kept=True), _bind(model, function, eps=eps), True)
         else:
-            kept = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
-            out[name] = (Outcome("integral", meaning, kept=kept), _bind(model, function), True)
+            meaning = (told or {}).get(name, meaning)
+            claimed = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
+            out[name] = (Outcome("integral", meaning, kept=claimed or name in kept), _bind(model, function), True)
     return out
 
 
@@ -59,11 +66,15 @@ def _bind(model: Model, function: Callable[..., Array], **extra: Any) -> Callabl
 
 
 def observer(
-    model: Model, eps: float | None, to_user: Callable[..., tuple[Array, ...]] | None
+    model: Model,
+    eps: float | None,
+    to_user: Callable[..., tuple[Array, ...]] | None,
+    kept: Collection[str] = (),
+    told: Mapping[str, str] | None = None,
 ) -> tuple[Callable[[tuple[Array, ...]], dict[str, Array]], dict[str, Outcome]]:
     """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
     space = model.system.space
-    table = functions(model, eps, 1 if to_user is None else 2)
+    table = functions(model, eps, 1 if to_user is None else 2, kept, told)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
 
@@ -75,10 +86,15 @@ def observer(
             value = function(*(own if takes_own else user))
             out[name] = _entries(value) if _is_block(value, own) else value
         if len(z) > count:
-            out[ORIENTATION] = z[count]
+            out[ORIENTATION] = _one_of_two(z[count]) if model.n == 3 and z[count].shape[-1] == 4 else z[count]
         return out
 
     return observe, outcomes
+
+
+def _one_of_two(q: Array) -> Array:
+    """Of q and -q, which are the same rotation, the one with w >= 0."""
+    return np.where(q[..., :1] < 0, -1, 1) * q
 
 
 def _is_block(value: Array, own: tuple[Array, ...]) -> bool:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from kreisel.algebra import Array
 
@@ -30,6 +32,16 @@ Orbit = Callable[[Array, Array], tuple[Array, ...]]
 
 
 @dataclass(frozen=True)
+class Guard:
+    """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
+
+    component: str
+    limit: float
+    fault: str
+    cause: str
+
+
+@dataclass(frozen=True)
 class Scheme:
     """A method for one model.
 
@@ -41,12 +53,15 @@ class Scheme:
     observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
     reopen(x)              -> z         from an observed state back to the method's own variables
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
+
+    A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
+    constants that vary with the stage, along an axis of their own.
     """
 
     name: str
     components: Components
-    constants: Mapping[str, Array]  # what step or rate takes by keyword; a lane axis may stand in front
-    axes: Mapping[str, int]  # of each constant, without the lane axis
+    constants: Mapping[str, Array]  # what step or rate takes by keyword: ([lane,] ...)
+    axes: Mapping[str, int]  # of each constant, without the axes of lane and stage
     n: int
     prepare: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     observe: Callable[[tuple[Array, ...]], dict[str, Array]]
@@ -54,7 +69,26 @@ class Scheme:
     reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
+    stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None = None
     options: Mapping[str, Any] | None = None
     numbers: str = "any"  # as in the record: what step and rate work on
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
+    guard: Guard | None = None
+
+    @property
+    def stage_count(self) -> int:
+        """How often `step` is called in a step of the method."""
+        counts = {np.shape(v)[np.ndim(v) - self.axes[k] - 1] for k, v in self.stages.items()}
+        if len(counts) > 1:
+            raise ValueError(f"all constants of the stages of {self.name} need the same number of stages: {counts}")
+        return counts.pop() if counts else 1
+
+    def advance(self, *z: Array) -> tuple[Array, ...]:
+        """A whole step by the definition: every stage once.  Engines compile the same."""
+        if self.step is None:
+            raise TypeError(f"the scheme {self.name} states no step")
+        for stage in range(self.stage_count):
+            varying = {k: np.take(v, stage, np.ndim(v) - self.axes[k] - 1) for k, v in self.stages.items()}
+            z = self.step(*z, **self.constants, **varying)
+        return z

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
@@ -49,12 +47,6 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         new = call(phi.step, own, consts)
         return (*new, *(_turned(model, own, new, g, consts) for g in z[len(letters) :]))
 
-    def observe_all(z: tuple[Array, ...]) -> dict[str, Array]:
-        out = observe(z)
-        if oriented and model.n == 3:  # of q and -q, which are the same rotation, the one with w >= 0
-            out[ORIENTATION] = np.where(out[ORIENTATION][..., :1] < 0, -1, 1) * out[ORIENTATION]
-        return out
-
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
@@ -66,7 +58,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         prepare=prepare,
         step=step,
         orbit=iterates if model.system.name == "lagrange-top" and model.n == 3 and not oriented else None,
-        observe=observe_all,
+        observe=observe,
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},

@@ -141,13 +141,14 @@ def _largest(plan: Plan, z: Floats) -> Floats:
 
 def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d)."""
-    kinds = dict(plan.model.system.space.components)
     rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, 32).astype(int))
     parts = []
-    for letter, kind in (*kinds.items(), *(c for c in plan.scheme.components if c[0] not in kinds)):
+    for letter, outcome in plan.scheme.outcomes.items():
+        if outcome.kind not in ("state", "orientation"):
+            continue
         value = np.asarray(first[letter])[rows].astype(np.float64)
         value = value.reshape((len(rows), plan.lanes, *value.shape[1 + plan.batched :]))
-        axial = kind == "skew" and plan.model.n == 3
+        axial = outcome.axes == "skew" and plan.model.n == 3
         parts.append(algebra.hat(value) if axial else value)
     return np.asarray(layout.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import RunError
 from kreisel.runs.plan import Plan
@@ -118,13 +119,28 @@ class March:
             self._burst = max(1, self._burst // 2)
 
     def _check(self) -> None:
-        finite = np.isfinite(self.buffer[: self.filled]).all(axis=(1, 2))
-        if not (finite.all() and np.isfinite(self.plan.engine.z).all()):
-            step = self._step_of(self.flushed + int(np.argmin(np.append(finite, False))))
-            raise RunError(
-                f"The state is no longer finite at or before step {step} (time {step * self.plan.dt:g}). "
-                "Usual cause: a step far too long, or a state so large that its square overflows. Use a smaller dt."
-            )
+        self._require(
+            np.isfinite,
+            "The state is no longer finite",
+            "a step far too long, or a state so large that its square overflows. Use a smaller dt.",
+        )
+        guard = self.plan.scheme.guard
+        if guard is not None:
+            letters = [letter for letter, _ in self.plan.scheme.components]
+            place = letters.index(guard.component)
+
+            def within(rows: Floats) -> Array:
+                return layout.restore(rows, self.plan.kinds, self.plan.model.n)[place] <= guard.limit
+
+            self._require(within, guard.fault, guard.cause)
+
+    def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
+        """Raise `RunError` with the first row for which it does not hold, or the row after them."""
+        rows = holds(self.buffer[: self.filled])
+        rows = rows.all(axis=tuple(range(1, rows.ndim)))
+        if not (rows.all() and np.all(holds(self.plan.engine.z))):
+            step = self._step_of(self.flushed + int(np.argmin(np.append(rows, False))))
+            raise RunError(f"{fault} at or before step {step} (time {step * self.plan.dt:g}). Usual cause: {cause}")
 
     def _finished(self) -> dict[str, Array]:
         self._check()

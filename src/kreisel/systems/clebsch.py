@@ -84,8 +84,12 @@ def conjugator(M, P, *, b, lam, eps):  # V^-1 = cay(-eps/(2 lambda) Q),   Q = P 
     return moebius(-eps / (2 * lam) * Q)
 
 
-def velocity(M, P):  # Omega = M
+def inverse_inertia(M):  # Omega = M
     return M
+
+
+def velocity(M, P):
+    return inverse_inertia(M)
 
 
 def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
@@ -117,6 +121,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The one moment of inertia is 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),

@@ -17,17 +17,21 @@ def quotients(*, a, b):
     return {"c": (b[..., :, None] - b[..., None, :]) / (a[..., :, None] - a[..., None, :] + one)}
 
 
-def velocity(M, P, *, c):  # Omega_jk = c_jk M_jk
+def inverse_inertia(M, *, c):  # Omega_jk = c_jk M_jk
     return c * M
 
 
+def velocity(M, P, *, c):
+    return inverse_inertia(M, c=c)
+
+
 def flow(M, P, *, b, c):  # M' = [M, Omega] + P ^ BP,   P' = -Omega P
-    Omega = c * M
+    Omega = inverse_inertia(M, c=c)
     return M @ Omega - Omega @ M + wedge(P, b * P), -act(Omega, P)
 
 
 def energy(M, P, *, b, c, eps=0):
-    return pairing(M, c * M) / 2 - dot(P, b * P) / 2
+    return pairing(M, inverse_inertia(M, c=c)) / 2 - dot(P, b * P) / 2
 
 
 def spectrum(M, P, *, a):  # coefficients of det(L(lambda) - mu)
@@ -35,7 +39,7 @@ def spectrum(M, P, *, a):  # coefficients of det(L(lambda) - mu)
 
 
 def lax(M, P, *, a, b, c, lam):  # L = lambda A + M + P P^T / lambda,   U = lambda B + Omega
-    return lam * diagonal(a) + M + P[..., :, None] * P[..., None, :] / lam, lam * diagonal(b) + c * M
+    return lam * diagonal(a) + M + P[..., :, None] * P[..., None, :] / lam, lam * diagonal(b) + inverse_inertia(M, c=c)
 
 
 SYSTEM = System(
@@ -52,6 +56,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     derive=quotients,
     scaling="Any consistent units.",
     integrals={"spectrum": spectrum},

@@ -26,17 +26,21 @@ def principal(*, J):
     return {"R": R, "c": (1 - identity(n)) / (pairs + identity(n) * (1 - pairs))}
 
 
-def velocity(M, P, *, R, c):  # M = J Omega + Omega J
+def inverse_inertia(M, *, R, c):  # Omega, where M = J Omega + Omega J
     return R @ (c * (R.mT @ M @ R)) @ R.mT
 
 
+def velocity(M, P, *, R, c):
+    return inverse_inertia(M, R=R, c=c)
+
+
 def flow(M, P, *, A, R, c):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
-    Omega = velocity(M, P, R=R, c=c)
+    Omega = inverse_inertia(M, R=R, c=c)
     return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
 
 
 def energy(M, P, *, A, R, c, eps=0):
-    return pairing(M, velocity(M, P, R=R, c=c)) / 2 + dot(P, A)
+    return pairing(M, inverse_inertia(M, R=R, c=c)) / 2 + dot(P, A)
 
 
 SYSTEM = System(
@@ -59,6 +63,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     derive=principal,
     scaling="Any consistent units: <P, A> is the potential energy, so |A| |P| = M g l.",
     notes="Not integrable for general J and A: no map keeps more than the energy and the Casimirs.",

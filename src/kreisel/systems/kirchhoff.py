@@ -9,17 +9,21 @@ from kreisel.contract import MOVING_SPACE, Frame, Parameter, System
 from kreisel.systems.checks import off_diagonal
 
 
-def velocity(M, P, *, C):  # Omega_jk = c_jk M_jk
+def inverse_inertia(M, *, C):  # Omega_jk = c_jk M_jk
     return C * M
 
 
+def velocity(M, P, *, C):
+    return inverse_inertia(M, C=C)
+
+
 def flow(M, P, *, C, B):  # (Kirch)   M' = [M, Omega] + P ^ BP,   P' = -Omega P
-    Omega = C * M
+    Omega = inverse_inertia(M, C=C)
     return M @ Omega - Omega @ M + wedge(P, act(B, P)), -act(Omega, P)
 
 
 def energy(M, P, *, C, B, eps=0):
-    return pairing(M, C * M) / 2 - dot(P, act(B, P)) / 2
+    return pairing(M, inverse_inertia(M, C=C)) / 2 - dot(P, act(B, P)) / 2
 
 
 SYSTEM = System(
@@ -38,6 +42,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="Any consistent units. `kreisel.physical.Ellipsoid` gives C and B of an ellipsoid from SI data.",
     notes="Integrable only for special C and B: Clebsch's case is clebsch-general.",
 )

@@ -84,8 +84,16 @@ def conjugator(m, a, *, p, lam, eps):  # v_k, from the old a_k
     return moebius(eps / 2 * border(0 * m, lam * a))
 
 
+def inverse_inertia(m):  # dH/dm
+    return m
+
+
+def spin(m, a, *, alpha):  # (1/alpha - 1) m_perp,  m_perp = pi m pi,  pi = I - a a^T / |a|^2
+    return mat((1 - alpha) / alpha / dot(a, a)) * project_out(m, a)
+
+
 def velocity(m, a, *, alpha):
-    return m / mat(alpha) + mat((1 - alpha) / alpha / dot(a, a)) * wedge(a, act(m, a))
+    return inverse_inertia(m) + spin(m, a, alpha=alpha)
 
 
 def generator(m, a, m1, a1, *, alpha, eps):  # w_k = cay(X), from (dLT m expr)
@@ -122,6 +130,8 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
+    spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
     check_state=lambda m, a: nonzero_vector(a, "a"),

@@ -29,12 +29,16 @@ from kreisel.systems.checks import nonzero_alpha, nonzero_vector
 from kreisel.systems.matrices import border
 
 
-def velocity(M, P, *, A, alpha):  # Omega, (mLT operator inv)
+def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)
     return M / mat(alpha) + mat((1 - alpha) / alpha / dot(A, A)) * wedge(A, act(M, A))
 
 
+def velocity(M, P, *, A, alpha):
+    return inverse_inertia(M, A=A, alpha=alpha)
+
+
 def flow(M, P, *, A, alpha):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
-    Omega = velocity(M, P, A=A, alpha=alpha)
+    Omega = inverse_inertia(M, A=A, alpha=alpha)
     return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
 
 
@@ -158,6 +162,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The transverse moment of inertia is 1; |A| |P| is M g l in that unit. See lagrange-top.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),

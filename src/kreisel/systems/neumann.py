@@ -13,8 +13,8 @@ from kreisel.systems import clebsch
 from kreisel.systems.matrices import diagonal
 
 
-def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x
-    return q, b * x - vec(dot(x, b * x) + dot(q, q)) * x
+def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x; divided by |x|^2 = 1 it stays tangential in floats
+    return q, b * x - vec((dot(x, b * x) + dot(q, q)) / dot(x, x)) * x
 
 
 def kick(x, q, h, *, b, eps):
@@ -96,8 +96,12 @@ def conjugator(x, q, *, b, lam, eps):
     return clebsch.conjugator(wedge(x, q), x, b=b, lam=lam, eps=eps)
 
 
+def inverse_inertia(M):
+    return M
+
+
 def velocity(x, q):
-    return wedge(x, q)
+    return inverse_inertia(wedge(x, q))
 
 
 def generator(x, q, x1, q1):  # (eps/2) M_(k+1) = x_k ^ x_(k+1) / (1 + <x_k, x_(k+1)>)
@@ -123,6 +127,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),

@@ -71,8 +71,12 @@ def conjugator(M, P, *, A, lam, eps):
     return moebius(eps / 2 * border(0 * M, lam * P))
 
 
-def velocity(M, P):  # Omega = M
+def inverse_inertia(M):  # Omega = M
     return M
+
+
+def velocity(M, P):
+    return inverse_inertia(M)
 
 
 def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
@@ -99,6 +103,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
