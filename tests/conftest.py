@@ -10,6 +10,9 @@ import pytest
 
 os.environ.setdefault("KREISEL_CACHE", str(Path(tempfile.gettempdir()) / f"kreisel-tests-{os.getuid()}"))
 
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_CACHE"]) / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
 import kreisel as kr
 
 

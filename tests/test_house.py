@@ -18,6 +18,7 @@ RANK = {
     "model": 4,
     "systems": 5,
     "methods": 5,
+    "reduction": 5,
     "physical": 6,
     "engines": 6,
     "runs": 7,
@@ -48,7 +49,7 @@ def test_arrows_run_one_way() -> None:
 
 
 def test_import_is_light() -> None:
-    heavy = ("numba", "xarray", "zarr", "matplotlib", "scipy", "pandas", "flint", "jax")
+    heavy = ("numba", "xarray", "zarr", "matplotlib", "scipy", "pandas", "flint", "jax", "optimistix", "mpmath")
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.split() == []

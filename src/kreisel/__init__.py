@@ -31,13 +31,17 @@ from kreisel.systems import (
 
 if TYPE_CHECKING:
     from kreisel.runs.archive import open_run
+    from kreisel.runs.at import at
     from kreisel.runs.drift import drift
+    from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
 
 _LAZY = {
+    "nutation": "kreisel.runs.figures",
+    "at": "kreisel.runs.at",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
@@ -56,7 +60,9 @@ __all__ = [
     "Neumann",
     "RunError",
     "SymmetricTop",
+    "at",
     "drift",
+    "nutation",
     "open_run",
     "plot",
     "resume",

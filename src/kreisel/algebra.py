@@ -93,7 +93,9 @@ def log(x: Array) -> Array:
     """
     if hasattr(x, "log"):
         return x.log()
-    return np.log(x) if isinstance(x, float | np.floating | np.ndarray) else 0 * x
+    if isinstance(x, float | np.floating | np.ndarray):
+        return np.log(x)
+    return x.__array_namespace__().log(x) if hasattr(x, "__array_namespace__") else 0 * x
 
 
 def sqrt(x: Array) -> Array:
@@ -118,7 +120,7 @@ def _as_float(v: Any) -> float:
 def trace_log(A: Array) -> Array:
     """Tr log A = log det A for A (..., n, n) with positive leading minors."""
     if not holds_objects(A):
-        return np.linalg.slogdet(A)[1]
+        return A.__array_namespace__().linalg.slogdet(A)[1]
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
 
@@ -294,12 +296,12 @@ def moebius(X: Array) -> Array:
 
 def turn_left(X: Array, g: Array) -> Array:
     """cay(X) g, for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(X, g) if _is_matrix(X, g) else _unit(_quaternion_product(_half_turn(X), g))
+    return cayley_columns(X, g) if _is_matrix(X, g) else _unit(quaternion_product(_half_turn(X), g))
 
 
 def turn_right(g: Array, X: Array) -> Array:
     """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(_quaternion_product(g, _half_turn(X)))
+    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(quaternion_product(g, _half_turn(X)))
 
 
 def _is_matrix(X: Array, g: Array) -> bool:
@@ -312,7 +314,8 @@ def _half_turn(X: Array) -> Array:
     return np.concatenate([1 + 0 * u[..., :1], u], -1)
 
 
-def _quaternion_product(a: Array, b: Array) -> Array:
+def quaternion_product(a: Array, b: Array) -> Array:
+    """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
     s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
 

@@ -36,11 +36,11 @@ def run(
     """Simulate: write the archive, print the drift of every integral, save a figure."""
     from kreisel.runs.config import read
     from kreisel.runs.drift import drift
+    from kreisel.runs.own import load
     from kreisel.runs.simulate import simulate
-    from kreisel.systems import find
 
     asked = read(config)
-    model = find(asked.name)(**asked.parameters)
+    model = load(asked.name, asked.file)(**asked.parameters)
     begun = time.perf_counter()
     result = simulate(
         model,
@@ -108,6 +108,7 @@ def check(
     ] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, and its integrals equal to those of its states."""
+    from kreisel.runs.archive import is_own
     from kreisel.runs.checking import check_archive, recover
     from kreisel.runs.drift import drift
 
@@ -123,6 +124,8 @@ def check(
             _print_drift(table)
         for fault in faults:
             print(f"FAULT: {fault}")
+        if result is not None and is_own(result.attrs):
+            print(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
         print(f"{archive}: {'damaged' if faults else 'whole'}")
     if faults:
         raise typer.Exit(1)

@@ -17,14 +17,20 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel import algebra, invariants
 from kreisel.algebra import Array
+from kreisel.errors import InputError
 
 if TYPE_CHECKING:
     from kreisel.model import Model
 
 Function = Callable[..., Any]
 COMPONENT_AXES = {"skew": 2, "vector": 1, "matrix": 2, "quaternion": 1}
-PARAMETER_AXES = {"scalar": 0, "vector": 1, "symmetric": 2}
+PARAMETER_AXES = {"scalar": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
 SKEW_TOLERANCE = 1e-12
+
+
+def component_axes(kind: str) -> int:
+    """The axes of a component without its batch; the kind "R^6" is a plain list of six numbers."""
+    return 1 if kind.startswith("R^") else COMPONENT_AXES[kind]
 
 
 class Frame(enum.Enum):
@@ -47,10 +53,10 @@ class PhaseSpace:
     name: str
     components: tuple[tuple[str, str], ...]
     tensor: Function
-    casimirs: Function
-    momentum: Function
+    casimirs: Function | None
     sign: int
     constraints: Mapping[str, Function] = field(default_factory=dict)
+    momentum: Function | None = None
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -59,7 +65,7 @@ class PhaseSpace:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of the components: "skew" or "vector"."""
+        """The kinds of the components: "skew", "vector", or "R^k" for k numbers whatever n is."""
         return tuple(kind for _, kind in self.components)
 
     @property
@@ -95,9 +101,10 @@ SPHERE_SPACE = PhaseSpace(
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter: its letter, kind ("scalar", "vector" or "symmetric"), meaning and valid range.
+    """A parameter: its letter, kind ("scalar", "vector", "symmetric" or "array"), meaning and valid range.
 
-    A symmetric matrix may be given by its diagonal.  `check(value, name)` raises `InputError`.
+    A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
+    `check(value, name)` raises `InputError`.
     """
 
     letter: str
@@ -113,6 +120,8 @@ class Parameter:
 class Map:
     """A discretization of a flow, with all that is known of it.  Each entry is a claim that a law tests.
 
+    Only the step must be stated.
+
     step, inverse, adjoint   (*state, eps) -> state; the adjoint is the inverse of the step with -eps
     involution               R with R step R = inverse, anti-Poisson
     to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; from_symmetric is chi^-1
@@ -121,20 +130,24 @@ class Map:
                              p (moving frame), or q = x on the sphere; only its differences matter
     lax                      L(*state, lam, eps);  conjugator V(*state, lam, eps) with V L_(k+1) = L_k V
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
+    regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
+    keeps                    names of the integrals that the map keeps; None: all of the record
     """
 
     step: Function
-    inverse: Function
-    adjoint: Function
-    involution: Function
-    to_symmetric: Function
-    from_symmetric: Function
-    generator: Function
-    lagrangian: Function
-    lax: Function | None
-    conjugator: Function | None
+    inverse: Function | None = None
+    adjoint: Function | None = None
+    involution: Function | None = None
+    to_symmetric: Function | None = None
+    from_symmetric: Function | None = None
+    generator: Function | None = None
+    lagrangian: Function | None = None
+    lax: Function | None = None
+    conjugator: Function | None = None
     largest_step: Function | None = None
     second_order: Function | None = None
+    regularity: Function | None = None
+    keeps: tuple[str, ...] | None = None
     order: int = 1
     source: str = ""
 
@@ -167,6 +180,9 @@ class System:
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
+    n                        the dimension, where the parameters do not tell it
+    numbers                  "any": the functions take any kind of number; "jax": floats and JAX arrays
+                             (`kreisel.reduction`), and steps are compiled by JAX
     """
 
     name: str
@@ -176,9 +192,9 @@ class System:
     frame: Frame
     space: PhaseSpace
     parameters: tuple[Parameter, ...]
-    flow: Function
-    energy: Function
-    velocity: Function
+    flow: Function | None
+    energy: Function | None
+    velocity: Function | None
     scaling: str
     integrals: Mapping[str, Function] = field(default_factory=dict)
     commuting: tuple[str, ...] = ()
@@ -190,6 +206,8 @@ class System:
     derive: Function | None = None
     check_state: Function | None = None
     notes: str = ""
+    n: int | None = None
+    numbers: str = "any"
 
     def __call__(self, **params: Any) -> Model:
         """The system with these parameters."""
@@ -225,7 +243,9 @@ def keywords(function: Function) -> frozenset[str]:
     return frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
 
 
-def call(function: Function, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
-    """`function(*state, ...)` with just the keywords it names."""
+def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
+    """`function(*state, ...)` with just the keywords it names.  Raises `InputError` for what a record leaves out."""
+    if function is None:
+        raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
     names = keywords(function)
     return function(*state, **{k: v for k, v in available.items() if k in names})

@@ -13,7 +13,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import (
-    COMPONENT_AXES,
     PARAMETER_AXES,
     SKEW_TOLERANCE,
     Function,
@@ -22,6 +21,7 @@ from kreisel.contract import (
     PhaseSpace,
     System,
     call,
+    component_axes,
 )
 from kreisel.errors import InputError, nearest
 
@@ -94,8 +94,7 @@ class Model:
             if p.check is not None:
                 p.check(self.params[p.letter], p.letter)
         batches = [
-            v.shape[: v.ndim - PARAMETER_AXES[p.kind]]
-            for p, v in zip(system.parameters, self.params.values(), strict=True)
+            v.shape[: v.ndim - _axes(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
         ]
         try:
             self.batch = np.broadcast_shapes(*batches)
@@ -110,8 +109,14 @@ class Model:
         if system.derive is not None:
             self.constants.update(call(system.derive, (), spread))
         self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
+        for p in system.parameters:
+            if p.kind == "array":  # the same in every lane
+                self.constants[p.letter] = self.params[p.letter]
+                self.axes[p.letter] = self.params[p.letter].ndim
 
     def _dimension(self) -> int:
+        if self.system.n is not None:
+            return self.system.n
         sizes = {p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"}
         if len(set(sizes.values())) != 1:
             told = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
@@ -152,7 +157,7 @@ class Model:
             self.system.check_state(*parts.values())
         return State(parts, dict(space.components))
 
-    def call(self, function: Function, *state: Array, **extra: Any) -> Any:
+    def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:
         """A function of the record at a state, with this model's parameters."""
         return call(function, state, {**self.constants, **extra})
 
@@ -190,10 +195,14 @@ def _array(value: Any, name: str) -> Array:
     return array
 
 
+def _axes(p: Parameter, value: Array) -> int:
+    return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
+
+
 def _parameter(p: Parameter, value: Any, system: str) -> Array:
     name = f"{system}'s parameter {p.letter}"
     array = _array(value, name)
-    axes = PARAMETER_AXES[p.kind]
+    axes = _axes(p, array)
     if p.kind == "symmetric" and array.ndim == 1:
         array = array[..., None] * np.eye(array.shape[-1], dtype=np.int8)
     if array.ndim < axes or array.ndim > axes + 1:
@@ -217,9 +226,10 @@ def _check_symmetric(array: Array, name: str) -> None:
 def _component(letter: str, kind: str, value: Any, n: int) -> Array:
     name = f"state component {letter}"
     array = _array(value, name)
-    if kind == "vector":
-        if array.ndim < 1 or array.shape[-1] != n:
-            raise InputError(f"{name} must be n = {n} numbers (..., {n}); shape {array.shape} came.")
+    if kind != "skew":
+        count, told = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
+        if array.ndim < 1 or array.shape[-1] != count:
+            raise InputError(f"{name} must be {told} numbers (..., {count}); shape {array.shape} came.")
         return array
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
         off = algebra.magnitude(array + array.mT)
@@ -240,7 +250,7 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
 
 
 def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
-    batches = [v.shape[: v.ndim - COMPONENT_AXES[k]] for v, k in zip(parts.values(), space.kinds, strict=True)]
+    batches = [v.shape[: v.ndim - component_axes(k)] for v, k in zip(parts.values(), space.kinds, strict=True)]
     try:
         np.broadcast_shapes(*batches)
     except ValueError:

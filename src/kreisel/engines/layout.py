@@ -15,6 +15,8 @@ Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 def size(kind: str, n: int) -> int:
     """The number of independent coordinates of a component."""
+    if kind.startswith("R^"):
+        return int(kind[2:])
     return {"skew": n * (n - 1) // 2, "vector": n, "matrix": n * n, "quaternion": 4, "scalar": 1}[kind]
 
 

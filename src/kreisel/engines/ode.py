@@ -22,6 +22,14 @@ def _bound(rate: Rate, constants: Floats) -> Callable[[float, Floats], Floats]:
     return lambda t, y: rate(t, y, constants)
 
 
+def _compiled(scheme: Scheme) -> Rate:
+    if scheme.numbers == "jax":
+        from kreisel.engines.xla import compiled_rate as by_jax
+
+        return by_jax(scheme)
+    return compiled_rate(scheme)
+
+
 class Reference:
     """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output."""
 
@@ -31,7 +39,7 @@ class Reference:
         self.z = np.array(z0, dtype=np.float64)
         self._dt, self._steps = dt, 0
         constants, _ = flat_constants(scheme, len(self.z))
-        rate = compiled_rate(scheme)
+        rate = _compiled(scheme)
         options = scheme.options or {}
         tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
         self._solvers = [

@@ -13,6 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Parameter, PhaseSpace, System
 from kreisel.engines import layout
+from kreisel.errors import InputError
 from kreisel.model import Model
 
 try:
@@ -156,6 +157,10 @@ def random_model(system: System, n: int, draw: Random) -> Model:
 
 
 def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
+    if p.kind == "array":
+        if p.default is None:
+            raise InputError(f"The laws need a value of {p.letter}: give a default, or check(model) with parameters.")
+        return p.default
     if p.kind == "scalar":
         value = draw((1,))
         return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from kreisel.errors import InputError, nearest
+from kreisel.methods.exact import exact
+from kreisel.methods.lagrangian import lagrangian
 from kreisel.methods.reference import dop853
 from kreisel.methods.scheme import Outcome, Scheme
 from kreisel.methods.suris import suris
@@ -14,6 +16,8 @@ from kreisel.model import Model
 METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
     "suris": suris,
     "variational": variational,
+    "lagrangian": lagrangian,
+    "exact": exact,
     "dop853": dop853,
 }
 
@@ -21,8 +25,10 @@ __all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
 
 
 def default_method(model: Model) -> str:
-    """The system's own map where one is known, else the variational integrator."""
-    return "suris" if model.system.map is not None else "variational"
+    """The system's own map where one is known, else the variational integrator, else the reference."""
+    if model.system.map is None:
+        return "dop853" if model.system.inverse_inertia is None else "variational"
+    return "lagrangian" if model.system.numbers == "jax" else "suris"
 
 
 def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:

@@ -55,4 +55,5 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         reopen=prepare,
         outcomes=outcomes,
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
+        numbers=model.system.numbers,
     )

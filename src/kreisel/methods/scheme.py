@@ -1,4 +1,4 @@
-"""What a method hands to the engines: three pure functions, and the layout of what they work on."""
+"""What a method hands to the engines: pure functions, and the layout of what they work on."""
 
 from __future__ import annotations
 
@@ -27,6 +27,10 @@ class Outcome:
     kept: bool = False
 
 
+# (M, e) -> z: the states at times M 2^e, Python integers in object arrays and small integers, both (times,)
+Orbit = Callable[[Array, Array], tuple[Array, ...]]
+
+
 @dataclass(frozen=True)
 class Guard:
     """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
@@ -44,8 +48,11 @@ class Scheme:
     prepare(x0)            -> z0        once
     step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
+    orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane; a map, which
+                                        also states its step, has whole times and counts steps
     observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
     reopen(x)              -> z         from an observed state back to the method's own variables
+    explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
 
     A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
     constants that vary with the stage, along an axis of their own.
@@ -62,9 +69,12 @@ class Scheme:
     reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
+    orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None = None
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     options: Mapping[str, Any] | None = None
     guard: Guard | None = None
+    numbers: str = "any"  # as in the record: what step and rate work on
+    explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
 
     @property
     def stage_count(self) -> int:

@@ -6,6 +6,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
 from kreisel.errors import InputError
+from kreisel.methods.exact import iterates
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
 from kreisel.model import Model
@@ -24,6 +25,8 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         raise InputError(
             f"method='suris' has order 1 (the paper's map) or 2 (its half-kick conjugate); order={order!r} came."
         )
+    if model.system.numbers != "any" or phi.to_symmetric is None:
+        raise InputError(f"{model.system.name} has no map for method='suris'. Use method='lagrangian'.")
     eps = {"eps": dt}
     observe, outcomes = observer(
         model, dt, (lambda *z: model.call(phi.to_symmetric, *z, **eps)) if order == 2 else None
@@ -54,6 +57,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         n=model.n,
         prepare=prepare,
         step=step,
+        orbit=iterates if model.system.name == "lagrange-top" and model.n == 3 and not oriented else None,
         observe=observe,
         reopen=reopen,
         outcomes=outcomes,

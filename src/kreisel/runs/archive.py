@@ -56,6 +56,8 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
     rest = len(shape) - len(lead)
     if outcome.axes == "quaternion":
         return (*lead, "quaternion")
+    if outcome.axes.startswith("R^"):
+        return (*lead, f"{name}_axis")
     if outcome.axes:
         return (*lead, *(("axis",) if rest == 1 else ("row", "column")))
     return (*lead, *((f"{name}_part",) if rest else ()))
@@ -65,7 +67,7 @@ def versions() -> dict[str, str]:
     """Versions of what computed a run."""
     import platform
 
-    packages = ("kreisel", "numpy", "numba", "scipy", "xarray", "zarr")
+    packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
     return {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in packages}
 
 
@@ -80,6 +82,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "kreisel_format": FORMAT,
         "system": system.name,
         "equations": system.equations,
+        "components": json.dumps(dict(system.space.components)),
         "frame": system.frame.value,
         "bracket": "plus" if system.space.sign > 0 else "minus",
         "n": model.n,
@@ -138,7 +141,7 @@ def _largest(plan: Plan, z: Floats) -> Floats:
 
 def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d)."""
-    rows = np.unique(np.linspace(0, len(first["casimir"]) - 1, 32).astype(int))
+    rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, 32).astype(int))
     parts = []
     for letter, outcome in plan.scheme.outcomes.items():
         if outcome.kind not in ("state", "orientation"):
@@ -472,7 +475,7 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> 
         return run
     snapshot, start = checkpoint.read(path)
     whole = run.isel(time=slice(0, snapshot.flushed)) if "time" in run.dims else run
-    if len(snapshot.rows) == 0:
+    if len(snapshot.rows) == 0 or is_own(attrs):
         return whole
     plan = _plan(attrs, start, attrs["steps"])
     first = snapshot.flushed
@@ -498,10 +501,25 @@ def _place(variable: xr.DataArray) -> int:
     return order.index(kind) if kind in order else len(order)
 
 
+def is_own(attrs: Mapping[str, Any]) -> bool:
+    """Whether a run is of a system of the user's own: an archive holds no code, so its model is not at hand."""
+    from kreisel.systems import REGISTRY
+
+    return attrs["system"] not in REGISTRY
+
+
 def model_of(attrs: Mapping[str, Any]) -> Model:
-    """The model that a run was made from, by its attributes.  Raises `InputError` where they are damaged."""
+    """The model that a run was made from, by its attributes.
+
+    Raises `InputError` where they are damaged, and for a system of the user's own.
+    """
     from kreisel.systems import find
 
+    if is_own(attrs):
+        raise InputError(
+            f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
+            "run its TOML file or kr.simulate again with more steps."
+        )
     try:
         parameters = json.loads(attrs["parameters"])
     except ValueError as error:

@@ -36,9 +36,13 @@ class Output(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Config:
-    """A checked configuration; parameters and state are checked by the system itself."""
+    """A checked configuration; parameters and state are checked by the system itself.
+
+    file: the Python file that defines the system, if it is the user's own.
+    """
 
     name: str
+    file: Path | None
     parameters: dict[str, Any]
     state: dict[str, Any]
     orientation: Any
@@ -48,7 +52,10 @@ class Config:
 
 
 def read(path: Path) -> Config:
-    """Read and check a TOML file.  Relative output paths are relative to the current folder."""
+    """Read and check a TOML file.
+
+    Relative output paths are relative to the current folder, the file of [system] to the TOML file.
+    """
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{path} is larger than {LARGEST_FILE >> 20} MiB: that is no configuration.")
@@ -63,11 +70,11 @@ def read(path: Path) -> Config:
         raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}") from None
-    return parse(data, str(path))
+    return parse(data, str(path), path.parent)
 
 
-def parse(data: Mapping[str, Any], source: str = "the configuration") -> Config:
-    """Check a configuration that is already a dict."""
+def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
+    """Check a configuration that is already a dict; `folder` is where a file named in [system] is looked for."""
     for section in data:
         if section not in SECTIONS:
             raise InputError(
@@ -81,6 +88,9 @@ def parse(data: Mapping[str, Any], source: str = "the configuration") -> Config:
         raise InputError(
             f'{source} needs `name = "..."` in [system]; {name!r} came. `kreisel systems` lists the names.'
         )
+    file = system.pop("file", None)
+    if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
+        raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py"; {file!r} came.')
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
     run = _convert(tables["run"], Run, "run", source)
@@ -89,7 +99,7 @@ def parse(data: Mapping[str, Any], source: str = "the configuration") -> Config:
     figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
     if figure.suffix.lower() not in FIGURES:
         raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {str(figure)!r} came.")
-    return Config(name, system, state, orientation, run, path, figure)
+    return Config(name, folder / file if file else None, system, state, orientation, run, path, figure)
 
 
 def _named(text: str, key: str, source: str) -> Path:

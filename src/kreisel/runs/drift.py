@@ -40,8 +40,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    time = np.asarray(run["time"].values)
-    steps = float(time[-1] - time[0]) / run.attrs["dt"]  # those that are there: a run may be cut short
+    time = np.atleast_1d(run["time"].values)
+    # those that are there: a run may be cut short; `kr.at` makes none
+    steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
     rows = {
         series.name: {"kind": series.kind, "kept": series.kept, **_row(series, time, steps)}
         for series in all_series(run)

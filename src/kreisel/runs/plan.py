@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import COMPONENT_AXES
+from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
 from kreisel.methods import Scheme, scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
+
+if TYPE_CHECKING:
+    from kreisel.engines.closed import ClosedForm
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
@@ -87,41 +90,83 @@ def make_plan(
     orientation: Any,
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
-    if not isinstance(model, Model):
-        raise InputError(
-            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
-        )
-    dt, steps, every = _positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
+    check_model(model)
+    dt, steps, every = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
     if steps > MOST_STEPS or not math.isfinite(dt * steps):
         raise InputError(
             f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
         )
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
-    state = _state(model, x0)
+    state = checked_state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
-    parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
-    if orientation is not None:
-        parts += (_orientation(orientation, model),)
+    parts = _parts(model, state, orientation)
     start = _lanes(model, plan, parts)
     return Plan(
         model=model,
         scheme=plan,
-        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt),
+        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps),
         dt=dt,
         steps=steps,
         every=every,
         lanes=math.prod(start.shape[:-1]),
         batched=start.ndim > 1,
-        start=dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False)),
+        start=_named(model, parts),
     )
 
 
-def _engine(plan: Scheme, start: Floats, dt: float) -> Marcher:
+def plan_of_times(
+    model: Any, x0: Any, *, reach: float, method: str, dt: float, order: int | None, orientation: Any
+) -> tuple[Plan, ClosedForm]:
+    """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
+    from kreisel.engines.closed import ClosedForm
+
+    check_model(model)
+    state = checked_state(model, x0)
+    plan = scheme(model, method, dt, order, orientation is not None)
+    if plan.orbit is None:
+        raise InputError(
+            f"No closed form of method={method!r} for {model.system.name} is known here, with n = {model.n}"
+            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
+        )
+    parts = _parts(model, state, orientation)
+    start = _lanes(model, plan, parts)
+    engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
+    lanes, told = math.prod(start.shape[:-1]), _named(model, parts)
+    return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1, start=told), engine
+
+
+def check_model(model: Any) -> None:
+    """Raises `InputError` for what is not a system with its parameters."""
+    if not isinstance(model, Model):
+        raise InputError(
+            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
+        )
+
+
+def _parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
+    """The components of the initial state, and the checked orientation if there is one."""
+    parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
+    return parts if orientation is None else (*parts, _orientation(orientation, model))
+
+
+def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
+    return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
+
+
+def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
+    if plan.numbers == "jax" and plan.step is not None:
+        from kreisel.engines.xla import Compiled
+
+        return Compiled(plan, start, dt)
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
         return Kernel(plan, start)
+    if plan.orbit is not None:
+        from kreisel.engines.closed import ClosedForm
+
+        return ClosedForm(plan, start, dt, steps * dt)
     from kreisel.engines.ode import Reference
 
     return Reference(plan, start, dt)
@@ -132,7 +177,7 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
     kinds = [kind for _, kind in plan.components]
     own = len(model.system.space.letters)
     before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
-    batches = [p.shape[: p.ndim - COMPONENT_AXES[k]] for p, k in zip(parts, before[: len(parts)], strict=True)]
+    batches = [p.shape[: p.ndim - component_axes(k)] for p, k in zip(parts, before[: len(parts)], strict=True)]
     try:
         batch = np.broadcast_shapes(model.batch, *batches)
     except ValueError:
@@ -148,14 +193,16 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
     return np.asarray(layout.flatten(plan.prepare(spread), kinds))
 
 
-def _state(model: Model, x0: Any) -> State:
+def checked_state(model: Model, x0: Any) -> State:
+    """The state of this system that a user gave.  Raises `InputError`."""
     if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         raise InputError(f"The initial state must come from system.state({letters}) or be a dict; {x0!r} came.")
     return model.state(**x0)
 
 
-def _positive(value: Any, name: str) -> float:
+def positive(value: Any, name: str) -> float:
+    """A positive number.  Raises `InputError`."""
     try:
         number = float(value)
     except (TypeError, ValueError):

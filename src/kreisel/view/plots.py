@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from kreisel.errors import InputError
-from kreisel.runs.archive import model_of
+from kreisel.runs.archive import is_own, model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
+from kreisel.systems import find
 from kreisel.view.style import COLOURS, FAINT, STYLE
 
 if TYPE_CHECKING:
@@ -29,8 +31,12 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
     relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
-    Raises `InputError` if it is of another system, or if the run lacks the vector that is drawn.
+    Raises `InputError` if it is of another system, if the run lacks the vector that is drawn, and for states at
+    given times (`kr.at`), which are no run.
     """
+    for each in (run, compare):
+        if each is not None and "dt" not in each.attrs:
+            raise InputError("A run of kr.simulate was expected; states at given times, of kr.at, came.")
     if compare is not None and compare.attrs["system"] != run.attrs["system"]:
         raise InputError(
             f"Runs of one system can be compared; {run.attrs['system']} and {compare.attrs['system']} came."
@@ -43,7 +49,7 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run)
         one = run.isel(lane=0) if "lane" in run.dims else run
-        if one.sizes["axis"] == 3:
+        if one[vector].shape[1:] == (3,):
             _sphere(left.add_subplot(projection="3d"), one, vector)
         else:
             _components(left.add_subplot(), one, vector)
@@ -60,13 +66,18 @@ def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
 
 def _vector_letter(run: xr.Dataset) -> str:
     """The component that is drawn: the vector one of a pair (m, a), the position of (x, q)."""
-    from kreisel.systems import find
-
-    space = find(run.attrs["system"]).space
-    missing = [name for name in space.letters if name not in run]
+    kinds = _kinds(run)
+    missing = [name for name in kinds if name not in run]
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
-    return space.letters[space.kinds.index("vector")]
+    return next((name for name in kinds if kinds[name] == "vector"), next(iter(kinds)))
+
+
+def _kinds(run: xr.Dataset) -> dict[str, str]:
+    """The kinds of the components of the state, by letter."""
+    if is_own(run.attrs):
+        return dict(json.loads(run.attrs["components"]))
+    return dict(find(run.attrs["system"]).space.components)
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
@@ -93,6 +104,8 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
+    if is_own(run.attrs):  # the flow is not at hand
+        return float(np.linalg.norm(np.diff(run[letter][:2].values, axis=0)))
     model = model_of(run.attrs)
     kinds = dict(model.system.space.components)
     start = {k: run[k][0].values for k in kinds}

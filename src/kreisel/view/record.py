@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from kreisel.contract import Map, System
+from kreisel.contract import Map, System, keywords
 
 SHORT = {"skew": "so(n)", "vector": "R^n"}
 MAP_CLAIMS = {
@@ -30,7 +30,7 @@ def summary(system: System) -> dict[str, Any]:
         "frame": system.frame.value,
         "bracket": "plus" if system.space.sign > 0 else "minus",
         "parameters": {p.letter: p.meaning for p in system.parameters},
-        "integrals": ["energy", *system.integrals],
+        "integrals": [*(["energy"] if system.energy is not None else []), *system.integrals],
         "lax": system.lax is not None,
         "map": None if system.map is None else _map_summary(system.map),
         "related": [relation.target for relation in system.relations],
@@ -44,7 +44,7 @@ def _map_summary(phi: Map) -> dict[str, Any]:
     return {
         "source": phi.source,
         "order": phi.order,
-        "order_after_half_kick": 2,
+        "order_after_half_kick": None if phi.to_symmetric is None else 2,
         "known": [told for claim, told in MAP_CLAIMS.items() if getattr(phi, claim) is not None],
     }
 
@@ -53,7 +53,7 @@ def record(system: System) -> str:
     """The record of a system, a line for each claim."""
     told = summary(system)
     lines = [f"{system.name}: {system.title}", f"  {system.equations}", ""]
-    state = ", ".join(f"{letter} in {SHORT[kind]}" for letter, kind in system.space.components)
+    state = ", ".join(f"{letter} in {SHORT.get(kind, kind)}" for letter, kind in system.space.components)
     lines.append(
         f"  state       {state}; {told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}"
     )
@@ -66,8 +66,11 @@ def record(system: System) -> str:
         lines.append("  map         no integrable discretization known here")
     else:
         known = told["map"]
-        lines.append(f"  map         {known['source']}; order {system.map.order}, 2 after half a kick")
-        lines.append(f"              with {', '.join(known['known'])}; deformed integrals")
+        after = ", 2 after half a kick" if system.map.to_symmetric is not None else ""
+        lines.append(f"  map         {known['source']}; order {system.map.order}{after}")
+        named = [f for f in (system.energy, *system.integrals.values()) if f is not None]
+        deformed = "; deformed integrals" if any("eps" in keywords(f) for f in named) else ""
+        lines.append(f"              with {', '.join(known['known'])}{deformed}")
     for relation in system.relations:
         lines.append(f"  related     {relation.target}: {relation.meaning}")
     lines += [f"  scaling     {system.scaling}", f"  source      {system.source}"]

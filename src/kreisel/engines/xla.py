@@ -1,0 +1,121 @@
+"""Steps of JAX: compiled loops, one trajectory a lane, and the right-hand side for a library's integrator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.engines import layout
+from kreisel.engines.layout import Floats
+from kreisel.errors import RunError
+from kreisel.methods.scheme import Scheme
+from kreisel.reduction.double import double, jax
+
+jnp = jax.numpy
+lax = jax.lax
+ROWS = 256  # saved rows in one call of the compiled loop
+
+
+def _flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
+    return jnp.concatenate(
+        [algebra.coordinates(p) if k == "skew" else jnp.ravel(p) for p, k in zip(parts, kinds, strict=True)]
+    )
+
+
+@lru_cache(64)
+def _compiled_loop(
+    step: Callable[..., tuple[Array, ...]], kinds: tuple[str, ...], n: int, names: frozenset[str], lanes: frozenset[str]
+) -> Callable[..., Any]:
+    """The loop for a step, compiled at its first call and kept for further runs; `lanes` are constants with lanes."""
+
+    def one(z: Array, constants: Mapping[str, Array]) -> Array:
+        return _flat(step(*layout.restore(z, kinds, n), **constants), kinds)
+
+    every_lane = jax.vmap(one, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
+
+    def loop(z: Array, constants: Mapping[str, Array], rows: Array, every: Array) -> Any:
+        def advance(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            z, alive, count = carry
+            new = every_lane(z, constants)
+            alive = alive & jnp.isfinite(new).all(-1)
+            return jnp.where(alive[:, None], new, z), alive, count + alive
+
+        def fill(row: Array, carry: Any) -> Any:
+            out, *rest = carry
+            rest = lax.fori_loop(0, every, advance, tuple(rest))
+            return (out.at[row].set(rest[0]), *rest)
+
+        alive, count = jnp.ones(len(z), bool), jnp.zeros(len(z), jnp.int64)
+        return lax.fori_loop(0, rows, fill, (jnp.zeros((ROWS, *z.shape)), z, alive, count))
+
+    return jax.jit(loop)
+
+
+class Compiled:
+    """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
+
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float):
+        self.z = np.array(z0, dtype=np.float64)
+        self._scheme, self._dt, self._done = scheme, dt, 0
+        self._kinds = [kind for _, kind in scheme.components]
+        self._constants = {k: np.asarray(v, dtype=np.float64) for k, v in scheme.constants.items()}
+        if scheme.step is None:
+            raise TypeError(f"the scheme {scheme.name} states no step")
+        lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
+        self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
+
+    def advance(self, out: Floats, every: int) -> None:
+        for start in range(0, len(out), ROWS):
+            rows = min(ROWS, len(out) - start)
+            with double():
+                filled, z, alive, count = map(np.asarray, self._loop(self.z, self._constants, rows, every))
+            out[start : start + rows] = filled[:rows]
+            self.z = z.copy()
+            if not alive.all():
+                self._fail(int(np.argmin(alive)), int(count[np.argmin(alive)]), len(alive))
+            self._done += rows * every
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, "steps": np.asarray(self._done, dtype=np.float64)}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z, self._done = np.array(snapshot["z"]), int(snapshot["steps"])
+
+    def _fail(self, lane: int, count: int, lanes: int) -> None:
+        step = self._done + count + 1
+        state = layout.restore(self.z[lane], self._kinds, self._scheme.n)
+        constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
+        why = self._scheme.explain(state, constants) if self._scheme.explain else "The step is not finite."
+        told = f" of lane {lane}" if lanes > 1 else ""
+        raise RunError(f"Step {step}{told} (time {step * self._dt:g}) could not be made. {why}")
+
+
+def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
+    """The right-hand side y' = f(t, y, constants) of a scheme whose rate is of JAX arrays."""
+    kinds = [kind for _, kind in scheme.components]
+    shapes = {k: np.shape(v)[np.ndim(v) - scheme.axes[k] :] for k, v in scheme.constants.items()}
+    if scheme.rate is None:
+        raise TypeError(f"the scheme {scheme.name} states no rate")
+    function = scheme.rate
+
+    def rate(y: Array, row: Array) -> Array:
+        constants, start = {}, 0
+        for k, shape in shapes.items():
+            size = int(np.prod(shape))
+            constants[k] = row[start : start + size].reshape(shape)
+            start += size
+        return _flat(function(*layout.restore(y, kinds, scheme.n), **constants), kinds)
+
+    with double():
+        compiled = jax.jit(rate)
+
+    def call(t: float, y: Floats, row: Floats) -> Floats:
+        with double():
+            return np.asarray(compiled(y, row))
+
+    return call

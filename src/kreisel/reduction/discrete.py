@@ -1,0 +1,217 @@
+"""Discrete Euler-Poincare equations of any Lagrangian on any matrix group with any representation, left and right.
+
+Moving frame (left), W_k = g_k^-1 g_(k+1), P_k = Phi(g_k^-1) p, Lambda(W_k, P_k):
+
+    Ad*_(W_k^-1) M_(k+1) = M_k + grad_P Lambda <> P_k,   P_(k+1) = Phi(W_k^-1) P_k,   M_(k+1) = d'_W Lambda
+
+Rest frame (right), w_k = g_(k+1) g_k^-1, a_k = Phi(g_k) A, Lambda(w_k, a_k):
+
+    Ad*_(w_k) m_(k+1) = m_k - grad_a Lambda <> a_k,      a_(k+1) = Phi(w_k) a_k,      m_(k+1) = d_w Lambda
+
+with <df(g), eta> = d/ds f(exp(s eta) g) and <d'f(g), eta> = d/ds f(g exp(s eta)) at s = 0.  As Ad*_(W^-1) d' = d, the
+first equation is d_W Lambda = M_k + grad_P Lambda <> P_k (left), d'_w Lambda = m_k - grad_a Lambda <> a_k (right): an
+implicit equation for W = retract(x), solved by Newton's method from W = I.  [Suris 2001, section 3]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.contract import Frame
+from kreisel.errors import InputError
+from kreisel.reduction import newton
+from kreisel.reduction.continuous import Continuous, Lagrangian
+from kreisel.reduction.double import double, jax
+from kreisel.reduction.groups import Group, random_element
+from kreisel.reduction.representations import Representation
+
+jnp = jax.numpy
+INVARIANT = 1e-8
+
+
+def left_derivative(f: Callable[[Array], Array], g: Array, group: Group) -> Array:
+    """Df: <df(g), eta> = d/ds f(exp(s eta) g)."""
+    return jax.grad(lambda x: f(g + group.matrix(x) @ g))(jnp.zeros(group.dim))
+
+
+def right_derivative(f: Callable[[Array], Array], g: Array, group: Group) -> Array:
+    """D'f: <d'f(g), eta> = d/ds f(g exp(s eta))."""
+    return jax.grad(lambda x: f(g + g @ group.matrix(x)))(jnp.zeros(group.dim))
+
+
+@dataclass(frozen=True, eq=False)
+class Discrete:
+    """A reduced discrete Lagrangian `lagrangian(W, P)`, as the user writes it, and the map that follows from it."""
+
+    lagrangian: Lagrangian
+    rep: Representation
+    frame: Frame
+
+    @property
+    def _left(self) -> bool:
+        return self.frame is Frame.MOVING
+
+    def value(self, W: Array, P: Array) -> Array:
+        """The Lagrangian with P in coordinates."""
+        return self.lagrangian(W, self.rep.space.array(P))
+
+    def before(self, W: Array, P: Array) -> Array:
+        """The momentum that belongs to (W_k, P_k) before the step.
+
+        M_k = d_W Lambda - grad_P Lambda <> P_k (left), m_k = d'_w Lambda + grad_a Lambda <> a_k (right).  As
+        -<grad_P Lambda <> P, eta> = <grad_P Lambda, phi(eta) P>, this is one derivative, along
+        (W + eta W, P + phi(eta) P) or (w + w eta, a - phi(eta) a).
+        """
+        matrix, rate = self.rep.group.matrix, self.rep.rate
+
+        def varied(x: Array) -> Array:
+            if self._left:
+                return self.value(W + matrix(x) @ W, P + rate(x, P))
+            return self.value(W + W @ matrix(x), P - rate(x, P))
+
+        return jax.grad(varied)(jnp.zeros(self.rep.group.dim))
+
+    def after(self, W: Array, P: Array) -> Array:
+        """The momentum after the step, M_(k+1) = d'_W Lambda (left) or d_w Lambda (right)."""
+        derivative = right_derivative if self._left else left_derivative
+        return derivative(lambda W: self.value(W, P), W, self.rep.group)
+
+    def carried(self, W: Array, P: Array) -> Array:
+        """P_(k+1) = Phi(W^-1) P_k (left) or a_(k+1) = Phi(w) a_k (right)."""
+        return self.rep.act(self.rep.group.inverse(W) if self._left else W, P)
+
+    def brought(self, W: Array, P: Array) -> Array:
+        """P_k from P_(k+1)."""
+        return self.rep.act(W if self._left else self.rep.group.inverse(W), P)
+
+    def turn(self, M: Array, P: Array) -> Array:
+        """W_k from (M_k, P_k); NaN where the branch with the continuous limit ends."""
+
+        def off(x: Array, known: tuple[Array, Array]) -> Array:
+            M, P = known
+            return self.before(self.rep.group.retract(x), P) - M
+
+        return self.rep.group.retract(newton.find(off, self.rep.group.dim, (M, P)))
+
+    def step(self, M: Array, P: Array) -> tuple[Array, Array]:
+        """(M_k, P_k) -> (M_(k+1), P_(k+1))."""
+        W = self.turn(M, P)
+        return self.after(W, P), self.carried(W, P)
+
+    def turn_back(self, M: Array, P: Array) -> Array:
+        """W_k from (M_(k+1), P_(k+1))."""
+
+        def off(x: Array, known: tuple[Array, Array]) -> Array:
+            M, P = known
+            W = self.rep.group.retract(x)
+            return self.after(W, self.brought(W, P)) - M
+
+        return self.rep.group.retract(newton.find(off, self.rep.group.dim, (M, P)))
+
+    def inverse(self, M: Array, P: Array) -> tuple[Array, Array]:
+        """(M_(k+1), P_(k+1)) -> (M_k, P_k)."""
+        W = self.turn_back(M, P)
+        old = self.brought(W, P)
+        return self.before(W, old), old
+
+    def reconstruct(self, g: Array, W: Array) -> Array:
+        """g_(k+1) = g_k W_k (left) or w_k g_k (right)."""
+        return g @ W if self._left else W @ g
+
+
+def symmetric_rule(continuous: Continuous, eps: Array) -> Discrete:
+    """The default discretization of a continuous Lagrangian: second order and self-adjoint.
+
+    Lambda(W, P) = eps/2 (L(Omega, P) + L(Omega, P')), eps Omega = retract^-1(W), P' = Phi(W^-1) P (moving frame) or
+    a' = Phi(w) a (rest frame).  For L = T(Omega) - V(P) and W = cay(eps Omega/2) it is
+    eps T(Omega) - eps/2 (V(P_k) + V(P_(k+1))).
+    """
+    rep = continuous.rep
+    side = Discrete(continuous.lagrangian, rep, continuous.frame)
+
+    def rule(W: Array, shown: Array) -> Array:
+        P = rep.space.coordinates(shown)
+        x = rep.group.unretract(W) / eps
+        return eps / 2 * (continuous.value(x, P) + continuous.value(x, side.carried(W, P)))
+
+    return Discrete(rule, rep, continuous.frame)
+
+
+@dataclass(frozen=True, eq=False)
+class Unreduced:
+    """A Lagrangian LL(g, h) on G x G and its discrete Euler-Lagrange equation.
+
+    D1 LL(g_k, g_(k+1)) + D2 LL(g_(k-1), g_k) = 0.
+    """
+
+    lagrangian: Callable[[Array, Array], Any]
+    group: Group
+
+    def defect(self, before: Array, g: Array, after: Array) -> Array:
+        """The left side of the equation, in g* by left translation (derivatives d')."""
+        return right_derivative(lambda x: self.lagrangian(x, after), g, self.group) + self.momentum(before, g)
+
+    def momentum(self, before: Array, g: Array) -> Array:
+        """M_k = d'_2 LL(g_(k-1), g_k); in the rest frame m_k = d_2 LL = Ad*_(g_k^-1) M_k."""
+        return right_derivative(lambda x: self.lagrangian(before, x), g, self.group)
+
+    def turn(self, M: Array, g: Array) -> Array:
+        """W with -d'_1 LL(g, g W) = M."""
+
+        def off(x: Array, known: tuple[Array, Array]) -> Array:
+            M, g = known
+            after = g @ self.group.retract(x)
+            return -right_derivative(lambda y: self.lagrangian(y, after), g, self.group) - M
+
+        return self.group.retract(newton.find(off, self.group.dim, (M, g)))
+
+    def step(self, before: Array, g: Array) -> tuple[Array, Array]:
+        """(g_(k-1), g_k) -> (g_k, g_(k+1)), on the branch with the continuous limit."""
+        return g, g @ self.turn(self.momentum(before, g), g)
+
+
+def reduce(
+    lagrangian: Callable[[Array, Array, Array], Any], rep: Representation, frame: Frame, seed: int = 0
+) -> Lagrangian:
+    """Lambda(W, P) = LL(I, W, P) of LL(g, h, p), or Lambda(w, a) = LL(I, w, a) of LL(g, h, A); p, A are constants of V.
+
+    LL must be invariant: LL(k g, k h, Phi(k) p) = LL(g, h, p) (moving frame), LL(g k, h k, Phi(k^-1) A) = LL(g, h, A)
+    (rest frame); for k in the isotropy group of p or A that is the paper's condition on LL with p or A fixed.
+    Raises `InputError` where it does not hold at random elements.
+    """
+    group, left = rep.group, frame is Frame.MOVING
+    rng = np.random.default_rng(seed)
+    with double():
+        g, h, k = (jnp.asarray(random_element(group, rng)) for _ in range(3))
+        v = jnp.asarray(rng.uniform(-1, 1, rep.dim))
+        isotropic = rep.isotropy(np.asarray(v))
+        isotropic = rng.uniform(-1, 1, len(isotropic)) @ isotropic
+
+        def moved(k: Array) -> float:
+            u = rep.act(k if left else group.inverse(k), v)
+            pair = (k @ g, k @ h) if left else (g @ k, h @ k)
+            return float(lagrangian(*pair, rep.space.array(u)))
+
+        here = moved(jnp.eye(group.size))
+        off_isotropy = abs(moved(group.retract(jnp.asarray(isotropic))) - here)
+        off = abs(moved(k) - here)
+    letter, group_letter = ("p", "G^[p]") if left else ("A", "G^[A]")
+    side = "left" if left else "right"
+    if off_isotropy > INVARIANT * (1 + abs(here)):
+        raise InputError(
+            f"The Lagrangian LL(g, h) must be invariant under {side} translations by the isotropy group {group_letter} "
+            f"of {letter}; at a random element it changes by {off_isotropy:.3g}. Usual cause: the other frame is "
+            "meant, or a second constant vector; put both into one representation."
+        )
+    if off > INVARIANT * (1 + abs(here)):
+        raise InputError(
+            f"The Lagrangian LL(g, h, {letter}) must not change when g, h and {letter} are moved together by a group "
+            f"element; it changes by {off:.3g}. Usual cause: {letter} is not the third argument but written into LL."
+        )
+    one = jnp.eye(group.size)
+    return lambda W, P: lagrangian(one.astype(W.dtype), W, P)

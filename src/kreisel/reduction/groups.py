@@ -1,0 +1,263 @@
+"""Matrix Lie groups by a basis of the Lie algebra.
+
+| thing        | convention                                                                            |
+|--------------|---------------------------------------------------------------------------------------|
+| algebra      | xi = sum_i x_i E_i; E (d, N, N) real or complex                                         |
+| dual         | M_i = <M, E_i>: coordinates in the dual basis                                           |
+| ad*          | <ad*_xi M, eta> = <M, [xi, eta]>;   on so(n): ad*_xi M = [M, xi]                        |
+| Ad*          | <Ad*_g M, eta> = <M, g eta g^-1>;   on so(n): Ad*_g M = g^T M g                         |
+| retraction   | W = retract(x), x in R^d, with derivative sum_i x_i E_i at 0: cay(xi/2) or exp(xi)      |
+
+Pure functions of JAX arrays without batch axes; `jax.vmap` adds them.  [Suris 2001, sections 2 and 3]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.reduction import linear
+from kreisel.reduction.double import double, jax, optimistix
+
+jnp = jax.numpy
+CLOSED = 1e-10
+RETRACTIONS = ("cayley", "exponential")
+
+
+@dataclass(frozen=True)
+class Space:
+    """How a point of R^dim is shown: as a skew matrix, a vector, or as `dim` numbers (kind "R^dim")."""
+
+    kind: str
+    dim: int
+    n: int
+
+    def array(self, x: Array) -> Array:
+        """Coordinates (..., dim) as what the user sees."""
+        return algebra.skew(x, self.n) if self.kind == "skew" else x
+
+    def coordinates(self, value: Array) -> Array:
+        """The inverse of `array`."""
+        return algebra.coordinates(value) if self.kind == "skew" else value
+
+
+def numbers(dim: int, n: int) -> Space:
+    """R^dim: a vector if dim = n, else as many numbers."""
+    return Space("vector" if dim == n else f"R^{dim}", dim, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """A matrix group: its name, basis (d, N, N) of the algebra, and how momenta are shown.
+
+    retraction   "cayley" where cay maps the algebra into the group (checked at random points), else "exponential"
+
+    Raises `InputError` if the basis is not independent over R or does not close under the bracket, and if the Cayley
+    transform is asked for and leaves the group.
+    """
+
+    name: str
+    basis: Array
+    retraction: str = ""
+    n: int = 0
+    skew: bool = False
+
+    def __post_init__(self) -> None:
+        basis = _basis(self.basis, self.name)
+        object.__setattr__(self, "basis", basis)
+        object.__setattr__(self, "n", self.n or basis.shape[-1])
+        _check_closed(self)
+        if self.retraction not in ("", *RETRACTIONS):
+            raise InputError(f"retraction must be one of {', '.join(RETRACTIONS)}; {self.retraction!r} came.")
+        stays = self.retraction != "exponential" and _cayley_stays(self)
+        if self.retraction == "cayley" and not stays:
+            raise InputError(
+                f"The Cayley transform does not map the algebra of {self.name} into the group: it does so for groups "
+                "of matrices with g^T S g = S, and for SE(n). Use retraction='exponential'."
+            )
+        object.__setattr__(self, "retraction", "cayley" if stays else "exponential")
+
+    def __repr__(self) -> str:
+        return f"<{self.name}, dimension {self.dim}, {self.retraction}>"
+
+    @property
+    def dim(self) -> int:
+        """The dimension d of the group."""
+        return len(self.basis)
+
+    @cached_property
+    def _rotations(self) -> bool:
+        return self.skew and self.n == 3 and self.retraction == "cayley"
+
+    @cached_property
+    def unitary(self) -> bool:
+        """Whether all elements are: then g^-1 is the adjoint matrix."""
+        return bool(abs(self.basis + self.basis.conj().swapaxes(-1, -2)).max() < CLOSED)
+
+    def inverse(self, g: Array) -> Array:
+        """g^-1."""
+        return g.conj().T if self.unitary else jnp.linalg.inv(g)
+
+    @property
+    def size(self) -> int:
+        """N: elements are N x N matrices."""
+        return self.basis.shape[-1]
+
+    @cached_property
+    def dual(self) -> Space:
+        """How momenta are shown."""
+        return Space("skew", self.dim, self.n) if self.skew else numbers(self.dim, self.n)
+
+    @cached_property
+    def _dual_basis(self) -> np.ndarray:
+        return np.linalg.pinv(_real(self.basis).T)
+
+    @cached_property
+    def structure(self) -> np.ndarray:
+        """c[i, j, k] with [E_i, E_j] = sum_k c[i, j, k] E_k."""
+        E = self.basis
+        brackets = E[:, None] @ E[None, :] - E[None, :] @ E[:, None]
+        out = _real(brackets) @ self._dual_basis.T
+        return np.where(abs(out - np.round(out)) < CLOSED, np.round(out), out)
+
+    def matrix(self, x: Array) -> Array:
+        """sum_i x_i E_i, (N, N)."""
+        return (x[:, None, None] * self.basis).sum(0)
+
+    def coordinates(self, X: Array) -> Array:
+        """X of X = sum_i x_i E_i; the nearest for X outside the algebra."""
+        parts = [X.real.ravel(), X.imag.ravel()] if np.iscomplexobj(self.basis) else [X.ravel()]
+        return (self._dual_basis * jnp.concatenate(parts)).sum(-1)
+
+    def retract(self, x: Array) -> Array:
+        """cay(xi/2) = (I + xi/2)(I - xi/2)^-1 or exp(xi)."""
+        xi, one = self.matrix(x), jnp.eye(self.size)
+        if self.retraction == "exponential":
+            return jax.scipy.linalg.expm(xi)
+        if self._rotations:  # X^3 = -|u|^2 X for X = hat(u)
+            return one + (xi + xi @ xi / 2) / (1 + x @ x / 4)
+        return linear.solve(one - xi / 2, one + xi / 2)
+
+    def unretract(self, W: Array) -> Array:
+        """The x with retract(x) = W: the coordinates of 2 (W + I)^-1 (W - I), or of log W by Newton's method."""
+        one = jnp.eye(self.size)
+        if self._rotations:
+            return self.coordinates(2 * (W - W.T)) / (1 + jnp.trace(W))
+        if self.retraction == "cayley":
+            return self.coordinates(2 * linear.solve(W + one, W - one))
+
+        def off(x: Array, W: Array) -> Array:
+            return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - one)
+
+        solver: Any = optimistix.Newton(rtol=0.0, atol=1e-10)
+        return optimistix.root_find(off, solver, self.coordinates(W - one), W, max_steps=30, throw=False).value
+
+    def ad_star(self, x: Array, M: Array) -> Array:
+        """ad*_xi M in coordinates."""
+        return jnp.einsum("i,ijk,k->j", x, self.structure, M)
+
+    def Ad(self, g: Array) -> Array:
+        """The matrix (d, d) of eta -> g eta g^-1 in coordinates."""
+        turned = g @ self.basis @ self.inverse(g)
+        return jax.vmap(self.coordinates)(turned).T
+
+    def Ad_star(self, g: Array, M: Array) -> Array:
+        """Ad*_g M in coordinates."""
+        return self.Ad(g).T @ M
+
+
+def _basis(basis: Any, name: str) -> np.ndarray:
+    try:
+        E = np.asarray(basis)
+        E = E.astype(np.complex128 if np.iscomplexobj(E) else np.float64)
+    except (TypeError, ValueError):
+        E = np.empty(0)
+    if E.ndim != 3 or E.shape[-1] != E.shape[-2] or not E.size or not np.isfinite(E).all():
+        raise InputError(f"The basis of {name} must be finite matrices (d, N, N); shape {np.shape(basis)} came.")
+    if np.linalg.matrix_rank(_real(E)) < len(E):
+        raise InputError(f"The basis of {name} must be independent over the real numbers; its rank is less than d.")
+    return E
+
+
+def _real(E: np.ndarray) -> np.ndarray:
+    """Matrices (..., N, N) as rows of real numbers."""
+    flat = E.reshape((*E.shape[:-2], -1))
+    return np.concatenate([flat.real, flat.imag], -1) if np.iscomplexobj(E) else flat
+
+
+def _check_closed(group: Group) -> None:
+    E = group.basis
+    brackets = E[:, None] @ E[None, :] - E[None, :] @ E[:, None]
+    off = abs(_real(brackets) - group.structure @ _real(E))
+    if off.max() > CLOSED * max(abs(brackets).max(), 1):
+        i, j = np.unravel_index(off.max(-1).argmax(), off.shape[:2])
+        raise InputError(
+            f"The basis of {group.name} does not close under the bracket: [E_{i}, E_{j}] lies outside its span by "
+            f"{off.max():.3g}. Usual cause: a basis element is missing or has a wrong sign."
+        )
+
+
+def _cayley_stays(group: Group) -> bool:
+    """cay(xi/2)^-1 d cay(xi/2) lies in the algebra at random xi, so the image lies in the group."""
+    rng, one = np.random.default_rng(0), np.eye(group.size)
+    xi = np.tensordot(rng.uniform(-1, 1, group.dim), group.basis, 1) / 4
+    # d cay(xi/2) eta = (I - xi/2)^-1 eta (I - xi/2)^-1
+    left, right = np.linalg.inv(one + xi), np.linalg.inv(one - xi)
+    tangents = left @ group.basis @ right
+    flat = _real(tangents)
+    return bool(abs(flat @ group._dual_basis.T @ _real(group.basis) - flat).max() < CLOSED * abs(tangents).max())
+
+
+# -- ready-made ------------------------------------------------------------------------------------
+
+
+def SO(n: int) -> Group:
+    """Rotations of R^n, n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2."""
+    if not isinstance(n, int) or n < 2:
+        raise InputError(f"SO(n) needs a whole n >= 2; {n!r} came.")
+    return Group(f"SO({n})", algebra.skew(np.eye(n * (n - 1) // 2), n), n=n, skew=True)
+
+
+def SU2() -> Group:
+    """SU(2), complex 2 x 2 matrices, with E_j = -i sigma_j/2: [E_1, E_2] = E_3, so that su(2)* = R^3 as so(3)* is."""
+    sigma = np.array([[[0, 1], [1, 0]], [[0, -1j], [1j, 0]], [[1, 0], [0, -1]]])
+    return Group("SU(2)", -0.5j * sigma, n=3)
+
+
+def SE3() -> Group:
+    """SE(3) as 4 x 4 matrices [[R, x], [0, 1]]: three turns hat(e_j), then three shifts; momenta are 6 numbers."""
+    basis = np.zeros((6, 4, 4))
+    basis[:3, :3, :3] = algebra.hat(np.eye(3))
+    basis[3:, :3, 3] = np.eye(3)
+    return Group("SE(3)", basis)
+
+
+def product(*groups: Group) -> Group:
+    """G1 x G2 x ...: block-diagonal matrices; momenta are the momenta of the factors, one after the other."""
+    size, first, blocks = sum(g.size for g in groups), 0, []
+    for g in groups:
+        wide = np.zeros((g.dim, size, size), dtype=g.basis.dtype)
+        wide[:, first : first + g.size, first : first + g.size] = g.basis
+        blocks.append(wide)
+        first += g.size
+    cayley = all(g.retraction == "cayley" for g in groups)
+    name = " x ".join(g.name for g in groups)
+    return Group(name, np.concatenate(blocks), "" if cayley else "exponential")
+
+
+def matrix_group(basis: Sequence[Any] | Array, name: str = "G", retraction: str = "") -> Group:
+    """A group of one's own by a basis (d, N, N) of its Lie algebra.  Raises `InputError` unless it is closed."""
+    return Group(name, np.asarray(basis), retraction)
+
+
+def random_element(group: Group, rng: np.random.Generator, size: float = 0.5) -> Array:
+    """A random element near the identity, for checks."""
+    with double():
+        return np.asarray(group.retract(jnp.asarray(size * rng.uniform(-1, 1, group.dim))))

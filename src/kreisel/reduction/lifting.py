@@ -1,0 +1,142 @@
+"""Functions of JAX arrays as a record wants them: NumPy in and out, any batch axes, dual numbers of the laws."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.contract import Function
+from kreisel.errors import InputError, RunError
+from kreisel.reduction.double import double, is_jax, jax, require_double
+
+jnp = jax.numpy
+LONGEST = 512  # lanes at once: batches are padded to 1 or to this, so that few shapes are compiled
+
+
+def lifted(
+    core: Callable[..., Any],
+    axes: Sequence[int],
+    keywords: Mapping[str, int | None],
+    defaults: Mapping[str, Any] | None = None,
+    trouble: str = "The result is not finite.",
+) -> Function:
+    """`core(*arrays, **keywords)` of JAX arrays, for the numbers of a record.
+
+    axes       of each positional argument, without its batch
+    keywords   letter -> axes without a batch axis, or None for a keyword that has no batch
+    trouble    the message of the `RunError` for a result that is not finite although the input is
+
+    JAX arrays are handed on as they are, so that `jax.grad`, `jax.vmap` and `jax.jit` see a pure function.
+    """
+    run = _Batched(core, tuple(axes), dict(keywords), trouble)
+    absent = dict(defaults or {})
+
+    def function(*args: Any, **given: Any) -> Any:
+        known = {**absent, **given}
+        with double():
+            if is_jax(*args, *known.values()):
+                require_double(*args, *known.values())
+                return core(*args, **known)
+            if any(np.asarray(a).dtype == object for a in args):
+                return _on_duals(run, args, known)
+            return run(args, known)
+
+    kind, positional = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_ONLY
+    wanted = [inspect.Parameter(f"z{i}", positional) for i in range(len(axes))]
+    wanted += [inspect.Parameter(k, kind, default=absent.get(k, inspect.Parameter.empty)) for k in keywords]
+    function.__signature__ = inspect.Signature(wanted)  # type: ignore[attr-defined]  # what `contract.keywords` reads
+    function.__doc__ = core.__doc__
+    return function
+
+
+class _Batched:
+    def __init__(self, core: Callable[..., Any], axes: tuple[int, ...], keywords: dict[str, int | None], trouble: str):
+        self.core, self.axes, self.keywords, self.trouble = core, axes, keywords, trouble
+        self.compiled = cache(self._compiled)
+
+    def _compiled(self, spread: frozenset[str]) -> Callable[..., Any]:
+        def one(args: Sequence[Array], known: Mapping[str, Array]) -> Any:
+            return self.core(*args, **known)
+
+        return jax.jit(jax.vmap(one, in_axes=(0, {k: 0 if k in spread else None for k in self.keywords})))
+
+    @cached_property
+    def pushed(self) -> Callable[..., Any]:
+        """Value and derivatives along each of the directions (count, size of all arguments)."""
+
+        def along(values: Sequence[Array], known: Mapping[str, Array], directions: Array) -> Any:
+            edges, shapes = np.cumsum([v.size for v in values])[:-1], [v.shape for v in values]
+
+            def push(direction: Array) -> Any:
+                parts = [p.reshape(s) for p, s in zip(jnp.split(direction, edges), shapes, strict=True)]
+                return jax.jvp(lambda *z: self.core(*z, **known), tuple(values), tuple(parts))
+
+            return jax.vmap(push, out_axes=(None, -1))(directions)
+
+        return jax.jit(along)
+
+    def __call__(self, args: Sequence[Any], known: Mapping[str, Any]) -> Any:
+        args = [np.asarray(a, dtype=np.float64) for a in args]
+        known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
+        own = {k: v.ndim if self.keywords[k] is None else self.keywords[k] for k, v in known.items()}
+        batch = np.broadcast_shapes(
+            *(a.shape[: a.ndim - n] for a, n in zip(args, self.axes, strict=True)),
+            *(v.shape[: v.ndim - own[k]] for k, v in known.items()),
+        )
+        lanes = [_as_lanes(a, n, batch) for a, n in zip(args, self.axes, strict=True)]
+        spread = frozenset(k for k, v in known.items() if v.ndim > own[k])
+        known = {k: _as_lanes(v, own[k], batch) if k in spread else v for k, v in known.items()}
+        out = self._in_pieces(lanes, known, spread, int(np.prod(batch)))
+        count = int(np.prod(batch))
+        whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count].reshape(batch + parts[0].shape[1:]), *out)
+        if not all(np.isfinite(v).all() for v in jax.tree.leaves(whole)) and all(np.isfinite(a).all() for a in args):
+            raise RunError(self.trouble)
+        return jax.tree.map(lambda v: v[()] if v.ndim == 0 else v, whole)
+
+    def _in_pieces(self, lanes: list[Array], known: dict[str, Any], spread: frozenset[str], count: int) -> list[Any]:
+        size = 1 if count == 1 else LONGEST
+        out = []
+        for start in range(0, count, size):
+            places = np.minimum(np.arange(start, start + size), count - 1)
+            piece = {k: v[places] if k in spread else v for k, v in known.items()}
+            result = self.compiled(spread)([a[places] for a in lanes], piece)
+            out.append(jax.tree.map(np.asarray, result))
+        return out
+
+
+def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:
+    own = a.shape[a.ndim - axes :]
+    return np.broadcast_to(a, batch + own).reshape((-1, *own))
+
+
+def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> Any:
+    """The chain rule: values and derivatives by JAX, slopes as the dual numbers carry them."""
+    flat = np.concatenate([np.asarray(a, dtype=object).ravel() for a in args])
+    some = next((v for v in flat if hasattr(v, "slope")), None)
+    if not all(isinstance(getattr(v, "value", v), int | float | np.number) for v in flat):
+        raise InputError(
+            "Functions of kreisel.reduction take floats; exact numbers came. Use numbers=('float',) in the laws."
+        )
+    values = [np.vectorize(_value, otypes=[float])(a) for a in args]
+    if some is None:
+        return run(values, known)
+    slopes = np.array([getattr(v, "slope", 0 * some.slope) for v in flat], dtype=np.float64)
+    known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
+    out, rates = run.pushed(values, known, slopes.T)
+    return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
+
+
+def _value(number: Any) -> float:
+    return float(getattr(number, "value", number))
+
+
+def _dual_array(kind: Any, value: Array, rates: Array) -> Any:
+    out = np.empty(value.shape, dtype=object)
+    for place in np.ndindex(value.shape):
+        out[place] = kind(float(value[place]), rates[place].astype(object))
+    return out[()]

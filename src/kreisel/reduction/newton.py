@@ -1,0 +1,85 @@
+"""Roots by Newton's method on the branch that starts at a known point: x = 0 is W = I, or Omega = 0.
+
+An implicit map is multivalued; of its branches the one with the continuous limit is followed.  The root of
+r(x) = (1 - s) r(0) is followed from x = 0 at s = 0 to s = 1, in one stretch if that will do.  A stretch is accepted if
+Newton's method converged to the root next to its start: the distance is at most twice the first step, as in
+Kantorovich's theorem, and the determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path meets a
+fold there is no root on the branch, and x is NaN.
+
+Derivatives of the root, of any order, come from the implicit function theorem (Optimistix).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from kreisel.algebra import Array
+from kreisel.reduction.double import jax, optimistix
+
+jnp = jax.numpy
+lax = jax.lax
+
+TOLERANCE = 1e-10  # of a Newton step, relative to 1; the error after it is its square
+SLACK = 1e-6  # a Newton step as short as this ends a stretch; the error after it is its square
+MOST_ITERATIONS = 20
+SHORTEST = 1 / 1024  # of the path
+Residual = Callable[[Array, Any], Array]
+
+
+def find(residual: Residual, dim: int, args: Any) -> Array:
+    """The root x (dim,) of residual(x, args) on the branch of x = 0; NaN where there is none."""
+    x, inverse = _follow(lambda x: residual(x, lax.stop_gradient(args)), dim)
+
+    def scaled(x: Array, known: Any) -> Array:
+        inverse, args = known
+        return inverse @ residual(x, args)
+
+    solver: Any = optimistix.Newton(rtol=0.0, atol=TOLERANCE)
+    start, known = lax.stop_gradient(x), (lax.stop_gradient(inverse), args)
+    found: Any = optimistix.root_find(scaled, solver, start, known, max_steps=MOST_ITERATIONS, throw=False)
+    return jnp.where(found.result == optimistix.RESULTS.successful, found.value, jnp.nan)
+
+
+def _follow(residual: Callable[[Array], Array], dim: int) -> tuple[Array, Array]:
+    """The root up to SLACK and the inverse of the Jacobian there; NaN where the branch ends.
+
+    One loop for the path and Newton's iterations on it, so that the Jacobian is compiled once.
+    """
+    slope = jax.jacfwd(lambda x: (residual(x),) * 2, has_aux=True)
+
+    def going(c: dict[str, Array]) -> Array:
+        return (c["reached"] < 1) & (c["stretch"] >= SHORTEST)
+
+    def onward(c: dict[str, Array]) -> dict[str, Array]:
+        J, r = slope(c["x"])
+        first = c["iteration"] == 0
+        offset = jnp.where(first & (c["reached"] == 0), r, c["offset"])
+        inverse = jnp.linalg.inv(J)
+        base = jnp.where(first, J, c["base"])
+        target = jnp.minimum(c["reached"] + c["stretch"], 1.0)
+        step = inverse @ (r - (1 - target) * offset)
+        reach = jnp.where(first, jnp.linalg.norm(step), c["reach"])
+        new = c["x"] - step
+        size = jnp.linalg.norm(step)
+        arrived = (size <= SLACK) & (jnp.linalg.det(base) * jnp.linalg.det(J) > 0)
+        arrived &= jnp.linalg.norm(new - c["from"]) <= 2 * reach + SLACK
+        failed = ~arrived & ((size <= SLACK) | (c["iteration"] >= MOST_ITERATIONS) | ~jnp.isfinite(size))
+        over = arrived | failed
+        return {
+            "reached": jnp.where(arrived, target, c["reached"]),
+            "stretch": jnp.where(arrived, 2 * c["stretch"], jnp.where(failed, c["stretch"] / 4, c["stretch"])),
+            "from": jnp.where(arrived, new, c["from"]),
+            "x": jnp.where(failed, c["from"], new),
+            "iteration": jnp.where(over, 0, c["iteration"] + 1),
+            "offset": offset,
+            "base": base,
+            "reach": reach,
+            "inverse": inverse,
+        }
+
+    zero, square = jnp.zeros(dim), jnp.zeros((dim, dim))
+    begin = {"reached": 0.0, "stretch": 1.0, "from": zero, "x": zero, "iteration": 0, "offset": zero, "reach": 0.0}
+    begin |= {"base": square, "inverse": square}
+    end = lax.while_loop(going, onward, jax.tree.map(jnp.asarray, begin))
+    return jnp.where(end["reached"] >= 1, end["x"], jnp.nan), end["inverse"]

@@ -1,0 +1,313 @@
+"""A user's Lagrangian as a record: everything that `kr.simulate`, the laws and the command line read."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from kreisel import invariants
+from kreisel.algebra import Array
+from kreisel.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
+from kreisel.errors import InputError
+from kreisel.reduction.checks import check_lagrangian
+from kreisel.reduction.continuous import Continuous
+from kreisel.reduction.discrete import Discrete, symmetric_rule
+from kreisel.reduction.double import jax
+from kreisel.reduction.groups import Group
+from kreisel.reduction.lifting import lifted
+from kreisel.reduction.representations import Representation, quadratic_casimirs, standard
+
+jnp = jax.numpy
+BRANCH = (
+    "The implicit equation of the step has no solution on the branch with the continuous limit. "
+    "Usual cause: dt too long for this state, or a Legendre transform that is singular there. Use a smaller dt."
+)
+LEGENDRE = (
+    "The Legendre transform M = grad_Omega L(Omega, P) has no inverse on the branch of Omega = 0 at this state. "
+    "Usual cause: a kinetic energy that is not convex in Omega, or a momentum out of its range."
+)
+
+
+def system(
+    name: str,
+    *,
+    group: Group,
+    lagrangian: Callable[..., Any] | None = None,
+    discrete: Callable[..., Any] | None = None,
+    representation: Representation | None = None,
+    frame: str | Frame = Frame.MOVING,
+    parameters: Sequence[Parameter] = (),
+    integrals: Mapping[str, Function] | None = None,
+    kept: Sequence[str] = (),
+    order: int | None = None,
+    title: str = "",
+    source: str = "a Lagrangian of your own",
+) -> System:
+    """A system from a continuous Lagrangian, a discrete one, or both.
+
+    lagrangian      L(Omega, P) in the moving frame, L(omega, a) in the rest frame: an algebra element (N, N) and a
+                    point of V; constants of the system are keyword-only: `def L(Omega, P, *, J, A)`
+    discrete        Lambda(W, P) or Lambda(w, a), W a group element (N, N); constants and the step `eps` keyword-only.
+                    Without it `symmetric_rule` discretizes the continuous Lagrangian (order 2)
+    group           `SO(3)`, `SU2()`, `SE3()`, `product(...)`, `matrix_group(basis)`
+    representation  on V: `standard(group)` (default), `adjoint(group)`, `trivial(group)` (then a Lagrangian of Omega
+                    or W alone), `representation(group, Phi, dim)`
+    frame           "moving": state (M, P), plus bracket; "rest": state (m, a), minus bracket
+    parameters      `Parameter` records, for what is more than a letter; others may be arrays of any shape
+    integrals       name -> function(*state, *, constants) in JAX, watched along a run; those named in `kept` are
+                    claimed to be kept by the map, for `kr.drift` and the laws to test
+    order           of the discrete Lagrangian, tested by a law where both Lagrangians are given
+
+    Lagrangians are written with jax.numpy and must be real, scalar and differentiable.  Calling the record with
+    parameters checks that.  Raises `InputError`.
+    """
+    if lagrangian is None and discrete is None:
+        raise InputError("A system needs a Lagrangian: give lagrangian=L(Omega, P), discrete=Lambda(W, P), or both.")
+    rep = standard(group) if representation is None else representation
+    if rep.group is not group:
+        raise InputError(f"The representation belongs to {rep.group.name}, another group than {group.name}.")
+    record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
+    return record.system(name, title or name, source, dict(integrals or {}), tuple(kept), order)
+
+
+def _frame(frame: str | Frame) -> Frame:
+    try:
+        return Frame(frame)
+    except ValueError:
+        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a); {frame!r} came.") from None
+
+
+def constants(function: Callable[..., Any] | None) -> dict[str, Any]:
+    """The keyword-only arguments of a Lagrangian and their defaults, without eps."""
+    if function is None:
+        return {}
+    listed = inspect.signature(function).parameters.values()
+    return {p.name: p.default for p in listed if p.kind is p.KEYWORD_ONLY and p.name != "eps"}
+
+
+class _Record:
+    """What the functions of the record share."""
+
+    def __init__(
+        self,
+        rep: Representation,
+        frame: Frame,
+        lagrangian: Callable[..., Any] | None,
+        discrete: Callable[..., Any] | None,
+        stated: Mapping[str, Parameter],
+    ):
+        self.rep, self.frame, self.own, self.own_discrete = rep, frame, lagrangian, discrete
+        self.group = rep.group
+        self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can be carried along
+        self.spaces = (self.group.dual, rep.space)[: 2 if rep.dim else 1]
+        found = {**constants(lagrangian), **constants(discrete)}
+        self.parameters = tuple(stated.get(k, _parameter(k, v)) for k, v in found.items())
+        for letter in stated:
+            if letter not in found:
+                raise InputError(
+                    f"No Lagrangian takes the parameter {letter!r}; they take {', '.join(found) or 'none'}."
+                )
+        self.axes = [component_axes(s.kind) for s in self.spaces]
+        self.keywords = {p.letter: PARAMETER_AXES.get(p.kind) for p in self.parameters}
+
+    # the Lagrangians with their constants filled in
+
+    def _bound(self, function: Callable[..., Any], known: Mapping[str, Any]) -> Callable[..., Any]:
+        mine = constants(function)
+        if "eps" in inspect.signature(function).parameters:
+            mine["eps"] = None
+        known = {k: jnp.asarray(known[k]) for k in mine}
+        if self.rep.dim:
+            return lambda first, P: function(first, P, **known)
+        return lambda first, P: function(first, **known)
+
+    def continuous(self, known: Mapping[str, Any]) -> Continuous:
+        if self.own is None:
+            raise InputError("Only a discrete Lagrangian was given; this needs the continuous one: lagrangian=...")
+        return Continuous(self._bound(self.own, known), self.rep, self.frame)
+
+    def discrete(self, known: Mapping[str, Any]) -> Discrete:
+        if self.own_discrete is None:
+            return symmetric_rule(self.continuous(known), known["eps"])
+        return Discrete(self._bound(self.own_discrete, known), self.rep, self.frame)
+
+    # states as they are shown, and as coordinates
+
+    def coordinates(self, state: Sequence[Array]) -> list[Array]:
+        parts = [s.coordinates(z) for s, z in zip(self.spaces, state, strict=True)]
+        return parts if self.rep.dim else [*parts, jnp.zeros(0)]
+
+    def shown(self, parts: Sequence[Array]) -> tuple[Array, ...]:
+        return tuple(s.array(z) for s, z in zip(self.spaces, parts, strict=False))
+
+    # the functions of the record
+
+    def step(self, *state: Array, **known: Any) -> tuple[Array, ...]:
+        return self.shown(self.discrete(known).step(*self.coordinates(state)))
+
+    def inverse(self, *state: Array, **known: Any) -> tuple[Array, ...]:
+        return self.shown(self.discrete(known).inverse(*self.coordinates(state)))
+
+    def generator(self, *old_and_new: Array, **known: Any) -> Array:
+        """X with W = cay(X), from the old state."""
+        W = self.discrete(known).turn(*self.coordinates(old_and_new[: len(self.spaces)]))
+        one = jnp.eye(self.group.size)
+        X = jnp.linalg.solve((W + one).T, (W - one).T).T
+        return (X - X.T) / 2
+
+    def unreduced(self, g: Array, h: Array, carried: Array, **known: Any) -> Array:
+        """LL(g, h; p or A) = Lambda(g^-1 h, Phi(g^-1) p), Lambda(h g^-1, Phi(g) A)."""
+        inner, inverse = self.discrete(known), self.group.inverse(g)
+        v = self.rep.space.coordinates(carried) if self.rep.dim else jnp.zeros(0)
+        moving = self.frame is Frame.MOVING
+        return inner.value(inverse @ h if moving else h @ inverse, self.rep.act(inverse if moving else g, v))
+
+    def regularity(self, *state: Array, **known: Any) -> Array:
+        inner, (_, P) = self.discrete(known), self.coordinates(state)
+        slope = jax.jacfwd(lambda x: inner.before(self.group.retract(x), P))(jnp.zeros(self.group.dim))
+        values = jnp.linalg.svd(slope, compute_uv=False)
+        return values[-1] / jnp.maximum(values[0], 1e-300)
+
+    def flow(self, *state: Array, **known: Any) -> tuple[Array, ...]:
+        return self.shown(self.continuous(known).flow(*self.coordinates(state)))
+
+    def energy(self, *state: Array, **known: Any) -> Array:
+        return self.continuous(known).energy(*self.coordinates(state))
+
+    def velocity(self, *state: Array, **known: Any) -> Array:
+        return self.group.matrix(self.continuous(known).velocity(*self.coordinates(state)))
+
+    def derive(self, **known: Any) -> dict[str, Any]:
+        """Check the Lagrangians at these constants, of the first lane of an ensemble; no further constants."""
+        axes = self.keywords
+        # all come spread over the lanes
+        lanes = max((v.ndim - axes[k] for k, v in known.items() if axes[k] is not None), default=0)
+        first = {k: v[(0,) * lanes] for k, v in known.items()}
+        check_lagrangian(self, first)
+        return {}
+
+    def lift(self, core: Callable[..., Any], axes: Sequence[int] | None = None, eps: bool = False, **more: Any) -> Any:
+        keywords = {**self.keywords, **({"eps": None} if eps else {})}
+        return lifted(core, self.axes if axes is None else axes, keywords, **more)
+
+    def space(self) -> PhaseSpace:
+        letters = ("M", "P") if self.frame is Frame.MOVING else ("m", "a")
+        sign = 1 if self.frame is Frame.MOVING else -1
+        rep = self.rep
+
+        def tensor(*state: Array) -> Array:
+            parts = [s.coordinates(z) for s, z in zip(self.spaces, state, strict=True)]
+            return sign * rep.tensor(parts[0], parts[1] if rep.dim else parts[0][..., :0])
+
+        dual = f"{self.group.name.lower()}*" if not rep.dim else f"({self.group.name.lower()} <x V)*, dim V = {rep.dim}"
+        return PhaseSpace(
+            name=f"e*({self.group.n})" if self.rotations else dual,
+            components=tuple((k, s.kind) for k, s in zip(letters, self.spaces, strict=False)),
+            tensor=tensor,
+            casimirs=invariants.casimirs if self.rotations else self._casimirs(),
+            sign=sign,
+        )
+
+    def _casimirs(self) -> Function | None:
+        """The quadratic Casimirs, found numerically."""
+        Q = quadratic_casimirs(self.rep)
+        if not len(Q):
+            return None
+
+        def casimirs(*state: Array) -> Array:
+            z = np.concatenate([s.coordinates(x) for s, x in zip(self.spaces, state, strict=True)], -1)
+            return np.stack([((z @ form) * z).sum(-1) for form in Q], -1)
+
+        return casimirs
+
+    def map(self, source: str, kept: tuple[str, ...], order: int | None) -> Map:
+        both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]
+        step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
+        inverse = self.lift(self.inverse, **step)
+
+        def adjoint(*state: Array, **known: Any) -> Any:
+            return inverse(*state, **{**known, "eps": -known["eps"]})
+
+        adjoint.__signature__ = inspect.signature(inverse)  # type: ignore[attr-defined]
+        return Map(
+            step=self.lift(self.step, **step),
+            inverse=inverse,
+            adjoint=adjoint,
+            generator=self.lift(self.generator, both, **step) if self.rotations else None,
+            lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
+            regularity=self.lift(self.regularity, eps=True),
+            keeps=kept,
+            order=order if order is not None else (1 if self.own_discrete is not None else 2),
+            source=source if self.own_discrete is not None else f"{source}, by the symmetric rule",
+        )
+
+    def system(
+        self,
+        name: str,
+        title: str,
+        source: str,
+        integrals: dict[str, Function],
+        kept: tuple[str, ...],
+        order: int | None,
+    ) -> System:
+        given = self.own is not None
+        for k in kept:
+            if k not in ("energy", *integrals):
+                raise InputError(
+                    f"kept names {k!r}, which is no integral; there are: {', '.join(integrals) or 'none'}."
+                )
+        moving = self.frame is Frame.MOVING
+        flow = (
+            "M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P",
+            "m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a",
+        )
+        step = (
+            "Ad*_(W^-1) M_(k+1) = M_k + grad_P Lambda <> P_k, P_(k+1) = Phi(W^-1) P_k",
+            "Ad*_w m_(k+1) = m_k - grad_a Lambda <> a_k, a_(k+1) = Phi(w) a_k",
+        )
+        wrapped = {k: self.lift(self._integral(f)) for k, f in integrals.items()}
+        return System(
+            name=name,
+            title=title,
+            equations=(flow if given else step)[0 if moving else 1],
+            source=source,
+            frame=self.frame,
+            space=self.space(),
+            parameters=self.parameters,
+            flow=self.lift(self.flow, trouble=LEGENDRE) if given else None,
+            energy=self.lift(self.energy, trouble=LEGENDRE) if given else None,
+            velocity=self.lift(self.velocity, trouble=LEGENDRE) if given and self.rotations else None,
+            scaling="As in the Lagrangian.",
+            integrals=wrapped,
+            map=self.map(source, kept, order),
+            derive=self._named(self.derive),
+            n=self.group.n,
+            numbers="jax",
+            notes=f"Group {self.group.name}, {self.rep.name} representation on R^{self.rep.dim}; "
+            f"retraction: {self.group.retraction}.",
+        )
+
+    def _integral(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        mine = constants(function)
+        unknown = [k for k in mine if k not in self.keywords]
+        if unknown:
+            raise InputError(f"An integral takes {unknown[0]!r}, which no Lagrangian takes.")
+        return lambda *state, **known: function(*state, **{k: known[k] for k in mine})
+
+    def _named(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function with the constants as its keyword arguments, for `contract.call`."""
+        kind = inspect.Parameter.KEYWORD_ONLY
+
+        def named(**known: Any) -> Any:
+            return function(**known)
+
+        named.__signature__ = inspect.Signature([inspect.Parameter(k, kind) for k in self.keywords])  # type: ignore[attr-defined]
+        return named
+
+
+def _parameter(letter: str, default: Any) -> Parameter:
+    absent = default is inspect.Parameter.empty
+    return Parameter(letter, "array", "a constant of the Lagrangian", default=None if absent else np.asarray(default))

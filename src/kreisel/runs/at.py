@@ -1,0 +1,77 @@
+"""kr.at: the state at arbitrary times, where the flow or the iterates of a map are known in closed form."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.errors import InputError, RunError
+from kreisel.runs.plan import plan_of_times, positive
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def at(
+    system: Any,
+    x0: Any,
+    times: Any,
+    *,
+    method: str = "exact",
+    dt: float | None = None,
+    order: int | None = None,
+    orientation: Any = None,
+) -> xr.Dataset:
+    """The states at the given times, in any order, negative ones too, each to full double precision.
+
+    system       the Lagrange top, n = 3: `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop` with parameters
+    x0           the state at time 0 as for `kr.simulate`; a batch axis in front makes an ensemble
+    times        a number, or numbers (times,): doubles are taken as exact, and so are the state and the parameters
+    method       "exact": the flow.  "suris": the iterates of the paper's map with step dt and its order, 1 or 2 as in
+                 `kr.simulate`, in the rest frame; `times` then count steps, whole numbers
+    orientation  g at time 0, as for `kr.simulate`, carried along as the variable g; for the flow
+
+    No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  A
+    motion costs about 0.1 s once, then about 6 microseconds a time.  Returns the `xarray.Dataset` of
+    `kr.simulate`, with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times,
+    and `RunError` where numbers overflow.
+    """
+    wanted = _times(times)
+    flat = np.atleast_1d(wanted)
+    if (dt is None) != (method == "exact"):
+        raise InputError(f"method={method!r} {'has no step: leave dt out' if dt is not None else 'needs a step dt'}.")
+    step = 1.0 if dt is None else positive(dt, "dt")
+    if dt is not None and not (flat == np.floor(flat)).all():
+        raise InputError("The times of a map are its steps, whole numbers k for the time k dt; others came.")
+    plan, engine = plan_of_times(
+        system,
+        x0,
+        reach=float(abs(flat).max(initial=0)),
+        method=method,
+        dt=step,
+        order=order,
+        orientation=orientation,
+    )
+    from kreisel.runs.archive import in_memory
+
+    with np.errstate(all="ignore"):
+        states = plan.observe(engine.at(flat))
+    for name, value in states.items():
+        if not np.isfinite(value).all():
+            raise RunError(f"{name} is not finite: its powers leave the range of doubles. Use other units.")
+    with np.errstate(all="ignore"):
+        run = in_memory(plan, [states], flat * step)
+    for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
+        del run.attrs[name]
+    return run if wanted.ndim else run.isel(time=0)
+
+
+def _times(times: Any) -> np.ndarray:
+    try:
+        wanted = np.asarray(times, dtype=np.float64)
+    except (TypeError, ValueError):
+        wanted = np.full(1, np.nan)
+    if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
+        raise InputError(f"times must be a finite number or a list of them, at least one; {times!r} came.")
+    return wanted

@@ -1,0 +1,41 @@
+"""Systems of the user's own, from a Python file that a configuration names.
+
+The file is code, and it is run: only because the user's own TOML file names it in [system], never because of anything
+in an archive.  An archive holds data alone; `kreisel check` and `kreisel plot` read it without the file.
+"""
+
+from __future__ import annotations
+
+import runpy
+import traceback
+from pathlib import Path
+
+from kreisel.contract import System
+from kreisel.errors import InputError, nearest
+from kreisel.systems import REGISTRY, find
+
+
+def load(name: str, file: Path | None) -> System:
+    """The system of that name: from the registry, or from the top level of `file`.  Raises `InputError`."""
+    if file is None:
+        return find(name)
+    if not file.is_file():
+        raise InputError(f"There is no file {file}, which [system] names; it is looked for beside the TOML file.")
+    try:
+        defined = runpy.run_path(str(file))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    except Exception as error:  # whatever a user's code raises
+        where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
+        line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
+        raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
+    systems = {value.name: value for value in defined.values() if isinstance(value, System)}
+    own = {k: v for k, v in systems.items() if REGISTRY.get(k) is not v}
+    if name in own:
+        if name in REGISTRY:
+            raise InputError(f"{file} calls its system {name!r}, as one of Kreisel's is called. Choose another name.")
+        return own[name]
+    raise InputError(
+        f"{file} defines no system called {name!r} at its top level.{nearest(name, own)} "
+        f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...)."
+    )

@@ -1,0 +1,476 @@
+"""method="exact" and kr.at: the closed form against Taylor series, quadrature, the paper's map, and itself."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+import xarray as xr
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.engines.closed import dyadic
+from kreisel.lab.taylor import quadrature, taylor
+from kreisel.methods import motion as motions
+from kreisel.methods.motion import Motion
+from kreisel.methods.nutation import Nutation
+from kreisel.runs import march as runs
+from kreisel.runs.checking import check_archive
+
+DOUBLE = 4e-15  # relative: some twenty roundings
+UP = (0, 0, 1)
+SPECIAL = {  # m, b, p; where the formulas degenerate
+    "generic": ((0.1, 0.2, 1.5), (0.6, 0, 0.8), UP),
+    "fast, hanging": ((0.3, -0.2, 4), (0.6, 0, -0.8), UP),
+    "very fast": ((3, 5, 80), (0.6, 0, 0.8), UP),
+    "slow": ((1e-3, 2e-3, 5e-4), (0.6, 0, 0.8), (0, 0, 1e-5)),
+    "no gravity": ((0.3, 0.7, -1.1), (0.2, 0.5, -0.4), (0, 0, 0)),
+    "pendulum released": ((0, 0, 0), (1, 0, 0), UP),
+    "pendulum released near the top": ((0, 0, 0), (1e-3, 0, 1), UP),
+    "pendulum going round": ((0, 3, 0), (0.6, 0, 0.8), UP),
+    "pendulum on the separatrix": ((2, 0, 0), (0, 0, -1), UP),
+    "pendulum off the separatrix by an ulp": ((2 + 4e-16, 0, 0), (0, 0, -1), UP),
+    "pendulum near the separatrix": ((2 + 1e-6, 0, 0), (0, 0, -1), UP),
+    "spherical pendulum": ((0.5, 0.25, -0.5), (1, 0, 1), UP),
+    "c = 0": ((0.5, 0.25, 0), (0.6, 0, 0.8), UP),
+    "sleeping, unstable": ((0, 0, 1), UP, UP),
+    "sleeping, critical": ((0, 0, 2), UP, UP),
+    "sleeping, stable": ((0, 0, 3), UP, UP),
+    "sleeping, unstable, disturbed": ((1e-6, 0, 1), UP, UP),
+    "sleeping, critical, disturbed": ((1e-3, 0, 2), UP, UP),
+    "sleeping, stable, disturbed": ((1e-3, 0, 3), UP, UP),
+    "falling asleep": ((1, 3, 3), (3, 0, 4), (0, 0, 5)),
+    "hanging asleep": ((0, 0, 1.5), (0, 0, -1), UP),
+    "through the top": ((0.5, 0.3, 1.5), UP, UP),
+    "through the bottom": ((0.5, 0.3, 1.5), (0, 0, -1), UP),
+    "steady precession": ((1, 0, 2), (0.5, 0, 0.75), UP),
+    "at rest, up": ((0, 0, 0), UP, UP),
+    "at rest, down": ((0, 0, 0), (0, 0, -1), UP),
+}
+
+
+def random_tops(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    draw = np.random.default_rng(11)
+    return [tuple(draw.normal(size=(3, 3)) * [[2], [1], [1]]) for _ in range(count)]
+
+
+def off(got: np.ndarray, want: np.ndarray) -> float:
+    """The largest difference, relative to the larger of 1 and the largest entry."""
+    return max(float(abs(w - float(g))) for g, w in zip(got.flat, want.flat, strict=True)) / max(1.0, abs(got).max())
+
+
+def off_turn(got: np.ndarray, want: np.ndarray) -> float:
+    return min(off(got, want), off(got, -want))
+
+
+def error(m: object, b: object, p: object, time: float, alpha: float = 0.7, digits: int = 20) -> float:
+    """Of kr.at in both frames, orientation included, against the Taylor series."""
+    m1, b1, q = taylor(m, b, p, time, alpha=alpha, digits=digits)
+    back = algebra.rotation_matrix(q).T
+    rest, body = kr.LagrangeTop(p=p, alpha=alpha), kr.LagrangeTopMoving(A=b, alpha=alpha)
+    run = kr.at(rest, {"m": m, "a": b}, time, orientation=(1, 0, 0, 0))
+    seen = kr.at(body, {"M": m, "P": p}, time, orientation=(1, 0, 0, 0))
+    p_in_digits = np.array([type(m1[0])(float(v)) for v in p], dtype=object)
+    return max(
+        off(run.m.values, m1),
+        off(run.a.values, b1),
+        off_turn(run.g.values, q),
+        off(seen.M.values, back @ m1),
+        off(seen.P.values, back @ p_in_digits),
+        off_turn(seen.g.values, q),
+    )
+
+
+@pytest.mark.parametrize("name", SPECIAL)
+def test_special_motions_against_taylor(name: str) -> None:
+    m, b, p = SPECIAL[name]
+    unit = 0.1 if name in ("very fast", "falling asleep") else 1.0
+    assert error(m, b, p, -6.7 * unit) < DOUBLE
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_random_tops_against_taylor(number: int) -> None:
+    draw = np.random.default_rng(number)
+    m, b, p = random_tops(20)[number]
+    assert error(m, b, p, draw.uniform(-5, 5), alpha=draw.uniform(0.2, 2)) < DOUBLE
+
+
+@pytest.mark.parametrize(("name", "time"), [("falling asleep", 7.5), ("pendulum on the separatrix", -33.0)])
+def test_settling_on_the_separatrix(name: str, time: float) -> None:
+    """Against Taylor with digits for e^(70), and asleep ever after."""
+    m, b, p = SPECIAL[name]
+    assert error(m, b, p, time, digits=60) < DOUBLE
+    top = kr.LagrangeTop(p=p)
+    run = kr.at(top, {"m": m, "a": b}, [45.0, 1e12], orientation=(1, 0, 0, 0))
+    asleep = np.linalg.norm(b) / np.linalg.norm(p) * np.array(p)
+    assert abs(run.a.values - asleep).max() < DOUBLE * np.linalg.norm(b)
+    spin = np.dot(m, b) / np.linalg.norm(b)
+    turned = algebra.rotation_matrix(run.g.values) @ np.array(b)
+    assert abs(turned - asleep).max() < 1e-14
+    if name == "falling asleep":
+        rate = float(spin)  # exactly 3
+        later = kr.at(top, {"m": m, "a": b}, [45.0, 45.0 + 2**40], orientation=(1, 0, 0, 0)).g.values
+        with mpmath.workdps(40):
+            angle = float(mpmath.fmod(mpmath.mpf(2) ** 40 * rate, 2 * mpmath.pi))
+        about = np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
+        assert off_turn(algebra.quaternion_product(about, later[0]), later[1]) < 1e-14
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_million_million_periods_on(number: int) -> None:
+    """b turns by the azimuth in each period, g = Rot_p(azimuth) g Rot_b(...); the rest by Taylor."""
+    digits = 50
+    m, b, p = SPECIAL["generic"] if number == 0 else random_tops(20)[number]
+    period, azimuth, turn = quadrature(m, b, p, digits=digits)
+    with mpmath.workdps(digits):
+        time = float(10**12 * period * (1 + number) * (-1) ** number + 0.12 * period)
+        count = int(mpmath.nint(mpmath.mpf(time) / period))
+        import flint
+
+        flint.ctx.prec = 180
+        rest = flint.arb(mpmath.nstr(mpmath.mpf(time) - count * period, 40))
+        flint.ctx.prec = 53
+        left, right = (float(mpmath.fmod(count * angle, 4 * mpmath.pi)) for angle in (azimuth, turn))
+    m1, b1, q1 = taylor(m, b, p, rest, digits=25)
+    run = kr.at(kr.LagrangeTop(p=p), {"m": m, "a": b}, time, orientation=(1, 0, 0, 0))
+    about_p, about_b = (motions.rotation(np.array(v, dtype=float), np.array(w)) for v, w in ((p, left), (b, right)))
+    R = algebra.rotation_matrix(about_p)
+    want = algebra.quaternion_product(about_p, algebra.quaternion_product(q1.astype(float), about_b))
+    assert off(run.m.values, R @ m1.astype(float)) < DOUBLE
+    assert off(run.a.values, R @ b1.astype(float)) < DOUBLE
+    assert off_turn(run.g.values, want) < DOUBLE
+
+
+def nutation_of(m: object, b: object, p: object, digits: int = 30) -> Nutation:
+    context = mpmath.MPContext()
+    context.dps = digits
+    return Nutation(context, motions.Integrals.of(*(motions.rationals(v) for v in (m, b, p))))
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_the_papers_map_is_the_flow_after_a_turn(number: int) -> None:
+    """D_eps^N = Rot_p(N theta) Phi_(N tau), D_eps the registry's map in the variables (m, b)."""
+    m, b, p = random_tops(20)[number]
+    nutation = nutation_of(m, b, p)
+    context, steps = nutation.ctx, 1000
+    eps = float(nutation.epsilon(nutation.half_period * (0.1 + 0.07 * number)))
+    r = float(nutation.length(context.mpf(eps)))
+    hat = eps / 2 * algebra.hat(m)
+    a = algebra.resolvent(hat, (b - eps**2 / 4 * r * p)[:, None])[:, 0]
+    assert a @ a == pytest.approx(r, rel=1e-14)
+    top = kr.LagrangeTop(p=p)
+    run = kr.simulate(top, {"m": m, "a": a}, dt=eps, steps=steps, every=steps, method="suris", order=1)
+    m_end, a_end = run.m.values[-1], run.a.values[-1]
+    b_end = a_end - eps / 2 * np.cross(m_end, a_end) + eps**2 / 4 * r * p
+    time = steps * nutation.tau(context.mpf(eps))
+    flown = kr.at(top, {"m": m, "a": b}, float(time))
+    angle = float(context.fmod(steps * nutation.theta(context.mpf(eps)), 2 * context.pi))
+    R = algebra.rotation_matrix(motions.rotation(p, np.array(angle)))
+    assert off(m_end, R @ flown.m.values) < 1e-9  # the map's own round-off, a thousand times over
+    assert off(b_end, R @ flown.a.values) < 1e-9
+
+
+@pytest.mark.parametrize("name", [n for n in SPECIAL if not n.startswith("at rest")])
+def test_tau_inverts_epsilon(name: str) -> None:
+    nutation = nutation_of(*SPECIAL[name], digits=60)
+    most = min(nutation.half_period, 2)
+    for part in (0.5, -0.3, 1e-3):
+        eps = nutation.epsilon(part * most)
+        if not mpmath.isnan(eps):
+            assert abs(nutation.tau(eps) - part * most) < 1e-25 * most
+
+
+def wrong_theta(nutation: Nutation, eps: object, dual: bool = False) -> object:
+    return -THETA(nutation, eps, dual)
+
+
+def wrong_dual_theta(nutation: Nutation, eps: object, dual: bool = False) -> object:
+    return -THETA(nutation, eps, dual) if dual else THETA(nutation, eps)
+
+
+def half_a_turn_off(nutation: Nutation, dual: bool = False) -> object:
+    return PERIOD_TURN(nutation, dual) - nutation.ctx.pi
+
+
+def turned_back(nutation: Nutation, dual: bool = False) -> object:
+    return -PERIOD_TURN(nutation, dual)
+
+
+def same_turn_in_the_body(nutation: Nutation, dual: bool = False) -> object:
+    return PERIOD_TURN(nutation)
+
+
+def roots_reversed(nutation: Nutation) -> object:
+    return ROOTS(nutation)[::-1]
+
+
+def upper_roots_exchanged(nutation: Nutation) -> object:
+    x1, x2, x3 = ROOTS(nutation)
+    return x1, x3, x2
+
+
+THETA, PERIOD_TURN, ROOTS = Nutation.theta, Nutation.period_turn, Nutation._roots
+MUTANTS = [
+    (Nutation, "theta", wrong_theta),
+    (Nutation, "theta", wrong_dual_theta),
+    (Nutation, "period_turn", half_a_turn_off),
+    (Nutation, "period_turn", turned_back),
+    (Nutation, "period_turn", same_turn_in_the_body),
+    (Nutation, "_roots", roots_reversed),
+    (Nutation, "_roots", upper_roots_exchanged),
+]
+
+
+@pytest.mark.parametrize(("owner", "name", "mutant"), MUTANTS, ids=[f.__name__ for _, _, f in MUTANTS])
+def test_mutants_are_caught(owner: object, name: str, mutant: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    generic = SPECIAL["generic"]
+    assert error(*generic, -6.7) < DOUBLE
+    monkeypatch.setattr(owner, name, mutant)
+    try:
+        assert error(*generic, -6.7) > 10 * DOUBLE
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        pass  # complex or infinite numbers: caught too
+
+
+def test_digits_follow_the_number_of_periods(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without more digits for more periods, a million million of them on, the state would be wrong."""
+    m, b, p = SPECIAL["generic"]
+    top = kr.LagrangeTop(p=p)
+    right = kr.at(top, {"m": m, "a": b}, 1e13).a.values
+    monkeypatch.setattr(Motion, "_digits", lambda self, reach: 60)
+    assert (kr.at(top, {"m": m, "a": b}, 1e13).a.values == right).all()
+    monkeypatch.setattr(Motion, "_digits", lambda self, reach: 20)
+    assert abs(kr.at(top, {"m": m, "a": b}, 1e13).a.values - right).max() > 1e-8
+
+
+# -- the interface ------------------------------------------------------------------------------------
+
+
+def test_simulate_and_at_are_the_same_numbers(top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = {
+        "dt": 0.375,
+        "steps": 403,
+        "every": 4,
+        "method": "exact",
+        "orientation": (1, 0, 0, 0),
+    }  # k dt is a double
+    run = kr.simulate(top, x0, **options)
+    states = kr.at(top, x0, run.time.values, orientation=(1, 0, 0, 0))
+    for name in run.data_vars:
+        assert (run[name].values == states[name].values).all()
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 5)
+    monkeypatch.setattr(runs, "TICK_SECONDS", 0.0)
+    xr.testing.assert_identical(run.drop_attrs(), kr.simulate(top, x0, **options).drop_attrs())
+
+
+def test_times_in_any_order_and_single(top: object, x0: object) -> None:
+    times = np.array([3.0, -2.0, 0.0, 7e5, 3.0])
+    run = kr.at(top, x0, times)
+    assert (run.time.values == times).all()
+    assert (run.a.values[2] == x0.a).all()
+    assert (run.m.values[2] == x0.axial.m).all()
+    for i, time in enumerate(times):
+        alone = kr.at(top, x0, float(time))
+        assert alone.a.dims == ("axis",)
+        assert abs(alone.a.values - run.a.values[i]).max() < DOUBLE
+
+
+def test_flow_property(top: object, x0: object) -> None:
+    """Phi_t Phi_s = Phi_(s+t) and Phi_-t Phi_t = 1, up to what rounding the state between costs."""
+    half = kr.at(top, x0, 1.25)
+    for time, want in ((2.5, kr.at(top, x0, 3.75)), (-1.25, kr.at(top, x0, 0.0))):
+        there = kr.at(top, {"m": half.m.values, "a": half.a.values}, time)
+        assert abs(there.a - want.a).max() < 1e-14
+
+
+def test_integrals_do_not_move(top: object, x0: object) -> None:
+    times = np.random.default_rng(3).uniform(-1e12, 1e12, 2000)
+    run = kr.at(top, x0, np.sort(times))
+    table = kr.drift(run)
+    assert table.kept.all()
+    assert (table.max_change < 2e-14).all(), table.to_string()
+    stepped = kr.drift(kr.simulate(top, x0, dt=0.7, steps=10**9, every=10**6, method="exact"))
+    assert (stepped.max_change < 2e-14).all()
+
+
+def test_lanes_equal_single_motions(top: object) -> None:
+    m, a = np.array([[0.1, 0.2, 1.5], [0.3, -0.2, 4.0]]), np.array([[0.6, 0, 0.8], [0.6, 0, -0.8]])
+    together = kr.at(top, top.state(m=m, a=a), [0.5, 100.0])
+    for lane in (0, 1):
+        alone = kr.at(top, top.state(m=m[lane], a=a[lane]), [0.5, 100.0])
+        for name in ("m", "a", "energy", "spectrum"):
+            assert (together[name].isel(lane=lane).values == alone[name].values).all()
+
+
+def test_symmetric_top_and_moving_frame_agree() -> None:
+    A, state = (0.6, 0, 0.8), {"M": (0.1, 0.2, 1.5), "P": (0, 0, 1)}
+    one = kr.at(kr.SymmetricTop(A=A), state, [11.0, 1e6])
+    two = kr.at(kr.LagrangeTopMoving(A=A, alpha=1), state, [11.0, 1e6])
+    assert (one.M.values == two.M.values).all()
+    assert (one.P.values == two.P.values).all()
+
+
+def test_moving_frame_over_many_calls_of_the_engine() -> None:
+    body = kr.LagrangeTopMoving(A=(0.6, 0, 0.8), alpha=0.6)
+    state = body.state(M=(0.1, 0.2, 1.5), P=(0, 0, 1))
+    options = {"dt": 0.05, "steps": 600, "every": 20, "orientation": (0.6, 0, 0.8, 0)}
+    ours = kr.simulate(body, state, method="exact", **options)
+    theirs = kr.simulate(body, state, method="dop853", **options)
+    assert abs(ours.M - theirs.M).max() < 1e-8
+    assert abs(algebra.rotation_matrix(ours.g.values) - algebra.rotation_matrix(theirs.g.values)).max() < 1e-8
+
+
+def test_times_are_exact_binary_numbers() -> None:
+    times = np.array([0.1, -3e-300, 2.0**900, 0.0, 5e-324])
+    M, e = dyadic(times)
+    assert [math.ldexp(m, int(k)) for m, k in zip(M, e, strict=True)] == times.tolist()
+
+
+@pytest.mark.parametrize("eps", [0.1, 0.7, 2.0, 5.0, 30.0])
+@pytest.mark.parametrize("order", [1, 2])
+def test_iterates_of_the_papers_map(eps: float, order: int) -> None:
+    """Against the map itself; the second top is on the other branch of r from eps = 2 on."""
+    steps = [0, 1, 2, 3, 1000]
+    for m, a, p in (SPECIAL["generic"], ((0.3, 0.7, -1.1), (0.2, 0.5, -0.4), (0.3, -0.8, 0.5))):
+        top = kr.LagrangeTop(p=p)
+        run = kr.simulate(top, {"m": m, "a": a}, dt=eps, steps=1000, method="suris", order=order)
+        jumped = kr.at(top, {"m": m, "a": a}, steps, method="suris", dt=eps, order=order)
+        for k, bound in zip(range(5), (3e-15, 5e-15, 3e-12, 3e-12, 1e-8), strict=True):
+            off = max(abs(jumped[name].values[k] - run[name].values[steps[k]]).max() for name in ("m", "a"))
+            assert off < bound * max(1, eps) ** 2  # b is (eps/2)^2 times as large as a
+
+
+def test_a_million_million_iterates_keep_the_deformed_integrals(top: object, x0: object) -> None:
+    run = kr.at(top, x0, np.arange(-1e15, 1e15, 3e12), method="suris", dt=0.3)
+    table = kr.drift(run)
+    assert (table[table.kept].max_change < 3e-14).all()
+    assert table.loc["energy", "max_change"] > 1e-3
+    there = {"m": run.m.values[0], "a": run.a.values[0]}
+    back = kr.at(top, there, 5.0, method="suris", dt=0.3)
+    straight = kr.at(top, x0, -1e15 + 5, method="suris", dt=0.3)
+    assert abs(back.a - straight.a).max() < 1e-14
+
+
+@pytest.mark.parametrize("branch", ["theta", "pi"])
+def test_mutants_of_the_iterates_are_caught(branch: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    beyond = Nutation.beyond
+    spoiled = {
+        "theta": lambda self, eps: (beyond(self, eps)[0], -beyond(self, eps)[1]),
+        "pi": lambda self, eps: (beyond(self, eps)[0], beyond(self, eps)[1] + self.ctx.pi),
+    }
+    monkeypatch.setattr(Nutation, "beyond", spoiled[branch])
+    top, state = kr.LagrangeTop(p=(0.3, -0.8, 0.5)), {"m": (0.3, 0.7, -1.1), "a": (0.2, 0.5, -0.4)}
+    run = kr.simulate(top, state, dt=2.0, steps=1, method="suris", order=1)
+    jumped = kr.at(top, state, 1, method="suris", dt=2.0, order=1)
+    assert abs(jumped.a - run.a[1]).max() > 1e-3
+
+
+# -- figures --------------------------------------------------------------------------------------------
+
+KINDS = {
+    "generic": "nutating",
+    "no gravity": "free",
+    "pendulum on the separatrix": "falling asleep",
+    "falling asleep": "falling asleep",
+    "pendulum off the separatrix by an ulp": "nutating",
+    "sleeping, unstable": "sleeping, unstable",
+    "at rest, up": "sleeping, unstable",
+    "sleeping, critical": "sleeping, critical",
+    "sleeping, stable": "steady",
+    "at rest, down": "steady",
+    "steady precession": "steady",
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_kinds_of_motion(name: str) -> None:
+    m, b, p = SPECIAL[name]
+    assert kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b}).kind == KINDS[name]
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_figures_against_the_motion(number: int) -> None:
+    m, b, p = random_tops(20)[number]
+    top, alpha = kr.LagrangeTop(p=p, alpha=0.6), 0.6
+    told = kr.nutation(top, {"m": m, "a": b})
+    body = kr.nutation(kr.LagrangeTopMoving(A=b, alpha=alpha), {"M": m, "P": p})
+    assert body == told
+    run = kr.at(top, {"m": m, "a": b}, np.linspace(0, told.period, 4001))
+    height = run.a.values @ p
+    east = np.cross(p, [1.0, 0, 0])
+    north = np.cross(east, p) / np.linalg.norm(p)
+    azimuth = np.unwrap(np.arctan2(run.a.values @ east, run.a.values @ north))
+    assert height.min() == pytest.approx(told.lowest, abs=1e-4)
+    assert height.max() == pytest.approx(told.highest, abs=1e-4)
+    assert height[-1] == pytest.approx(height[0], abs=1e-13)
+    assert azimuth[-1] - azimuth[0] == pytest.approx(told.precession, abs=1e-12)
+    omega = algebra.axial(top.call(top.system.velocity, algebra.hat(m), b))
+    assert omega @ b / np.linalg.norm(b) == pytest.approx(told.spin, rel=1e-14)
+    turn = float(nutation_of(m, b, p).period_turn())
+    assert math.cos(turn) == pytest.approx(math.cos(told.precession), abs=1e-13)
+    assert math.sin(turn) == pytest.approx(math.sin(told.precession), abs=1e-13)
+
+
+def test_steady_precession_in_closed_form() -> None:
+    """m = Omega p + b/Omega turns about p at the rate Omega."""
+    m, b, p = SPECIAL["steady precession"]
+    told = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b})
+    assert told.mean_precession == pytest.approx(0.5, rel=1e-15)
+    assert told.lowest == told.highest == 0.75
+
+
+@pytest.mark.parametrize(("spin", "stays"), [(1.9, False), (2.1, True)])
+def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) -> None:
+    """Upright, spin^2 < 4 |a||p|: the smallest push tips it far over; above, it stays."""
+    top, push = kr.LagrangeTop(p=UP), 1e-5
+    assert (kr.nutation(top, {"m": (0, 0, spin), "a": UP}).kind == "steady") is stays
+    lowest = kr.nutation(top, {"m": (push, 0, spin), "a": UP}).lowest
+    assert (lowest > 1 - 1e-8) is stays
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, [0.0, math.nan]), "times must be"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, []), "times must be"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, "soon"), "times must be"),
+        (
+            lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="dop853", dt=1),
+            "No closed form of method='dop853'",
+        ),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, dt=0.1), "leave dt out"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="suris"), "needs a step"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1.5, method="suris", dt=1), "whole numbers"),
+        (lambda top: kr.nutation(top, {"m": [(0, 0, 1)] * 2, "a": (1, 0, 0)}), "one motion"),
+        (lambda top: kr.plot(kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, [0, 1])), "run of kr.simulate"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (0, 0, 0)}, 1), "zero vector"),
+        (lambda top: kr.at(top, {"m": (1e160, 0, 1), "a": (1, 0, 0)}, 1), "at most 1e.150"),
+        (lambda top: kr.at("top", {}, 1), "system with its parameters"),
+        (lambda top: kr.at(kr.Clebsch(b=(1, 2, 3)), {"M": (0, 0, 1), "P": (1, 0, 0)}, 1), "No exact flow of clebsch"),
+        (
+            lambda top: kr.at(kr.LagrangeTop(p=(0, 0, 0, 1)), {"m": np.zeros((4, 4)), "a": (1, 0, 0, 0)}, 1),
+            "n = 4 came",
+        ),
+        (
+            lambda top: kr.simulate(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=1, steps=1, method="exact", order=2),
+            "no order",
+        ),
+    ],
+)
+def test_errors_say_what_to_do(call: object, words: str, top: object) -> None:
+    with pytest.raises(kr.InputError, match=words):
+        call(top)
+
+
+def test_a_run_goes_on_and_is_lengthened(top: object, x0: object, tmp_path: Path) -> None:
+    """The same bits as in one go: they do not depend on how far a motion will be followed."""
+    options = {"dt": 0.4, "every": 3, "method": "exact", "orientation": (1, 0, 0, 0)}
+    kr.simulate(top, x0, steps=9, path=tmp_path / "a.zarr", **options)
+    longer = kr.resume(tmp_path / "a.zarr", extend=300)
+    whole = kr.simulate(top, x0, steps=300, **options)
+    for name in ("m", "a", "g", "energy"):
+        assert (longer[name].values == whole[name].values).all()
+    assert check_archive(tmp_path / "a.zarr")[1] == []
