@@ -203,18 +203,21 @@ def velocity(case: Case) -> Sides:
 )
 def separable(case: Case) -> Sides:
     space, carried = case.system.space, case.system.space.carried
+    momentum: Any = space.momentum
+    turn = case.call(case.system.inverse_inertia, momentum(*case.state))
     still = tuple(z if i == carried else 0 * z for i, z in enumerate(case.state))
-    X = -space.sign * case.call(case.system.inverse_inertia, case.call(space.momentum))
     turned = {"skew": algebra.bracket, "vector": algebra.act}
     parts = zip(space.kinds, case.state, case.model.flow(*still), strict=True)
-    yield case.flat(case.model.flow(*case.state)), case.flat(tuple(turned[k](X, z) + kick for k, z, kick in parts))
+    yield (
+        case.flat(case.model.flow(*case.state)),
+        case.flat(tuple(turned[k](-space.sign * turn, z) + kick for k, z, kick in parts)),
+    )
     M, N = (algebra.skew(case.draw((case.model.n * (case.model.n - 1) // 2,)), case.model.n) for _ in range(2))
     linear = [case.call(case.system.inverse_inertia, K) for K in (2 * M - N, M, N)]
     yield linear[0], 2 * linear[1] - linear[2]
     if case.system.spin is not None:
         spin = case.call(case.system.spin)
-        momentum = case.call(case.system.inverse_inertia, case.call(space.momentum))
-        yield case.call(case.system.velocity), momentum + spin
+        yield case.call(case.system.velocity), turn + spin
         yield algebra.act(spin, _carried(case, case.state)), 0 * case.state[carried]
 
 

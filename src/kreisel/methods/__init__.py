@@ -25,11 +25,10 @@ __all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
 
 
 def default_method(model: Model) -> str:
-    """The system's own map where one is known, else the variational integrator where it applies, else the reference."""
-    system = model.system
-    if system.map is not None:
-        return "lagrangian" if system.numbers == "jax" else "suris"
-    return "dop853" if system.inverse_inertia is None else "variational"
+    """The system's own map where one is known, else the variational integrator, else the reference."""
+    if model.system.map is None:
+        return "dop853" if model.system.inverse_inertia is None else "variational"
+    return "lagrangian" if model.system.numbers == "jax" else "suris"
 
 
 def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:

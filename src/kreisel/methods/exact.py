@@ -99,12 +99,6 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
 
         return at
 
-    def observe_all(z: tuple[Array, ...]) -> dict[str, Array]:
-        out = observe(z)
-        if oriented:  # of q and -q, which are the same rotation, the one with w >= 0
-            out[ORIENTATION] = np.where(out[ORIENTATION][..., :1] < 0, -1, 1) * out[ORIENTATION]
-        return out
-
     return Scheme(
         name="exact",
         components=with_orientation(model, oriented),
@@ -112,7 +106,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         axes=model.axes,
         n=model.n,
         prepare=tuple,
-        observe=observe_all,
+        observe=observe,
         reopen=tuple,
         orbit=orbit,
         outcomes=outcomes,

@@ -44,7 +44,8 @@ def functions(
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
     if system.space.casimirs is not None:
         meaning = f"Casimirs of {system.space.name}"
-        out["casimir"] = (Outcome("casimir", meaning, kept=by_map or "casimir" in kept), system.space.casimirs, False)
+        stays = by_map or "casimir" in kept
+        out["casimir"] = (Outcome("casimir", meaning, kept=stays), system.space.casimirs, False)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():
         deforms = by_map and "eps" in keywords(function) and system.map is not None
@@ -55,9 +56,9 @@ def functions(
             deformed = f"deformed {name}, kept exactly by the map"
             out[f"{name}_eps"] = (Outcome("integral", deformed, kept=True), _bind(model, function, eps=eps), True)
         else:
+            by_this_map = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
             meaning = (told or {}).get(name, meaning)
-            claimed = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
-            out[name] = (Outcome("integral", meaning, kept=claimed or name in kept), _bind(model, function), True)
+            out[name] = (Outcome("integral", meaning, kept=by_this_map or name in kept), _bind(model, function), True)
     return out
 
 

@@ -69,12 +69,12 @@ class Scheme:
     reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
-    stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None = None
+    stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     options: Mapping[str, Any] | None = None
+    guard: Guard | None = None
     numbers: str = "any"  # as in the record: what step and rate work on
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
-    guard: Guard | None = None
 
     @property
     def stage_count(self) -> int:

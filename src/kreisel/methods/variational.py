@@ -51,9 +51,9 @@ def variational(model: Model, dt: float, order: int | None, oriented: bool) -> S
     does not state `inverse_inertia`.
     """
     system, space = model.system, model.system.space
-    if system.inverse_inertia is None:
+    if system.inverse_inertia is None or space.momentum is None:
         raise InputError(
-            f"method='variational' needs H = T(M) + V; {system.name} does not state inverse_inertia. "
+            f"method='variational' needs H = T(M) + V; {system.name} does not state inverse_inertia and momentum. "
             "Use method='dop853'."
         )
     fractions = symmetric_composition(order, "variational")
@@ -120,11 +120,11 @@ def coadjoint(system: System, X: Array, state: State) -> State:
 def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tuple[Array, Array]:
     """X of the free step, and the square of the last correction of X."""
     inverse_inertia: Any = system.inverse_inertia
+    momentum: Any = system.space.momentum
 
     def turn(N: Array) -> Array:
         return system.space.sign * eps / 2 * call(inverse_inertia, (N,), consts)
 
-    momentum: Any = system.space.momentum
     M = momentum(*state)
     N, defect = newton(turn, M) if M.shape[-1] == 3 else sweeps(turn, M)
     return turn(N), defect
