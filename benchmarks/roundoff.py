@@ -34,7 +34,9 @@ SAVED = 1000
 ALLOWED, SIGNIFICANT = 2.0, 4.0
 
 
-def one_run(case: Case, state: dict[str, Any], dt: float, steps: int) -> dict[str, dict[str, float]]:
+def one_run(
+    case: Case, state: dict[str, Any], dt: float, steps: int, method: str = "suris", order: int = 1
+) -> dict[str, dict[str, float]]:
     """Per kept integral: ratio, z, slope and last change in bands."""
     run = kr.simulate(
         case.model,
@@ -42,8 +44,8 @@ def one_run(case: Case, state: dict[str, Any], dt: float, steps: int) -> dict[st
         dt=dt,
         steps=steps,
         every=steps // SAVED,
-        method="suris",
-        order=1,
+        method=method,
+        order=order,
         progress=False,
     )
     table = kr.drift(run)

@@ -127,7 +127,7 @@ def test_check_finds_a_changed_state(top: object, x0: object, tmp_path: Path) ->
     array = zarr.open_group(path)["a"]
     array[5, 2] = array[5, 2] + 1e-9
     faults = check_archive(path)[1]
-    assert any(fault.startswith("energy_eps does not belong") for fault in faults)
+    assert any(fault.startswith("energy does not belong") for fault in faults)
 
 
 def test_check_finds_missing_rows(top: object, x0: object, tmp_path: Path) -> None:

@@ -97,7 +97,64 @@ def whole_kick_back(m, a, *, p, eps):
     return m - eps * wedge(a, p), a
 
 
+def transformed(system: System, **changes: object) -> System:
+    return replace(system, baecklund=replace(system.baecklund, **changes))
+
+
+def wrong_rho(m, a, *, p, mu, rho):  # rho frozen at a wrong value: no longer that of the state
+    e, _, change = lagrange_top.eigenvector(m, a, p=p, mu=mu, rho=rho)
+    return e, 0 * e, 0 * change
+
+
+def forgotten_rho(m, a, *, p, mu):
+    return dot(a, a) / (mu * mu)
+
+
+def flipped_step(m, a, e, de, change, *, p):
+    return lagrange_top.baecklund_step(m, a, -e, -de, change, p=p)
+
+
+def old_momentum_transform(m, a, e, de, change, *, p):
+    return m + wedge(e, p), a + act(m, e)
+
+
+def lost_curvature(m, a, e, de, change, *, p, rho):  # the pair without the term across
+    m1, _ = lagrange_top.baecklund_pair(m, a, e, de, change, p=p, rho=rho)
+    return m1, a + act(m + m1, e.real)
+
+
+def unscaled_darboux(m, a, e, *, rho, lam):
+    return lagrange_top.darboux(m, a, e, rho=2 * rho, lam=lam)
+
+
+def no_block(m, a):
+    return 0 * m
+
+
 MUTANTS = [
+    (
+        "spectral-point",
+        transformed(
+            TOP, point=forgotten_rho, vector=lambda m, a, *, p, mu, rho: wrong_rho(m, a, p=p, mu=mu, rho=rho + 1)
+        ),
+        3,
+    ),
+    (
+        "integrals-of-baecklund",
+        transformed(TOP, vector=lambda m, a, *, p, mu, rho: wrong_rho(m, a, p=p, mu=mu, rho=2 * rho)),
+        3,
+    ),
+    ("integrals-of-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    ("darboux", transformed(TOP, darboux=unscaled_darboux), 3),
+    ("darboux", transformed(TOP, step=flipped_step), 3),
+    ("poisson-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    ("poisson-baecklund", transformed(TOP, vector=wrong_rho), 3),  # without the derivative of rho
+    ("symmetric-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    ("symmetric-baecklund", transformed(CLEBSCH, odd=1), 3),
+    ("commuting-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    ("conjugate-pair", transformed(TOP, pair=lost_curvature), 3),
+    ("order-baecklund", transformed(TOP, block=no_block), 4),
+    ("order-baecklund", transformed(TOP, pair=lost_curvature), 3),
     ("hamiltonian-flow", replace(TOP, flow=doubled_flow), 3),
     ("hamiltonian-flow", replace(TOP, energy=lambda m, a, *, p, eps=0: pairing(m, m) / 2 - dot(a, p)), 3),
     ("hamiltonian-flow", wrong_space(TOP, tensor=MOVING.space.tensor), 3),

@@ -58,21 +58,26 @@ def mat(s: Array) -> Array:
 def solve(A: Array, B: Array) -> Array:
     """A^-1 B for A (..., n, n) and columns B (..., n, k).
 
-    Numbers of a library go to its LAPACK; others to elimination without pivoting, which is safe for
-    A = I - X with X skew, whose symmetric part is I.
+    Numbers of a library go to its LAPACK; others, extended floats among them, to elimination without pivoting,
+    which is safe for A = I - X with X skew, whose symmetric part is I, and whenever the Hermitian part is positive.
     """
     if hasattr(A, "record_solve"):
         return A.record_solve(B)
-    if holds_objects(A) or holds_objects(B):
+    if holds_objects(A) or holds_objects(B) or A.dtype.itemsize > _double(A).itemsize:
         return _eliminate(A, B)[1]
     if isinstance(A, np.ndarray):
         return np.linalg.solve(A, B)
     return A.__array_namespace__().linalg.solve(A, B)
 
 
+def _double(A: Array) -> np.dtype[Any]:
+    return np.dtype(np.complex128 if A.dtype.kind == "c" else np.float64)
+
+
 def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
     """Gaussian elimination without pivoting; the pivots and the solution.  Batch axes allowed."""
-    A, B = A.astype(object), B.astype(object)
+    kind = np.result_type(A, B) if A.dtype.kind in "fc" else object
+    A, B = A.astype(kind), B.astype(kind)
     n, pivots = A.shape[-1], []
     for k in range(n):
         pivots.append(A[..., k, k : k + 1].copy())
@@ -84,6 +89,81 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
         tail = A[..., k : k + 1, k + 1 :] @ B[..., k + 1 :, :] if k + 1 < n else 0
         B[..., k : k + 1, :] = (B[..., k : k + 1, :] - tail) * (1 / A[..., k : k + 1, k : k + 1])
     return pivots, B
+
+
+class Complex:
+    """re + i im over any kind of real number that brings no complex numbers of its own (recorded, rational, dual)."""
+
+    __slots__ = ("im", "re")
+
+    def __init__(self, re: Any, im: Any = 0):
+        self.re, self.im = re, im
+
+    @property
+    def inexact(self) -> bool:
+        """True for floats and their records."""
+        return any(isinstance(v, float) or getattr(v, "inexact", False) for v in (self.re, self.im))
+
+    def __add__(self, other: Any) -> Complex:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        other = _complex(other)
+        return Complex(self.re + other.re, self.im + other.im)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Complex:
+        return Complex(-self.re, -self.im)
+
+    def __sub__(self, other: Any) -> Complex:
+        return NotImplemented if isinstance(other, np.ndarray) else self + (-_complex(other))
+
+    def __rsub__(self, other: Any) -> Complex:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Complex:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        other = _complex(other)
+        return Complex(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Complex:
+        return NotImplemented if isinstance(other, np.ndarray) else self * (1 / _complex(other))
+
+    def __rtruediv__(self, other: Any) -> Complex:
+        scale = 1 / (self.re * self.re + self.im * self.im)
+        return other * Complex(self.re * scale, -self.im * scale)
+
+
+def _complex(x: Any) -> Complex:
+    return x if isinstance(x, Complex) else Complex(x)
+
+
+def complex_number(re: Array, im: Array) -> Array:
+    """The scalar re + i im, of NumPy's or a recorder's own kind where there is one."""
+    if hasattr(re, "record_complex"):
+        return re.record_complex(im)
+    if isinstance(re, np.ndarray | np.floating | float) and not holds_objects(re):
+        return re + 1j * im
+    return Complex(re, im)
+
+
+def parts(z: Array) -> tuple[Array, Array]:
+    """Real and imaginary part of an array or a scalar; of real numbers z and None."""
+    if isinstance(z, Complex):
+        return z.re, z.im
+    if holds_objects(z):
+        if not any(isinstance(v, Complex) for v in z.flat):
+            return z, None
+        re, im = np.empty(z.shape, dtype=object), np.empty(z.shape, dtype=object)
+        for place in np.ndindex(z.shape):
+            re[place], im[place] = _complex(z[place]).re, _complex(z[place]).im
+        return re, im
+    if hasattr(z, "record_parts"):
+        return z.record_parts()
+    return (np.real(z), np.imag(z)) if np.iscomplexobj(z) else (z, None)
 
 
 def log(x: Array) -> Array:
@@ -122,6 +202,83 @@ def trace_log(A: Array) -> Array:
     if not holds_objects(A):
         return A.__array_namespace__().linalg.slogdet(A)[1]
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
+
+
+def product_error(x: Array, y: Array, p: Array) -> Array:
+    """X y - p for p = x y rounded, without a rounding error; 0 for exact numbers."""
+    if holds_objects(p):
+        x, y = np.broadcast_arrays(x, y)
+        out = np.empty(p.shape, dtype=object)
+        for place in np.ndindex(p.shape):
+            out[place] = product_error(x[place], y[place], p[place])
+        return out
+    if hasattr(x, "record_product_error"):
+        return x.record_product_error(y, p)
+    if hasattr(y, "record_product_error"):
+        return y.record_product_error(x, p)
+    if not isinstance(x, float | np.floating | np.ndarray):
+        return 0 * p
+
+    def split(v: Array) -> tuple[Array, Array]:
+        big = v * 134217729.0  # 2^27 + 1
+        high = big - (big - v)
+        return high, v - high
+
+    (a, b), (c, d) = split(x), split(y)
+    return b * d - (((p - a * c) - b * c) - a * d)
+
+
+def two_sum(x: Array, y: Array) -> tuple[Array, Array]:
+    """X + y rounded, and its rounding error."""
+    if holds_objects(x) or holds_objects(y):
+        x, y = np.broadcast_arrays(x, y)
+        total, error = np.empty(x.shape, dtype=object), np.empty(x.shape, dtype=object)
+        for place in np.ndindex(x.shape):
+            total[place], error[place] = two_sum(x[place], y[place])
+        return total, error
+    if hasattr(x, "record_two_sum"):
+        return x.record_two_sum(y)
+    if hasattr(y, "record_two_sum"):
+        return y.record_two_sum(x)
+    total = x + y
+    part = total - x
+    return total, (x - (total - part)) + (y - part)
+
+
+def sharp_dot(x: Array, y: Array, c: Array) -> Array:
+    """<x, y> - c for real vectors, rounded once: sums of squares that hardly change else have a steady error."""
+    if _plain(x) or _plain(y):
+        return dot(x, y) - c
+    total, rest = 0 - c, 0.0
+    for i in range(x.shape[-1]):
+        p = x[..., i] * y[..., i]
+        total, error = two_sum(total, p)
+        rest = rest + (product_error(x[..., i], y[..., i], p) + error)
+    return total + rest
+
+
+def dot_less(x: Array, y: Array, c: Array) -> Array:
+    """<x, y> - c, real or complex, rounded once."""
+    (xr, xi), (yr, yi), (re, im) = parts(x), parts(y), parts(c)
+    if xi is None and yi is None:
+        return sharp_dot(xr, yr, re)
+    xi, yi, im = (0 * b if a is None else a for a, b in ((xi, xr), (yi, yr), (im, re)))
+    if _plain(xr):
+        return complex_number(dot(xr, yr) - dot(xi, yi) - re, dot(xr, yi) + dot(xi, yr) - im)
+    both = np.concatenate([xr, xi], -1)
+    real = sharp_dot(both, np.concatenate([yr, -yi], -1), re)
+    return complex_number(real, sharp_dot(both, np.concatenate([yi, yr], -1), im))
+
+
+def _plain(x: Array) -> bool:
+    """Numbers without round-off, and recorded arrays, whose products are not corrected."""
+    return exact(x) or hasattr(x, "record_parts")
+
+
+def quotient(a: Array, da: Array, b: Array, db: Array) -> tuple[Array, Array]:
+    """(a + da)/(b + db) as q and a small rest, for da, db about the rounding errors of a, b."""
+    q = a / b
+    return q, ((a - q * b) + (da - q * db)) / b
 
 
 # -- vectors, skew matrices -----------------------------------------------------------------------
@@ -241,11 +398,117 @@ def _add_product(C: Array, X: Array, V: Array) -> Array:
     return C
 
 
-def _sum(V: Array, Y: Array, small: Array) -> Array:
+def close_sum(V: Array, Y: Array, small: Array) -> Array:
     """V + Y + small, where `small` is about the rounding error of V + Y: that error is added too (two-sum)."""
+    if exact(V):
+        return V + Y + small
     Z = V + Y
     part = Z - V
     return Z + (((V - (Z - part)) + (Y - part)) + small)
+
+
+def shifted_resolvent(mu: Array, X: Array, v: Array) -> Array:
+    """(mu - X)^-1 v for X (..., n, n) skew, v (..., n) and a scalar mu with Re mu != 0; any of them complex."""
+    if X.shape[-1] != 3:
+        return solve(mat(mu) * identity(X.shape[-1]) - X, v[..., None])[..., 0]
+    u, square = axial(X), mu * mu
+    scale = 1 / (mu * (square + dot(u, u)))
+    return vec(scale) * (vec(square) * v + vec(mu) * act(X, v) + u * vec(dot(u, v)))
+
+
+def shifted_residual(mu: Array, X: Array, e: Array, *terms: tuple[Array, ...]) -> Array:
+    """Sum of s v and s c e over the terms (s, v) and (s, c, e), less (mu - X) e, for real X, v and c; rounded once."""
+    er, ei = parts(e)
+    if _plain(X):
+        out = together(act(X, er), act(X, ei)) if ei is not None else act(X, er)
+        return sum((vec(s) * (v * more[0] if more else v) for s, v, *more in terms), out - vec(mu) * e)
+    re, im = _scaled(mu, -e)
+    for s, v, *more in terms:
+        if not more:
+            (sr, si), one_re, one_im = parts(s), [], []
+            one_re, one_im = [(vec(sr), v)], [] if si is None else [(vec(si), v)]
+        else:
+            one_re, one_im = _scaled_diagonal(s, v, more[0])
+        re, im = re + one_re, im + one_im
+    for k in range(X.shape[-1]):
+        re = [*re, (X[..., :, k], er[..., k : k + 1])]
+        im = im if ei is None else [*im, (X[..., :, k], ei[..., k : k + 1])]
+    return sharp_sum(re) if ei is None else together(sharp_sum(re), sharp_sum(im))
+
+
+def remainder(v: Array, s: Array, x: Array) -> Array:
+    """V - s x for a scalar s, rounded once."""
+    (vr, vi), (re, im) = parts(v), _scaled(s, -x)
+    if _plain(vr):
+        return v - vec(s) * x
+    one = 1 + 0 * vr
+    re, im = [(one, vr), *re], im if vi is None else [(one, vi), *im]
+    return together(sharp_sum(re), sharp_sum(im)) if im else sharp_sum(re)
+
+
+def sharp_act(X: Array, x: Array, small: Array) -> Array:
+    """X x + small for `small` about the rounding error of X x, rounded once."""
+    if _plain(X):
+        return act(X, x) + small
+    return sharp_sum([*((X[..., :, k], x[..., k : k + 1]) for k in range(x.shape[-1])), (1 + 0 * small, small)])
+
+
+def _scaled(s: Array, v: Array) -> tuple[list[tuple[Array, Array]], list[tuple[Array, Array]]]:
+    """Products that add up to the real and to the imaginary part of s v."""
+    (sr, si), (vr, vi) = parts(s), parts(v)
+    re, im = [(vec(sr), vr)], []
+    if vi is not None:
+        im = [(vec(sr), vi)]
+    if si is not None:
+        im = [*im, (vec(si), vr)]
+    if si is not None and vi is not None:
+        re = [*re, (vec(si), -vi)]
+    return re, im
+
+
+def _scaled_diagonal(s: Array, c: Array, v: Array) -> tuple[list[tuple[Array, Array]], list[tuple[Array, Array]]]:
+    """The same for s c v with real c, each product s c in two pieces."""
+    (sr, si), (vr, vi) = parts(s), parts(v)
+    r = vec(sr) * c
+    dr = product_error(vec(sr), c, r)
+    if vi is None:
+        return [(r, vr), (dr, vr)], []
+    i = vec(si) * c
+    di = product_error(vec(si), c, i)
+    return [(r, vr), (i, -vi), (dr, vr), (di, -vi)], [(r, vi), (i, vr), (dr, vi), (di, vr)]
+
+
+def sharp_sum(products: list[tuple[Array, Array]]) -> Array:
+    """The sum of the products, rounded once."""
+    if any(exact(x) and exact(y) for x, y in products):
+        return sum(x * y for x, y in products)
+    total, rest = products[0][0] * products[0][1], 0.0
+    rest = product_error(*products[0], total)
+    for x, y in products[1:]:
+        p = x * y
+        total, error = two_sum(total, p)
+        rest = rest + (product_error(x, y, p) + error)
+    return total + rest
+
+
+def together(re: Array, im: Array) -> Array:
+    """The complex vectors re + i im."""
+    if holds_objects(re) or holds_objects(im):
+        out = np.empty(re.shape, dtype=object)
+        for place in np.ndindex(re.shape):
+            out[place] = Complex(re[place], im[place])
+        return out
+    return complex_number(re, im)
+
+
+def diagonal_resolvent(d: Array, X: Array, v: Array) -> Array:
+    """(diag(d) + X)^-1 v for X (..., n, n) skew, d and v (..., n) with Re d > 0; any of them complex."""
+    if X.shape[-1] != 3:
+        return solve(d[..., None] * identity(X.shape[-1]) + X, v[..., None])[..., 0]
+    u, (i, j, k) = axial(X), (d[..., 0], d[..., 1], d[..., 2])
+    minors = np.stack([j * k, k * i, i * j], -1)
+    scale = 1 / (i * minors[..., 0] + dot(u, d * u))
+    return vec(scale) * (minors * v + u * vec(dot(u, v)) - cross(d * u, v))
 
 
 def resolvent(X: Array, V: Array) -> Array:
@@ -266,7 +529,7 @@ def cayley_columns(X: Array, V: Array) -> Array:
     2V + Y; X 2V - Y + X Y, as here, leaves no trend.
     """
     Y = _resolvent(X, 2 * (X @ V))
-    return V + Y if exact(X) else _sum(V, Y, _resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
+    return V + Y if exact(X) else close_sum(V, Y, _resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
 
 
 def cayley_act(X: Array, v: Array) -> Array:
@@ -284,6 +547,32 @@ def cayley_conjugate(X: Array, M: Array) -> Array:
     if X.shape[-1] == 3:
         return hat(cayley_act(X, axial(M)))
     return cayley_columns(X, cayley_columns(X, M).mT).mT
+
+
+def cayley_plane(x: Array, y: Array, v: Array) -> Array:
+    """cay(x ^ y) v in O(n), for vectors (..., n); corrected by the residual like `cayley_columns`."""
+    X, Y, c = dot(x, x), dot(y, y), dot(x, y)
+    scale = 1 / (1 + X * Y - c * c)
+
+    def once(v: Array) -> Array:
+        xv, yv = dot(x, v), dot(y, v)
+        along_y, along_x = ((1 + c) * yv - Y * xv) * scale, ((1 - c) * xv + X * yv) * scale
+        return v + (x * vec(along_y) - y * vec(along_x))
+
+    def add_turn(w: Array, u: Array) -> Array:  # w + (x ^ y) u
+        return (w + x * vec(dot(y, u))) - y * vec(dot(x, u))
+
+    w = once(2 * add_turn(0 * v, v))
+    return v + w if exact(v) else close_sum(v, w, once(add_turn(add_turn(-w, 2 * v), w)))
+
+
+def half_turn(x: Array, dx: Array, v: Array) -> Array:
+    """R_(x + dx) v = 2 x <x, v>/<x, x> - v for a small dx; what rounding does to |v| is taken back."""
+    square = dot(x, x)
+    t = 2 * dot(x, v) / square
+    change = remainder(2 * v, t, x)  # v - R_x v, which is orthogonal to x
+    along = (dot(x, change) + dot(dx, change) - t * dot(x, dx)) / square
+    return close_sum(v, -change, vec(along) * x + vec(t) * dx)
 
 
 def moebius(X: Array) -> Array:
@@ -322,6 +611,27 @@ def quaternion_product(a: Array, b: Array) -> Array:
 
 def _unit(q: Array) -> Array:
     return q / sqrt(vec(dot(q, q)))
+
+
+def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
+    """R_y R_x g, or g (R_y R_x)^T with `right`, R_x the half-turn about x: the turn from x to y by twice their angle.
+
+    g is an orthogonal matrix (..., n, n) or a unit quaternion (..., 4) when n = 3.
+    """
+    if g.ndim == x.ndim + 1:
+        h = g.mT if right else g
+        for axis in (x, y):
+            h = axis[..., :, None] * (2 / mat(dot(axis, axis)) * act(h.mT, axis)[..., None, :]) - h
+        return h.mT if right else h
+    turn = np.concatenate([vec(dot(x, y)) + 0 * x[..., :1], cross(x, y)], -1)
+    if right:
+        return _unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
+    return _unit(quaternion_product(turn, g))
+
+
+def cross(x: Array, y: Array) -> Array:
+    """The cross product x x y, n = 3."""
+    return act(hat(x), y)
 
 
 def rotation_matrix(q: Array) -> Array:

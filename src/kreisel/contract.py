@@ -153,6 +153,45 @@ class Map:
 
 
 @dataclass(frozen=True)
+class Baecklund:
+    """Maps D_eps, eps = 2/mu, that keep all integrals of the flow and commute with it and with each other.
+
+    (mu, rho) is a point of the spectral curve, rho a constant of the trajectory; e is the eigenvector there of
+    the Lax matrix.  Re mu > 0; mu, rho and e are real, or complex with e = u + i w.
+
+    point(*state, mu)            the rho that goes with mu on the branch with D_eps -> 1 as eps -> 0, not finite
+                                 or complex where there is none
+    vector(*state, mu, rho)      (e, de, drho): e as rounded, what it lacks, and what rho lacks for this very state
+    defect(*state, e, mu, rho)   a function that vanishes on the curve
+    step(*state, e, de, drho, mu, rho)   D_eps for real mu
+    pair(*state, e, de, drho, mu, rho)   D_eps D_conj(eps) for complex mu, in real arithmetic
+    arc, arc_of_pair(*state, e, mu, rho) (x, y): the carried vector turns by R_y R_x, R a half-turn
+    darboux(*state, e, mu, rho, lam)     N with N L = L_new N
+    odd                          +1 or -1: rho goes with mu to odd rho with -mu
+    block(*state)                the part of the momentum that does not touch the carried vector; g also turns by
+                                 cay(eps/2 block), in the body for the rest frame, in space for the moving frame
+    spin(*state)                 the constant rest of the angular velocity for unequal moments, in the state's frame
+    largest_step(*state)         the largest real eps
+    case(n, draw)                (state, params, e, mu, rho) with everything rational, for the laws
+    """
+
+    point: Function
+    vector: Function
+    defect: Function
+    step: Function
+    pair: Function
+    arc: Function
+    arc_of_pair: Function
+    block: Function
+    darboux: Function | None = None
+    spin: Function | None = None
+    largest_step: Function | None = None
+    case: Function | None = None
+    odd: int = 1
+    source: str = ""
+
+
+@dataclass(frozen=True)
 class Relation:
     """The same motion in another system: (state, params, g) -> (state, params) of `target`.
 
@@ -202,6 +241,7 @@ class System:
     inverse_inertia: Function | None = None
     spin: Function | None = None
     map: Map | None = None
+    baecklund: Baecklund | None = None
     relations: tuple[Relation, ...] = ()
     derive: Function | None = None
     check_state: Function | None = None

@@ -30,7 +30,7 @@ from kreisel.engines.trace import Matrix, Scalar, Tape, text
 from kreisel.methods.scheme import Scheme
 
 STRAIGHT_LINE_N = 8
-STRAIGHT_LINES = 8000  # beyond, compiling takes longer than array code is slow
+STRAIGHT_LINES = 5000  # beyond, compiling takes longer than array code is slow; n = 3 has fewer up to order 12
 OPTIONS = 'cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}'
 
 HEAD = '''"""Made by kreisel.engines.cpu by recording {name}; not to be edited."""
@@ -40,6 +40,8 @@ import numpy as np
 from numba import njit
 from numpy import ascontiguousarray, eye, full
 from numpy.linalg import solve
+
+from kreisel.engines.fused import fma, plain_sum, sum_error
 
 '''
 
@@ -122,7 +124,8 @@ class Recording:
         self.scheme, self.n = scheme, scheme.n
         self.columns = {"c": columns, "s": stage_columns or {}}
         self.kinds = [kind for _, kind in scheme.components]
-        if scheme.n > STRAIGHT_LINE_N or self._straight_line(constants) > STRAIGHT_LINES:
+        straight = scheme.n <= STRAIGHT_LINE_N
+        if not straight or (self._straight_line(constants) > STRAIGHT_LINES and scheme.n > 3):
             self._array_code()
 
     def _straight_line(self, constants: Floats) -> int:

@@ -29,6 +29,7 @@ class Tape:
         self._names: dict[str, str] = {}
         self._count = 0
         self._loop: tuple[list[Line], set[str]] | None = None  # the lines of an open loop, and what they compute
+        self.complex_names: set[str] = set()  # of recorded arrays
 
     def record(self, expression: str, needs: tuple[str, ...]) -> str:
         if expression not in self._names:
@@ -197,12 +198,30 @@ class Scalar:
     def _array(self, names: list[str]) -> Any:
         return np.array([Scalar(self.tape, name) for name in names], dtype=object)
 
+    def record_two_sum(self, other: Any) -> tuple[Any, Any]:
+        if not isinstance(other, Scalar):
+            return (self, 0.0) if other == 0 else _two_sum(self, other)
+        return (0.0, 0.0) if (other.name == self.name and other.negative != self.negative) else _two_sum(self, other)
+
+    def record_product_error(self, other: Any, product: Any) -> Any:
+        if not isinstance(other, Scalar):
+            if other not in (0, 1, -1, 2, -2):
+                raise TypeError(f"a recorded number times {other!r}: the error of such a product is not recorded")
+            return 0.0
+        error = self._new(f"fma({self.name}, {other.name}, -{product.name})", self.name, other.name, product.name)
+        return -error if product.negative else error
+
     @property
     def signed(self) -> str:
         return f"(-{self.name})" if self.negative else self.name
 
     def __repr__(self) -> str:
         return self.signed
+
+
+def _two_sum(x: Scalar, y: Any) -> tuple[Scalar, Scalar]:
+    needs = (x.name, y.name) if isinstance(y, Scalar) else (x.name,)
+    return x._new(f"plain_sum({text(x)}, {text(y)})", *needs), x._new(f"sum_error({text(x)}, {text(y)})", *needs)
 
 
 def _is_number(x: Any) -> bool:
@@ -232,8 +251,24 @@ class Matrix:
     def __array_namespace__(self) -> type[MatrixNamespace]:
         return MatrixNamespace
 
-    def _new(self, expression: str, shape: tuple[int, ...], *needs: str) -> Matrix:
-        return Matrix(self.tape, self.tape.record(expression, needs), shape)
+    def _new(self, expression: str, shape: tuple[int, ...], *needs: str, real: bool = False) -> Matrix:
+        name = self.tape.record(expression, needs)
+        if not real and not self.tape.complex_names.isdisjoint(needs):
+            self.tape.complex_names.add(name)
+        return Matrix(self.tape, name, shape)
+
+    def record_complex(self, im: Matrix) -> Matrix:
+        out = self._new(f"({self.name} + 1j * {im.name})", self.shape, self.name, im.name)
+        self.tape.complex_names.add(out.name)
+        return out
+
+    def record_parts(self) -> tuple[Matrix, Matrix | None]:
+        if self.name not in self.tape.complex_names:
+            return self, None
+        texts = [f"{self.name}.{part}" for part in ("real", "imag")]
+        texts = [f"ascontiguousarray({t})" if self.shape else t for t in texts]
+        re, im = (self._new(t, self.shape, self.name, real=True) for t in texts)
+        return re, im
 
     def _operand(self, other: Any) -> tuple[str, tuple[int, ...], tuple[str, ...]] | None:
         if isinstance(other, Matrix):
@@ -322,6 +357,8 @@ class Matrix:
 
     def record_solve(self, B: Any) -> Matrix:
         name, shape, needs = self._operand(B) or ("", (), ())
+        if self.name in self.tape.complex_names and self.tape.complex_names.isdisjoint(needs):
+            name = f"{name} + 0j"  # both sides of one type
         return self._new(f"solve({self.name}, {name})", shape, self.name, *needs)
 
     def sqrt(self) -> Matrix:

@@ -60,6 +60,31 @@ def _end(model: Model, state: tuple[Array, ...], method: str, order: int, time: 
     return layout.flatten((*(end[letter] for letter in space.letters), g), (*space.kinds, "matrix"))
 
 
+def baecklund_orders(
+    model: Model, state: tuple[Array, ...], order: int, counts: tuple[int, ...], time: float = 0.5
+) -> list[float]:
+    """The slopes of `measured_orders` for method="baecklund" of that order, by its definition."""
+    from kreisel.methods.baecklund import baecklund
+
+    def end(count: int) -> Array:
+        plan = baecklund(model, time / count, order, oriented=True)
+        z = (*state, np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n))
+        if plan.trajectory is None or plan.step is None:
+            raise TypeError("the method states no step")
+        constants = {**plan.constants, **plan.trajectory(z)}
+        for _ in range(count):
+            z = plan.step(*z, **constants)
+        z = (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
+        return layout.flatten(z, (*model.system.space.kinds, "matrix"))
+
+    return _fitted(time / np.array(counts), _errors(model, _truth(model, state, time), [end(k) for k in counts]))
+
+
+def flowed(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, ...]:
+    """The state after that time, by DOP853 to round-off."""
+    return layout.restore(_truth(model, state, time), (*model.system.space.kinds, "matrix"), model.n)[:-1]
+
+
 def _truth(model: Model, state: tuple[Array, ...], time: float) -> Array:
     """The state and the orientation at `time` by a solver with rtol 1e-13."""
     from scipy.integrate import solve_ivp

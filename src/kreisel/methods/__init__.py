@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from kreisel.errors import InputError, nearest
+from kreisel.methods.baecklund import baecklund
 from kreisel.methods.exact import exact
 from kreisel.methods.lagrangian import lagrangian
 from kreisel.methods.reference import dop853
@@ -14,6 +15,7 @@ from kreisel.methods.variational import variational
 from kreisel.model import Model
 
 METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
+    "baecklund": baecklund,
     "suris": suris,
     "variational": variational,
     "lagrangian": lagrangian,
@@ -25,7 +27,9 @@ __all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
 
 
 def default_method(model: Model) -> str:
-    """The system's own map where one is known, else the variational integrator, else the reference."""
+    """Bäcklund transformations where known, else the system's own map, the variational integrator, the reference."""
+    if model.system.baecklund is not None:
+        return "baecklund"
     if model.system.map is None:
         return "dop853" if model.system.inverse_inertia is None else "variational"
     return "lagrangian" if model.system.numbers == "jax" else "suris"

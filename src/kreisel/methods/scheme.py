@@ -47,6 +47,7 @@ class Scheme:
 
     prepare(x0)            -> z0        once
     step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
+    trajectory(x0)         -> constants of the trajectory, beside `constants`; their axes stand in `axes`
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane; a map, which
                                         also states its step, has whole times and counts steps
@@ -73,6 +74,7 @@ class Scheme:
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     options: Mapping[str, Any] | None = None
     guard: Guard | None = None
+    trajectory: Callable[[tuple[Array, ...]], Mapping[str, Array]] | None = None
     numbers: str = "any"  # as in the record: what step and rate work on
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -101,7 +101,7 @@ def make_plan(
     state = checked_state(model, x0)
     plan = scheme(model, method, dt, order, orientation is not None)
     parts = _parts(model, state, orientation)
-    start = _lanes(model, plan, parts)
+    plan, start = _lanes(model, plan, parts)
     return Plan(
         model=model,
         scheme=plan,
@@ -130,7 +130,7 @@ def plan_of_times(
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
     parts = _parts(model, state, orientation)
-    start = _lanes(model, plan, parts)
+    plan, start = _lanes(model, plan, parts)
     engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
     lanes, told = math.prod(start.shape[:-1]), _named(model, parts)
     return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1, start=told), engine
@@ -172,8 +172,11 @@ def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
     return Reference(plan, start, dt)
 
 
-def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
-    """The prepared start (d,) or (lanes, d), with the batch axes of states and parameters made one."""
+def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> tuple[Scheme, Floats]:
+    """The scheme with its constants of the trajectories, and the prepared start (d,) or (lanes, d).
+
+    The batch axes of states and parameters are made one.
+    """
     kinds = [kind for _, kind in plan.components]
     own = len(model.system.space.letters)
     before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
@@ -190,7 +193,9 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> Floats:
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
     )
-    return np.asarray(layout.flatten(plan.prepare(spread), kinds))
+    if plan.trajectory is not None:
+        plan = replace(plan, constants={**plan.constants, **plan.trajectory(spread)})
+    return plan, np.asarray(layout.flatten(plan.prepare(spread), kinds))
 
 
 def checked_state(model: Model, x0: Any) -> State:

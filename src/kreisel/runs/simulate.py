@@ -40,10 +40,12 @@ def simulate(
     system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`
     x0           `system.state(...)`, or a dict of its components; a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
-    method       "suris" (the paper's map; default where one is known), "variational" (symplectic, any system;
-                 default elsewhere), "exact" (the flow; Lagrange top with n = 3), "lagrangian" (the map of your own
-                 Lagrangian, kreisel.reduction; its default) or "dop853" (SciPy, preserves nothing)
-    order        "suris": 1 is the paper's map, 2 (default) its half-kick conjugate; "variational": 2 (default), 4, 6, 8
+    method       "baecklund" (keeps all integrals of the flow; default where known), "suris" (the paper's map),
+                 "variational" (symplectic, any system; default elsewhere), "exact" (the flow; Lagrange top with
+                 n = 3), "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its default) or "dop853"
+                 (SciPy, preserves nothing)
+    order        "baecklund": 2 (default), 4, ... 24; "variational": 2 (default), 4, 6, 8; "suris": 1 is the paper's
+                 map, 2 (default) its half-kick conjugate
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory

@@ -6,10 +6,33 @@ M (..., n, n) skew, P (..., n), body frame; B = diag(b).  Plus bracket, F' = {H,
 
 import numpy as np
 
-from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, pairing, trace_log, vec, wedge
-from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.algebra import (
+    act,
+    cayley_act,
+    cayley_plane,
+    close_sum,
+    diagonal_resolvent,
+    dot,
+    dot_less,
+    half_turn,
+    identity,
+    log,
+    mat,
+    moebius,
+    pairing,
+    parts,
+    project_out,
+    quotient,
+    remainder,
+    shifted_residual,
+    skew,
+    trace_log,
+    vec,
+    wedge,
+)
+from kreisel.contract import MOVING_SPACE, Baecklund, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import pencil_spectrum
-from kreisel.systems.matrices import diagonal
+from kreisel.systems.matrices import border, diagonal
 
 
 def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P
@@ -84,6 +107,93 @@ def conjugator(M, P, *, b, lam, eps):  # V^-1 = cay(-eps/(2 lambda) Q),   Q = P 
     return moebius(-eps / (2 * lam) * Q)
 
 
+def shifted_diagonal(*, b):
+    """C = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
+    return {"c": b - b.max(-1, keepdims=True)}
+
+
+def eigenvector(M, P, *, c, mu, rho):
+    """Q, dQ, drho with (mu - rho C + M) Q = P/rho and <P, Q> = 1: (-rho C + M - PP^T/rho + mu) Q = 0.
+
+    dQ and drho are what Q and rho lack, by the residual and by a step of Newton's method for this very state.
+    """
+    d = vec(mu) - vec(rho) * c
+    R = diagonal_resolvent(d, M, P)  # rho Q
+    H = diagonal_resolvent(d, M, c * R)
+    dR = diagonal_resolvent(d, M, shifted_residual(mu, -M, R, (1, P), (rho, c, R)))
+    change = (dot_less(P, R, rho) + dot(P, dR)) / (1 - dot(P, H))
+    inverse = 1 / rho
+    Q = vec(inverse) * R
+    return Q, vec(inverse) * ((dR + remainder(R, rho, Q)) + vec(change) * (H - Q)), change
+
+
+def curve(M, P, *, c, mu):
+    """Rho with <P, Q> = rho: the one root with Re rho > 0, since c <= 0; from a pencil, then by Newton's method."""
+    alive = dot(P, P) > 0
+    rho = _root(M, np.where(vec(alive), P, 1), c, mu).astype(np.result_type(M.dtype, mu))
+    for _ in range(4):
+        d = vec(mu) - vec(rho) * c
+        Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
+        rho = rho - (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
+    return np.where(alive, rho, np.nan)
+
+
+def _root(M, P, c, mu):
+    """Kappa = -1/rho are the eigenvalues of -A^-1 diag(c, -1), A = [[M + mu, P], [P^T, 0]]."""
+    A = border(M + mat(mu) * identity(M.shape[-1]), P).astype(complex if np.iscomplexobj(mu) else float)
+    ends = np.concatenate([np.broadcast_to(c, P.shape), -1 + 0 * P[..., :1]], -1).astype(float)
+    kappa = np.linalg.eigvals(np.linalg.solve(A, -ends[..., None] * identity(M.shape[-1] + 1)))
+    least = np.take_along_axis(kappa, kappa.real.argmin(-1)[..., None], -1)[..., 0]
+    return -1 / (least if np.iscomplexobj(mu) else least.real)
+
+
+def baecklund_step(M, P, Q, dQ, change, *, c, rho):
+    """M += (2 rho/<Q, Q>) Q ^ CQ, and P turns to 2 Q/<Q, Q> - P."""
+    s, ds = quotient(2 * rho, 2 * change, dot(Q, Q), 2 * dot(Q, dQ))
+    kick, small = wedge(Q, c * Q), wedge(dQ, c * Q) + wedge(Q, c * dQ)
+    return close_sum(M, mat(s) * kick, mat(ds) * kick + mat(s) * small), half_turn(Q, dQ, P)
+
+
+def baecklund_pair(M, P, Q, dQ, change, *, c, rho):
+    """M += sum K_ij Q_i ^ CQ_j, K the inverse of <Q_i, Q_j>/(rho_i + rho_j); P turns in the plane of the Q_i."""
+    (u, w), (r, i) = parts(Q + dQ), parts(rho + change)
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    both, squares = uu + ww, 2 * r * r + i * i
+    scale = 4 * r / (both * both * i * i + 4 * r * r * (uu * ww - uw * uw))
+    kuu = scale * (uu * i * i - 2 * uw * i * r + ww * squares)
+    kww = scale * (uu * squares + 2 * uw * i * r + ww * i * i)
+    kuw = scale * r * ((uu - ww) * i - 2 * uw * r)
+    kick = mat(kuu) * wedge(u, c * u) + mat(kww) * wedge(w, c * w) + mat(kuw) * (wedge(u, c * w) + wedge(w, c * u))
+    return M + kick, cayley_plane(vec(-2 * r / (i * both)) * u, w, P)
+
+
+def arc(M, P, Q):
+    return P, Q
+
+
+def arc_of_pair(M, P, Q, *, rho):
+    (u, w), (r, i) = parts(Q), parts(rho)
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    return u, vec(i * (uu + ww) - 2 * r * uw) * u + vec(2 * r * uu) * w
+
+
+def darboux(M, P, Q, *, rho, lam):  # N L = L_new N,  N = lambda' - rho (1 - 2 QQ^T/QQ)
+    n = M.shape[-1]
+    return mat(lam - rho) * identity(n) + mat(2 * rho / dot(Q, Q)) * Q[..., :, None] * Q[..., None, :]
+
+
+def block(M, P):  # pi M pi,  pi = I - PP^T / |P|^2
+    return project_out(M, P) / mat(dot(P, P))
+
+
+def rational_case(n, draw):
+    """b, M, Q and rho at random; then mu rho <Q, Q> = 1 + rho^2 <Q, CQ> and P = rho (mu - rho C + M) Q."""
+    b, M, Q, rho = draw((n,)), skew(draw((n * (n - 1) // 2,)), n), draw((n,)), abs(draw((1,)))[0]
+    c = shifted_diagonal(b=b)["c"]
+    mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
+    return (M, rho * (mu * Q - rho * c * Q + act(M, Q))), {"b": b}, Q, mu, rho
+
+
 def inverse_inertia(M):  # Omega = M
     return M
 
@@ -140,6 +250,21 @@ SYSTEM = System(
         largest_step=largest_step,
         source="Suris 2001, section 7, (dClebsch spec)",
     ),
+    baecklund=Baecklund(
+        point=curve,
+        vector=eigenvector,
+        defect=lambda M, P, Q: dot(P, Q) - 1,
+        step=baecklund_step,
+        pair=baecklund_pair,
+        arc=arc,
+        arc_of_pair=arc_of_pair,
+        darboux=darboux,
+        block=block,
+        case=rational_case,
+        odd=-1,
+        source="the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md",
+    ),
+    derive=shifted_diagonal,
     relations=(
         Relation("clebsch-general", lambda M, P, g, *, b: ((M, P), {"a": b, "b": b}), meaning="the flow a = b"),
     ),

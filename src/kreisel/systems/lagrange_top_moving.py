@@ -23,8 +23,9 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
-from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.contract import MOVING_SPACE, Baecklund, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import bordered_spectrum
+from kreisel.systems import lagrange_top
 from kreisel.systems.checks import nonzero_alpha, nonzero_vector
 from kreisel.systems.matrices import border
 
@@ -132,6 +133,40 @@ def conjugator(M, P, *, A, alpha, lam, eps):  # V = diag(W, 1) cay(eps/2 U), U =
     return turn @ moebius(eps / 2 * border(0 * M, lam * A + 0 * P))
 
 
+# The rest frame's maps under (m, a, p) = (-M, P, A); L(lambda) = -l(1/lambda).
+
+
+def eigenvector(M, P, *, A, mu, rho):
+    return lagrange_top.eigenvector(-M, P, p=A, mu=mu, rho=rho)
+
+
+def curve(M, P, *, A, mu):
+    return lagrange_top.curve(-M, P, p=A, mu=mu)
+
+
+def baecklund_step(M, P, e, de, change, *, A):
+    m, a = lagrange_top.baecklund_step(-M, P, e, de, change, p=A)
+    return -m, a
+
+
+def baecklund_pair(M, P, e, de, change, *, A, rho):
+    m, a = lagrange_top.baecklund_pair(-M, P, e, de, change, p=A, rho=rho)
+    return -m, a
+
+
+def block(M, P):  # pi M pi,  pi = I - PP^T / |P|^2
+    return project_out(M, P) / mat(dot(P, P))
+
+
+def spin(M, P, *, A, alpha):  # Omega - M
+    return mat((1 - alpha) / alpha / dot(A, A)) * project_out(M, A)
+
+
+def rational_case(n, draw):
+    (m, a), params, e, mu, rho = lagrange_top.rational_case(n, draw)
+    return (-m, a), {"A": params["p"], "alpha": params["alpha"]}, e, mu, rho
+
+
 def generator(M, P, M1, P1, *, A, alpha, eps):
     return legendre(M, P, A=A, alpha=alpha, eps=eps)
 
@@ -142,6 +177,22 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
     WA = act(W, A)
     return -kinetic - 2 * (1 - alpha) / eps * log(dot(A, A) + dot(A, WA)) - eps * dot(p, act(h, A))
 
+
+BAECKLUND = Baecklund(
+    point=curve,
+    vector=eigenvector,
+    defect=lambda M, P, e, *, rho: dot(e, e) - 4 * rho,
+    step=baecklund_step,
+    pair=baecklund_pair,
+    arc=lagrange_top.arc,
+    arc_of_pair=lagrange_top.arc_of_pair,
+    darboux=lambda M, P, e, *, rho, lam: lagrange_top.darboux(M, P, e, rho=rho, lam=1 / lam),
+    block=block,
+    spin=spin,
+    largest_step=lambda M, P, *, A: lagrange_top.largest_real_step(-M, P, p=A),
+    case=rational_case,
+    source="lagrange-top under (m, a, p) = (-M, P, A)",
+)
 
 SYSTEM = System(
     name="lagrange-top-moving",
@@ -180,6 +231,7 @@ SYSTEM = System(
         conjugator=conjugator,
         source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
     ),
+    baecklund=BAECKLUND,
     relations=(
         Relation(
             "heavy-top",

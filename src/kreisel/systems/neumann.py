@@ -6,8 +6,8 @@ Dirac bracket of T*S^(n-1), F' = {H, F}.  [Suris 2001, section 7, end; dimension
 potential by errata E6 and E7; the map is Adler's]
 """
 
-from kreisel.algebra import cayley_act, dot, log, mat, vec, wedge
-from kreisel.contract import SPHERE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.algebra import act, cayley, cayley_act, dot, dot_less, log, mat, sharp_act, skew, vec, wedge
+from kreisel.contract import SPHERE_SPACE, Baecklund, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import pencil_spectrum
 from kreisel.systems import clebsch
 from kreisel.systems.matrices import diagonal
@@ -96,6 +96,38 @@ def conjugator(x, q, *, b, lam, eps):
     return clebsch.conjugator(wedge(x, q), x, b=b, lam=lam, eps=eps)
 
 
+def on_sphere(M, x):
+    """(x, q) of M = x ^ q, P = x: q = -M x/<x, x>, rounded once."""
+    stretch = dot_less(x, x, 1)  # <x, x> - 1, which is steady, must not be lost
+    return x, sharp_act(-M, x, vec(stretch) * act(M, x))
+
+
+def eigenvector(x, q, *, c, mu, rho):
+    return clebsch.eigenvector(wedge(x, q), x, c=c, mu=mu, rho=rho)
+
+
+def curve(x, q, *, c, mu):
+    return clebsch.curve(wedge(x, q), x, c=c, mu=mu)
+
+
+def baecklund_step(x, q, Q, dQ, change, *, c, rho):
+    return on_sphere(*clebsch.baecklund_step(wedge(x, q), x, Q, dQ, change, c=c, rho=rho))
+
+
+def baecklund_pair(x, q, Q, dQ, change, *, c, rho):
+    return on_sphere(*clebsch.baecklund_pair(wedge(x, q), x, Q, dQ, change, c=c, rho=rho))
+
+
+def rational_case(n, draw):
+    """b, x, rho and the direction of Q at random; <x, Q> = 1, then mu and q from rho (mu - rho C + M) Q = x."""
+    b, turn, d = draw((n,)), cayley(skew(draw((n * (n - 1) // 2,)), n)), draw((n,))
+    c, x, rho = clebsch.shifted_diagonal(b=b)["c"], turn[:, 0], abs(draw((1,)))[0]
+    Q = d / dot(x, d)
+    mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
+    D = mu * Q - rho * c * Q
+    return (x, D - x * dot(x, D)), {"b": b}, Q, mu, rho
+
+
 def inverse_inertia(M):
     return M
 
@@ -147,6 +179,21 @@ SYSTEM = System(
         second_order=second_order,
         source="Suris 2001, section 7, end (Adler's discretization)",
     ),
+    baecklund=Baecklund(
+        point=curve,
+        vector=eigenvector,
+        defect=lambda x, q, Q: dot(x, Q) - 1,
+        step=baecklund_step,
+        pair=baecklund_pair,
+        arc=lambda x, q, Q: (x, Q),
+        arc_of_pair=lambda x, q, Q, *, rho: clebsch.arc_of_pair(q, x, Q, rho=rho),
+        darboux=lambda x, q, Q, *, rho, lam: clebsch.darboux(wedge(x, q), x, Q, rho=rho, lam=lam),
+        block=lambda x, q: 0 * wedge(x, q),
+        case=rational_case,
+        odd=-1,
+        source="the smallest leaf of clebsch",
+    ),
+    derive=clebsch.shifted_diagonal,
     relations=(Relation("clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x"),),
     notes="On the sphere the spectrum has rank n - 1, which is complete.",
 )

@@ -5,9 +5,13 @@ as the rest frame under (m, a, p) = (-M, P, A); any |A| and |P|.  The map is the
 Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E13).  [Suris 2001, section 1]
 """
 
+from dataclasses import replace
+
 from kreisel.algebra import act, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import bordered_spectrum
+from kreisel.systems import lagrange_top
+from kreisel.systems import lagrange_top_moving as moving
 from kreisel.systems.checks import nonzero_vector
 from kreisel.systems.matrices import border
 
@@ -88,6 +92,11 @@ def lagrangian(g, h, p, *, A, eps):
     return -trace_log(2 * identity(W.shape[-1]) + W + W.mT) / eps - eps * dot(p, act(g, A))
 
 
+def rational_case(n, draw):
+    state, params, e, mu, rho = moving.rational_case(n, draw)
+    return state, {"A": params["A"]}, e, mu, rho
+
+
 def one(A):
     return 1 + 0 * A[..., 0]
 
@@ -120,6 +129,12 @@ SYSTEM = System(
         lax=lax_matrix,
         conjugator=conjugator,
         source="Suris 2001, section 1 (Introduction)",
+    ),
+    baecklund=replace(
+        moving.BAECKLUND,
+        spin=None,
+        darboux=lambda M, P, e, *, rho, lam: lagrange_top.darboux(M, P, e, rho=rho, lam=lam),
+        case=rational_case,
     ),
     relations=(
         Relation(

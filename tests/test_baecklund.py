@@ -1,0 +1,117 @@
+"""method="baecklund": coefficients, domain, high orders, round-off; the laws test the maps themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.engines import layout
+from kreisel.engines.cpu import Kernel
+from kreisel.lab import exact
+from kreisel.lab.orders import baecklund_orders
+from kreisel.methods import scheme
+from kreisel.methods.baecklund import pade_zeros
+from kreisel.systems import REGISTRY
+
+SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3, 6, 12])
+def test_order_conditions(stages: int) -> None:
+    zeros = [complex(z) for z in pade_zeros(stages)]
+    eps = [2 / z for zeta in zeros for z in ([zeta, zeta.conjugate()] if zeta.imag else [zeta])]
+    assert len(eps) == stages
+    assert all(e.real > 0 for e in eps)
+    for power in range(1, 2 * stages, 2):
+        assert abs(sum(e**power for e in eps) - (power == 1)) < 1e-13
+    assert abs(sum(e ** (2 * stages + 1) for e in eps)) > 1e-12 ** (stages / 4)
+
+
+def start(name: str, n: int, seed: int = 0) -> tuple[object, tuple[np.ndarray, ...]]:
+    draw = exact.float_random(np.random.default_rng([seed, n]))
+    return exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
+
+
+@pytest.mark.parametrize(("n", "order", "oriented"), [(3, 2, True), (3, 4, False), (4, 2, False)])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool) -> None:
+    model, z = start(name, n)
+    z += (np.array([1.0, 0, 0, 0]),) if oriented else ()
+    plan = scheme(model, "baecklund", 0.1, order, oriented)
+    plan = replace(plan, constants={**plan.constants, **plan.trajectory(z)})
+    kinds = [kind for _, kind in plan.components]
+    kernel = Kernel(plan, layout.flatten(z, kinds)[None])
+    out = np.empty((1, 1, kernel.z.shape[1]))
+    kernel.advance(out, 3)
+    for _ in range(3):
+        z = plan.step(*z, **plan.constants)
+    assert abs(out[0, 0] - layout.flatten(z, kinds)).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize(("order", "counts", "time"), [(8, (2, 3, 4), 1.0), (12, (2, 3, 4), 2.5)])
+def test_high_orders(name: str, order: int, counts: tuple[int, ...], time: float) -> None:
+    model, state = start(name, 3, 1)
+    for slope in baecklund_orders(model, state, order, counts, time):
+        assert abs(slope - order) < 0.1 * order
+
+
+@pytest.mark.parametrize("order", [2, 4, 8])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_integrals_of_the_flow_stay_at_round_off(name: str, order: int) -> None:
+    model, z = start(name, 3)
+    run = kr.simulate(
+        model,
+        dict(zip(REGISTRY[name].space.letters, z, strict=True)),
+        dt=0.1,
+        steps=100_000,
+        every=1000,
+        order=order,
+        progress=False,
+    )
+    table = kr.drift(run)
+    assert table["kept"].all()
+    assert {"energy", "spectrum[0]"} <= set(table.index)
+    assert (table["ratio"] < 3).all()
+
+
+def test_a_step_beyond_the_domain_says_how_far_it_goes() -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    x0 = top.state(m=(0.1, 0, 0.2), a=(0.3, 0, -0.95))
+    with pytest.raises(kr.InputError, match="does not reach as far as dt = 50") as caught:
+        kr.simulate(top, x0, dt=50, steps=1, order=2)
+    largest = float(str(caught.value).partition("dt < ")[2].split()[0])
+    with pytest.raises(kr.InputError):
+        kr.simulate(top, x0, dt=1.001 * largest, steps=1, order=2)
+    for order, dt in ((2, 0.999 * largest), (6, 1.5 * largest), (4, 50)):
+        run = kr.simulate(top, x0, dt=dt, steps=3, order=order)
+        assert (kr.drift(run)["ratio"] < 20).all()
+
+
+@pytest.mark.parametrize("order", [1, 3, 0, 26, True, 2.5])
+def test_orders_that_there_are_not(order: object) -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    with pytest.raises(kr.InputError, match="has the orders 2, 4, 6"):
+        kr.simulate(top, top.state(m=(0, 0, 1), a=(1, 0, 0)), dt=0.1, steps=1, method="baecklund", order=order)
+
+
+def test_a_body_without_a_field_and_one_without_a_state() -> None:
+    free = kr.LagrangeTop(p=(0, 0, 0))
+    run = kr.simulate(free, free.state(m=(0.1, 0.2, 1), a=(1, 0, 0)), dt=0.1, steps=100, order=4)
+    assert (kr.drift(run)["ratio"] < 3).all()
+    body = kr.Clebsch(b=(1, 2, 3))
+    with pytest.raises(kr.InputError, match="a state that is zero"):
+        kr.simulate(body, body.state(M=(0, 0, 1), P=(0, 0, 0)), dt=0.1, steps=1)
+
+
+def test_lanes_have_constants_of_their_own() -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    m = np.array([(0.1, 0.2, 1.5), (0.3, -0.2, 4.0)])
+    a = np.array([(0.6, 0, 0.8), (0.6, 0, -0.8)])
+    both = kr.simulate(top, top.state(m=m, a=a), dt=0.2, steps=50, order=4)
+    for lane in (0, 1):
+        one = kr.simulate(top, top.state(m=m[lane], a=a[lane]), dt=0.2, steps=50, order=4)
+        assert abs(one["m"].values - both["m"].values[:, lane]).max() < 1e-12
