@@ -9,6 +9,7 @@ import random
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,10 +49,20 @@ def slow_run(path: Path, top: object, x0: object, options: dict) -> None:
     kr.simulate(top, x0, path=path, progress=False, **options)
 
 
+def apart(begun: Any, path: Path, a_top: dict, x0: dict, options: dict) -> None:
+    march.BLOCK_BYTES, runs.CHECKPOINT_SECONDS = SMALL, 0.0
+    begun.set()
+    slow_run(path, kr.LagrangeTop(**a_top), x0, options)
+
+
 def kill_during(path: Path, after: float, *run: object) -> bool:
     """Start a run in a process of its own and kill it; whether it was still at work."""
-    child = multiprocessing.get_context("fork").Process(target=slow_run, args=(path, *run))
+    context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
+    context.set_forkserver_preload(["kreisel.runs.simulate", "kreisel.runs.archive", "numba"])
+    begun = context.Event()
+    child = context.Process(target=apart, args=(begun, path, *run))
     child.start()
+    assert begun.wait(60)
     time.sleep(after)
     working = child.is_alive()
     child.kill()
@@ -59,15 +70,17 @@ def kill_during(path: Path, after: float, *run: object) -> bool:
     return working
 
 
-def test_killed_at_random_moments(top: object, x0: object, tmp_path: Path) -> None:
-    options = {**OPTIONS, "orientation": (1, 0, 0, 0)}
+def test_killed_at_random_moments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[1])  # where the process to be killed finds this file
+    options, a_top = {**OPTIONS, "orientation": (1, 0, 0, 0)}, {"p": (0, 0, 1)}
+    top, x0 = kr.LagrangeTop(**a_top), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
     begun = time.monotonic()
     slow_run(tmp_path / "whole.zarr", top, x0, options)
     took = time.monotonic() - begun
     expected, moments, killed = contents(tmp_path / "whole.zarr"), random.Random(1), 0
     for trial in range(KILLS):
         path = tmp_path / f"{trial}.zarr"
-        killed += kill_during(path, moments.uniform(0, 0.9 * took), top, x0, options)
+        killed += kill_during(path, moments.uniform(0, 0.9 * took), a_top, x0, options)
         part = path.with_name(path.name + ".part")
         if path.exists():
             pass

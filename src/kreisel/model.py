@@ -241,7 +241,8 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
                 f"Usual cause: a full matrix where its skew part ({letter} - {letter}^T)/2 was meant."
             )
     if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
-        return algebra.hat(array)
+        X = algebra.hat(array)
+        return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix that came
     axial = ", or an axial vector (..., 3)" if n == 3 else ""
     raise InputError(
         f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters; "
