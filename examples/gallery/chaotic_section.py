@@ -18,7 +18,7 @@ from kreisel import analysis
 from kreisel.view.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
-LANES, STEPS = (8, 4000) if SMALL else (28, 40_000)
+LANES, STEPS = (8, 4000) if SMALL else (20, 20_000)
 ENERGY, MOMENT = 2.6, 0.8
 moments = {"I = (1, 1, 0.8)": (1.0, 1.0, 0.8), "I = (1, 0.45, 0.8)": (1.0, 0.45, 0.8)}
 

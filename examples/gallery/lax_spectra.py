@@ -23,7 +23,7 @@ x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 
 def eigenvalues(run, eps):
     """Real and imaginary parts (time, 8) of the spectrum of l(LAMBDA), in one order for all times."""
-    l = lagrange_top.lax_matrix(hat(run.m.values), run.a.values, p=top.params["p"], lam=LAMBDA, eps=eps)  # noqa: E741
+    l = lagrange_top.lax_matrix(hat(run.m.values), run.a.values, p=top.params["p"], lam=LAMBDA, eps=eps)
     mu = np.linalg.eigvals(l)
     order = np.argsort(np.round(mu.imag, 6) + 1e-3 * np.round(mu.real, 6), axis=-1)
     return np.take_along_axis(mu, order, -1)

@@ -15,6 +15,7 @@ from kreisel.model import Model
 
 COLUMNS = (2, 4, 6, 8, 10, 12, 14, 16)  # midpoint steps; order twice their number
 ACCURATE = 2e-14  # relative: difference of the last two orders
+CONVERGED = 2e-15  # then no higher order is needed: the next one is better still
 MOST_PIECES = 512
 
 
@@ -52,10 +53,11 @@ class Carrier:
             for k in range(j):
                 factor = (steps / COLUMNS[j - k - 1]) ** 2 - 1
                 new.append(tuple(a + (a - b) / factor for a, b in zip(new[k], row[k], strict=True)))
+            error = _gap(new[-1], row[-1]) if row else np.inf
             row = new
-        scale = [np.abs(v).max(initial=1e-300) for v in z]
-        gaps = [np.abs(a - b).max(initial=0) / s for a, b, s in zip(row[-1], row[-2], scale, strict=True)]
-        return row[-1], float(max(gaps)) if np.isfinite(gaps).all() else np.inf
+            if error <= CONVERGED:
+                break
+        return row[-1], error
 
     def _midpoint(self, z: tuple[Array, ...], h: Array, steps: int) -> tuple[Array, ...]:
         before, here = z, self._moved(z, z, h / steps)
@@ -73,3 +75,12 @@ class Carrier:
             omega = model.call(model.system.velocity, *state, **self.constants)
             rate += (omega @ g if model.system.frame is Frame.REST else g @ omega,)
         return rate
+
+
+def _gap(new: tuple[Array, ...], old: tuple[Array, ...]) -> float:
+    """The largest difference of a component, relative to its largest entry; infinite where it is not finite."""
+    worst = 0.0
+    for a, b in zip(new, old, strict=True):
+        gap = np.abs(a - b).max(initial=0.0) / np.abs(a).max(initial=1e-300)
+        worst = max(worst, float(gap)) if np.isfinite(gap) else np.inf
+    return worst
