@@ -5,13 +5,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench examples picture roundoff verify soak clean help
+.PHONY: demo test test-full lint bench examples gallery picture roundoff verify soak clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
 	@echo "make test-full the same with the cases that take minutes"
 	@echo "make examples  run every example, outputs in out/"
+	@echo "make gallery   every picture of the gallery, in out/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
 	@echo "make soak      200 kills of a run at random moments; some minutes"
 	@echo "make lint      ruff and mypy --strict"
@@ -49,6 +50,11 @@ examples: $(STAMP)
 	  echo "== kreisel run $$file"; ../$(BIN)/kreisel run $$file --overwrite; done
 	@set -e; cd out; for file in ../examples/*.py; do \
 	  echo "== python $$file"; ../$(BIN)/python $$file; done
+
+gallery: $(STAMP)
+	@mkdir -p out/gallery
+	@set -e; cd out/gallery; for file in ../../examples/gallery/*.py; do \
+	  echo "== python $$file"; ../../$(BIN)/python $$file; done
 
 picture: $(STAMP)
 	$(BIN)/python examples/compare.py docs

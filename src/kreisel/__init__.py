@@ -30,6 +30,7 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
+    from kreisel import analysis, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
     from kreisel.runs.drift import drift
@@ -48,6 +49,7 @@ _LAZY = {
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
 }
+_PARTS = ("analysis", "view")
 
 __all__ = [
     "Clebsch",
@@ -60,6 +62,7 @@ __all__ = [
     "Neumann",
     "RunError",
     "SymmetricTop",
+    "analysis",
     "at",
     "drift",
     "nutation",
@@ -68,6 +71,7 @@ __all__ = [
     "resume",
     "simulate",
     "systems",
+    "view",
 ]
 
 
@@ -77,6 +81,8 @@ def systems() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PARTS:
+        return importlib.import_module(f"kreisel.{name}")
     if name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
@@ -85,4 +91,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LAZY, *_PARTS})
