@@ -32,6 +32,7 @@ from kreisel.systems import (
 if TYPE_CHECKING:
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
+    from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
@@ -42,6 +43,7 @@ __version__ = "0.1.0"
 _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
+    "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
@@ -61,6 +63,7 @@ __all__ = [
     "RunError",
     "SymmetricTop",
     "at",
+    "cite",
     "drift",
     "nutation",
     "open_run",
