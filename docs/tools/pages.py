@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import multiprocessing
 import os
 import re
@@ -43,7 +44,7 @@ def blocks(text: str) -> list[Block]:
     """The executed blocks of a page."""
     fences = list(FENCE.finditer(text))
     out = []
-    for here, after in zip(fences, [*fences[1:], None], strict=True):
+    for here, after in itertools.pairwise([*fences, None]):
         if here[1] != "python":
             continue
         follows = after is not None and after[1] == "text" and not text[here.end() : after.start()].strip()
