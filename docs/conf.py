@@ -17,7 +17,6 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml"]
 html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
-suppress_warnings = ["toc.empty_glob"]  # pages that come with other parts
 exclude_patterns = ["tools", "README.md"]
 html_theme = "furo"
 html_title = f"Kreisel {release}"
@@ -41,6 +40,14 @@ def as_written(app, what, name, obj, options, lines):
     lines[:] = [told, "", *([".. code-block:: text", "", *rest, ""] if any(r.strip() for r in rest) else [])]
 
 
+def present(app, docname, source):
+    """Entries NAME* of the tables of contents whose pages are not there are left out."""
+    lines = source[0].split("\n")
+    here = Path(app.srcdir) / Path(docname).parent
+    source[0] = "\n".join(x for x in lines if not re.fullmatch(r"[\w/-]+\*", x) or any(here.glob(x + ".md")))
+
+
 def setup(app):
     """Connect what is above."""
+    app.connect("source-read", present)
     app.connect("autodoc-process-docstring", as_written)

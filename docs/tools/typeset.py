@@ -82,17 +82,24 @@ class Symbolic:
         monomials = ((c, sp.prod(x**k for x, k in zip(self.names, powers, strict=True))) for powers, c in poly.terms())
         return [c * monomial / denominator for c, monomial in monomials]
 
+    def rates(self) -> list[tuple[Any, Any]]:
+        """(symbol, its derivative) for each component of the state."""
+        out: list[Any] = []
+        for kind, rate in zip(self.system.space.kinds, self.call(self.system.flow), strict=True):
+            out += list(algebra.axial(rate) if kind == "skew" else rate)
+        return [(name, self.simplified(rate)) for name, rate in zip(self.names, out, strict=True)]
+
     def components(self) -> list[tuple[str, str]]:
         """(left side, right side) of each equation of motion."""
-        out = []
-        for (letter, kind), rate in zip(self.system.space.components, self.call(self.system.flow), strict=True):
-            rows = algebra.axial(rate) if kind == "skew" else rate
-            out += [(rf"{letter}_{i + 1}'", latex(self.simplified(row))) for i, row in enumerate(rows)]
-        return out
+        return [(f"{latex(name)}'", latex(rate)) for name, rate in self.rates()]
+
+    def hamiltonian(self) -> Any:
+        """H, an expression."""
+        return self.simplified(self.call(self.system.energy, eps=0))
 
     def energy(self) -> str:
         """H."""
-        return latex(self.simplified(self.call(self.system.energy, eps=0)))
+        return latex(self.hamiltonian())
 
     def lax(self) -> tuple[str, str]:
         """L and U."""
@@ -130,6 +137,7 @@ def from_text(text: str) -> str:
     """The one line of plain text of a record as LaTeX: m' = a ^ p, <x, Bx>, c_jk."""
     told = re.sub(r" \^ ", r" \\wedge ", text)
     told = re.sub(r"<([^<>]*)>", r"\\langle \1 \\rangle", told)
+    told = re.sub(r"\|([^|]+)\|", r"\\lvert \1\\rvert", told)
     told = re.sub(r"_(\w\w+)", r"_{\1}", told)
     for word, tex in GREEK.items():
         told = re.sub(rf"\b{word}(?![a-z])", lambda _, tex=tex: tex, told)
