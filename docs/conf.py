@@ -2,6 +2,7 @@
 generated/, the pages made from the records, the gallery and the benchmarks.
 """
 
+import itertools
 import re
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 exclude_patterns = ["tools", "README.md"]
+smartquotes = False
 html_theme = "furo"
 html_title = f"Kreisel {release}"
 html_static_path = ["static"]
@@ -31,13 +33,33 @@ autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 80
 
 
+ROW = re.compile(r"(\S.{0,44}?[^.\s]|\S)\s{2,}(\S.*)")
+
+
+def inline(text):
+    """A line of plain text as reStructuredText: `code` as code, all else as it stands."""
+    parts = re.split(r"`([^`]+)`", text)
+    return "".join(f"``{p}``" if i % 2 else re.sub(r"([*_|\\])", r"\\\1", p) for i, p in enumerate(parts))
+
+
+def paragraph(lines):
+    """Rows "name   meaning" become a definition list, indented formulas stay as they are, the rest is text."""
+    heads = [line for line in lines if not line.startswith(" ")]
+    if not heads:
+        return [".. code-block:: text", "", *(f"   {line}" for line in lines), ""]
+    if not all(ROW.fullmatch(line) for line in heads):
+        return [inline(" ".join(line.strip() for line in lines)), ""]
+    out = []
+    for line in lines:
+        row = ROW.fullmatch(line) if not line.startswith(" ") else None
+        out += [f"``{row[1]}``", f"   {inline(row[2])}"] if row else [f"   {inline(line.strip())}"]
+    return [*out, ""]
+
+
 def as_written(app, what, name, obj, options, lines):
-    """The house's docstrings are plain text: the summary as a paragraph, the rest as it stands."""
-    end = lines.index("") if "" in lines else len(lines)
-    told = re.sub(r"([*_|\\])", r"\\\1", " ".join(lines[:end]).strip())
-    told = re.sub(r"`([^`]+)`", lambda m: f"``{m[1]}``".replace("\\", ""), told)
-    rest = [f"   {line}" for line in lines[end:]]
-    lines[:] = [told, "", *([".. code-block:: text", "", *rest, ""] if any(r.strip() for r in rest) else [])]
+    """The house's docstrings are plain text."""
+    groups = [list(group) for filled, group in itertools.groupby(lines, key=bool) if filled]
+    lines[:] = [line for group in groups for line in paragraph(group)]
 
 
 def present(app, docname, source):
