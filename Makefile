@@ -67,7 +67,8 @@ docs: $(STAMP)
 
 dist: $(STAMP)
 	rm -rf dist
-	$(BIN)/python -m build --outdir dist .
+	$(BIN)/python -m build --no-isolation --outdir dist . > /dev/null
+	@ls dist
 
 release-check: dist
 	@echo "== the wheel in an environment of its own, tested by the tests of the sdist"
