@@ -67,8 +67,7 @@ docs: $(STAMP)
 
 dist: $(STAMP)
 	rm -rf dist
-	$(BIN)/python -m build --no-isolation --outdir dist . > /dev/null
-	@ls dist
+	$(BIN)/python -m hatchling build -d dist
 
 release-check: dist
 	@echo "== the wheel in an environment of its own, tested by the tests of the sdist"
