@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench examples picture roundoff verify soak docs dist release-check clean help
+.PHONY: demo test test-full lint bench examples picture roundoff verify soak docs gallery dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -64,6 +64,10 @@ docs: $(STAMP)
 	@echo "== the site"
 	$(BIN)/python -m sphinx -W --keep-going -q -E -b html -d out/doctrees docs out/docs
 	@echo "== out/docs/index.html"
+
+gallery: $(STAMP)
+	@echo "== every script of examples/gallery in full, pictures into docs/gallery"
+	$(BIN)/python docs/tools/gallery.py
 
 dist: $(STAMP)
 	rm -rf dist

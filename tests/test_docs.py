@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from pathlib import Path
 
@@ -73,11 +74,18 @@ def test_round_off_may_differ(tools) -> None:
     assert same("1,000 steps", "1,000   steps") and not same("1,000 steps", "1,001 steps")
 
 
-def test_every_python_block_is_executed(tools) -> None:
+def test_every_python_block_is_executed_or_says_why_not(tools) -> None:
     """Blocks with other headings than exactly python would be overlooked."""
     for page in DOCS.glob("*.md"):
         text = page.read_text(encoding="utf-8")
-        assert text.count("```python") - text.count("```` ```python") == len(tools("pages").blocks(text)), page.name
+        there = len(re.findall(r"^\s*```\W*py", text, re.MULTILINE)) - text.count("<!-- not run: ")
+        hidden = text.count("<!-- python\n")
+        assert there + hidden == len(tools("pages").blocks(text)), page.name
+
+
+def test_hidden_and_skipped_blocks(tools) -> None:
+    text = "<!-- python\nx = 1\n-->\n\n<!-- not run: a cluster -->\n```python\n1 / 0\n```\n\n```python\nprint(x)\n```\n"
+    assert [block.code for block in tools("pages").blocks(text)] == ["x = 1\n", "print(x)\n"]
 
 
 @pytest.mark.parametrize("name", REGISTRY)

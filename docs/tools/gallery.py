@@ -1,7 +1,9 @@
 """The gallery: for each script in examples/gallery its docstring, its code and the picture that it writes.
 
-The pictures are those in out/gallery, where `make examples` leaves them; one that is missing or older than its script
-is made here.
+The pictures are those of docs/gallery, which `make gallery` makes by running every script in full (minutes).  One that
+is missing is made here, by the script with KREISEL_SMALL set.
+
+    python docs/tools/gallery.py [NAME ...]     # make gallery
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 INTRODUCTION = """# Gallery
@@ -28,7 +31,7 @@ def write(docs: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     cards, names = [], []
     for script in scripts:
-        picture = _picture(script, root / "out" / "gallery")
+        picture = _picture(script, docs)
         shutil.copyfile(picture, folder / picture.name)
         source = script.read_text(encoding="utf-8")
         title, _, rest = (ast.get_docstring(ast.parse(source)) or script.stem).partition("\n")
@@ -46,11 +49,41 @@ def write(docs: Path) -> None:
     )
 
 
-def _picture(script: Path, out: Path) -> Path:
+def _picture(script: Path, docs: Path) -> Path:
     """The one picture of a script."""
+    picture = docs / "gallery" / f"{script.stem}.png"
+    return (
+        picture if picture.exists() else run(script, docs.resolve().parent / "out" / "gallery", {"KREISEL_SMALL": "1"})
+    )
+
+
+def run(script: Path, out: Path, environment: dict[str, str]) -> Path:
+    """Run a script in a folder; its picture."""
     out.mkdir(parents=True, exist_ok=True)
-    picture = out / f"{script.stem}.png"
-    if not picture.exists() or picture.stat().st_mtime < script.stat().st_mtime:
-        environment = {**os.environ, "MPLBACKEND": "agg"}
-        subprocess.run([sys.executable, str(script)], cwd=out, check=True, env=environment, stdout=subprocess.DEVNULL)
-    return picture
+    environment = {**os.environ, "MPLBACKEND": "agg", **environment}
+    subprocess.run([sys.executable, str(script)], cwd=out, check=True, env=environment, stdout=subprocess.DEVNULL)
+    return out / f"{script.stem}.png"
+
+
+WIDTH, COLOURS = 1200, 128
+
+
+def main(names: list[str]) -> None:
+    """Make the pictures of docs/gallery, small enough to be kept with the sources."""
+    from PIL import Image
+
+    docs = Path(__file__).parent.parent
+    root = docs.resolve().parent
+    for script in sorted((root / "examples" / "gallery").glob("[!_]*.py")):
+        if names and script.stem not in names:
+            continue
+        begun = time.perf_counter()
+        image = Image.open(run(script, root / "out" / "gallery", {})).convert("RGB")
+        image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+        (docs / "gallery").mkdir(exist_ok=True)
+        image.quantize(COLOURS).save(docs / "gallery" / f"{script.stem}.png", optimize=True)
+        print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

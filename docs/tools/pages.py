@@ -4,6 +4,7 @@
 
 The blocks ```python of a page are one script, run in an empty folder with warnings as errors.  A block ```text right
 after one shows what it prints; numbers there may differ in the sixth digit, and at round-off (1e-9) altogether.
+A comment <!-- python ... --> is run and not shown; <!-- not run: WHY --> before a block leaves it out.
 Pictures that a page saves go to generated/figures/PAGE-NAME and can be shown from there.
 """
 
@@ -26,7 +27,8 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent.parent
 FIGURES = DOCS / "generated" / "figures"
-FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"^(?:```|<!-- )(\w+)\n(.*?)^(?:```|-->)$", re.MULTILINE | re.DOTALL)
+SKIPPED = re.compile(r"<!-- not run: \S.*? -->\s*\Z")
 NUMBER = re.compile(r"[-+]?\d[\d,_]*\.?\d*(?:[eE][-+]?\d+)?")
 RELATIVE, ROUNDOFF = 1e-5, 1e-9
 
@@ -45,7 +47,7 @@ def blocks(text: str) -> list[Block]:
     fences = list(FENCE.finditer(text))
     out = []
     for here, after in itertools.pairwise([*fences, None]):
-        if here[1] != "python":
+        if here[1] != "python" or SKIPPED.search(text[: here.start()]):
             continue
         follows = after is not None and after[1] == "text" and not text[here.end() : after.start()].strip()
         out.append(Block(here[2], text[: here.start()].count("\n") + 2, after[2] if follows else None))
