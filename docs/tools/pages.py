@@ -5,7 +5,7 @@
 The blocks ```python of a page are one script, run in an empty folder with warnings as errors.  A block ```text right
 after one shows what it prints; numbers there may differ in the sixth digit, and at round-off (1e-9) altogether.
 A comment <!-- python ... --> is run and not shown; <!-- not run: WHY --> before a block leaves it out.
-Pictures that a page saves go to generated/figures/PAGE-NAME and can be shown from there.
+Pictures and .html that a page saves go to generated/figures/PAGE-NAME and can be shown from there.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def execute(page: Path) -> list[str]:
                 complaints.append(
                     f"{page}:{block.line}: it prints\n{printed.getvalue()}but the page says\n{block.shown}"
                 )
-        for picture in sorted(Path(scratch).glob("*.png")):
+        for picture in sorted(p for kind in ("*.png", "*.html") for p in Path(scratch).glob(kind)):
             FIGURES.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(picture, FIGURES / f"{page.stem}-{picture.name}")
     return complaints

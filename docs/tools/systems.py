@@ -61,7 +61,8 @@ tests. `kreisel systems NAME` prints the same in a terminal. A system is called 
 def _row(system: System, name: str) -> str:
     lax = "yes" if system.lax is not None else "no"
     method = default_method(_example(system)[0])
-    return f"| [`{name}`]({system.name}.md)<br>{system.title} | ${from_text(system.equations)}$ | `{method}` | {lax} |"
+    equations = "<br>".join(f"${from_text(part)}$" for part in system.equations.split(",  "))
+    return f"| [`{name}`]({system.name}.md)<br>{system.title} | {equations} | `{method}` | {lax} |"
 
 
 def _example(system: System) -> tuple[Any, Any, float]:
