@@ -12,6 +12,7 @@ help:
 	@echo "make test      the whole test suite"
 	@echo "make test-full the same with the cases that take minutes"
 	@echo "make examples  run every example, outputs in out/"
+	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
 	@echo "make docs      the documentation site, in out/docs"
 	@echo "make soak      200 kills of a run at random moments; some minutes"

@@ -30,6 +30,7 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
+    from kreisel import analysis, physical, units, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
     from kreisel.runs.citing import cite
@@ -50,6 +51,7 @@ _LAZY = {
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
 }
+_PARTS = ("analysis", "physical", "units", "view")
 
 __all__ = [
     "Clebsch",
@@ -62,6 +64,7 @@ __all__ = [
     "Neumann",
     "RunError",
     "SymmetricTop",
+    "analysis",
     "at",
     "cite",
     "drift",
@@ -71,6 +74,7 @@ __all__ = [
     "resume",
     "simulate",
     "systems",
+    "view",
 ]
 
 
@@ -80,6 +84,8 @@ def systems() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PARTS:
+        return importlib.import_module(f"kreisel.{name}")
     if name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
@@ -88,4 +94,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LAZY, *_PARTS})
