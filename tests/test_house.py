@@ -19,6 +19,7 @@ RANK = {
     "systems": 5,
     "methods": 5,
     "reduction": 5,
+    "units": 4,
     "physical": 6,
     "engines": 6,
     "runs": 7,

@@ -30,9 +30,10 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
-    from kreisel import analysis, view
+    from kreisel import analysis, physical, units, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
+    from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
@@ -43,13 +44,14 @@ __version__ = "0.1.0"
 _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
+    "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
 }
-_PARTS = ("analysis", "view")
+_PARTS = ("analysis", "physical", "units", "view")
 
 __all__ = [
     "Clebsch",
@@ -64,6 +66,7 @@ __all__ = [
     "SymmetricTop",
     "analysis",
     "at",
+    "cite",
     "drift",
     "nutation",
     "open_run",

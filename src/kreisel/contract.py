@@ -260,6 +260,11 @@ class System:
     def __repr__(self) -> str:
         return f"<kreisel system {self.name!r}: {self.title}>"
 
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import system_html
+
+        return system_html(self)
+
     def __post_init__(self) -> None:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
         told = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
