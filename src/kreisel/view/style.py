@@ -65,7 +65,7 @@ THEMES = {
         grid="#d8d8d8",
         faint="#8a8a8a",
         colours=("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"),
-        sequence="cividis_r",
+        sequence="Blues",
     ),
     "dark": Theme(
         ink="#f0f0f0",
