@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from kreisel.runs.drift import drift
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
+    from kreisel.runs.sweep import failures, sweep
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
@@ -46,6 +47,8 @@ _LAZY = {
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
+    "failures": "kreisel.runs.sweep",
+    "sweep": "kreisel.runs.sweep",
     "plot": "kreisel.view.plots",
 }
 
@@ -62,11 +65,13 @@ __all__ = [
     "SymmetricTop",
     "at",
     "drift",
+    "failures",
     "nutation",
     "open_run",
     "plot",
     "resume",
     "simulate",
+    "sweep",
     "systems",
 ]
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import shutil
 import warnings
@@ -44,6 +45,7 @@ NEEDED = {  # attributes and their types
     **{"dt": float, "complete": bool},
 }
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
+LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -190,10 +192,14 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
 
 
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A run on disk, opened lazily as `kr.simulate` returns it; of an interrupted one what it has done.
+    """A run on disk, opened lazily as `kr.simulate` returns it, or a sweep; of an interrupted one what it has done.
 
     Raises `InputError` for what is not an archive of Kreisel, or is damaged (`kreisel check` says how).
     """
+    if is_sweep(Path(path)):
+        from kreisel.runs.sweep import open_sweep
+
+        return open_sweep(Path(path))
     return open_archive(Path(path))
 
 
@@ -335,6 +341,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     part = path.with_name(path.name + ".part")
     store = part if part.exists() else path
     attrs = read_attributes(store)
+    confined(store)
     if store == path and extend is None:
         raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
     steps = attrs["steps"] if extend is None else extend
@@ -410,8 +417,8 @@ class _DiskTrouble:
             raise disk_trouble(error, archive.path, self._what, kept) from error
 
 
-def read_attributes(store: Path) -> dict[str, Any]:
-    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+def metadata(store: Path) -> dict[str, Any]:
+    """The attributes of a Zarr store, not yet checked.  Raises `InputError` where there is none."""
     if not store.exists():
         raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.")
     try:
@@ -421,7 +428,39 @@ def read_attributes(store: Path) -> dict[str, Any]:
         attrs = json.loads((store / "zarr.json").read_text(encoding="utf-8"))["attributes"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
-    if not isinstance(attrs, dict) or attrs.get("kreisel_format") != FORMAT:
+    return attrs if isinstance(attrs, dict) else {}
+
+
+def confined(store: Path) -> None:
+    """Raises `InputError` where a store holds links: what is read and written through them is not in the store."""
+    for folder, folders, files in os.walk(store):
+        for name in (*folders, *files):
+            if os.path.islink(os.path.join(folder, name)):
+                raise InputError(f"{store} holds a link, {os.path.join(folder, name)}. An archive has no use for one.")
+
+
+def too_large(run: xr.Dataset) -> list[str]:
+    """The variables whose chunks claim to be too large to be read, each in one sentence."""
+    found = []
+    for name, variable in run.variables.items():
+        shapes = [variable.encoding.get(key) for key in ("shards", "chunks")]
+        size = max((math.prod(shape) for shape in shapes if shape), default=0) * variable.dtype.itemsize
+        if size > LARGEST_CHUNK:
+            found.append(f"{name} claims to have chunks of {size:,} bytes: not read")
+    return found
+
+
+def is_sweep(store: Path) -> bool:
+    """Whether a store says of itself that it is a sweep."""
+    return "kreisel_sweep" in metadata(store)
+
+
+def read_attributes(store: Path) -> dict[str, Any]:
+    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+    attrs = metadata(store)
+    if "kreisel_sweep" in attrs:
+        raise InputError(f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane.")
+    if attrs.get("kreisel_format") != FORMAT:
         raise InputError(f"{store} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
     missing = [key for key in NEEDED if key not in attrs]
     wrong = [key for key, kind in NEEDED.items() if key not in missing and not isinstance(attrs[key], kind)]
@@ -441,6 +480,7 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
     import xarray as xr
 
     attrs = read_attributes(path)
+    confined(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -454,6 +494,8 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
             )
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
+    if indexed and too_large(run):
+        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
     if not attrs["complete"]:
         run = _until_checkpoint(path, attrs, run)
     for name in ("time", "lane"):

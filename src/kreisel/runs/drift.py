@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+from kreisel.errors import InputError
+
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -40,6 +42,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
+    if "kreisel_sweep" in run.attrs:
+        raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
     time = np.atleast_1d(run["time"].values)
     # those that are there: a run may be cut short; `kr.at` makes none
     steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
