@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -35,19 +33,18 @@ def start(name: str, n: int, seed: int = 0) -> tuple[object, tuple[np.ndarray, .
     return exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
 
 
-@pytest.mark.parametrize(("n", "order", "oriented"), [(3, 2, True), (3, 4, False), (4, 2, False)])
+@pytest.mark.parametrize(("n", "order", "oriented"), [(3, 2, True), (3, 4, False), (3, 10, True), (4, 2, False)])
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool) -> None:
     model, z = start(name, n)
     z += (np.array([1.0, 0, 0, 0]),) if oriented else ()
-    plan = scheme(model, "baecklund", 0.1, order, oriented)
-    plan = replace(plan, constants={**plan.constants, **plan.trajectory(z)})
+    plan = scheme(model, "baecklund", 0.1, order, oriented).on(z)
     kinds = [kind for _, kind in plan.components]
     kernel = Kernel(plan, layout.flatten(z, kinds)[None])
     out = np.empty((1, 1, kernel.z.shape[1]))
     kernel.advance(out, 3)
     for _ in range(3):
-        z = plan.step(*z, **plan.constants)
+        z = plan.advance(*z)
     assert abs(out[0, 0] - layout.flatten(z, kinds)).max() < 1e-12
 
 

@@ -50,6 +50,7 @@ def run(
         every=asked.run.every,
         method=asked.run.method,
         order=asked.run.order,
+        tol=asked.run.tol,
         orientation=asked.orientation,
         path=asked.path,
         overwrite=overwrite,
@@ -61,6 +62,8 @@ def run(
         "figure": str(asked.figure) if figure else None,
         "system": asked.name,
         "method": result.attrs["method"],
+        "options": json.loads(result.attrs["options"]),
+        "dt": result.attrs["dt"],
         "steps": result.attrs["steps"],
         "rows": int(result.sizes["time"]),
         "seconds": round(seconds, 3),
@@ -71,6 +74,7 @@ def run(
         _print_json({**told, "drift": _records(table)})
         return
     print(f"{result.attrs['title']}: {model}")
+    print(", ".join([f"method {told['method']}", *(f"{k} {v}" for k, v in told["options"].items())]))
     print(
         f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)"
     )

@@ -19,14 +19,14 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.engines.trace import Matrix, Scalar, Tape, text
+from kreisel.engines.trace import Line, Matrix, Scalar, Tape, text
 from kreisel.methods.scheme import Scheme
 
 STRAIGHT_LINE_N = 8
@@ -55,6 +55,7 @@ def kernel(z, c, s, out, every):
                 for stage in range(s.shape[1]):
 {stage}
 {body}
+{close}
 {save}
 {store}
 """
@@ -108,8 +109,20 @@ def load(source: str) -> ModuleType:
     return module
 
 
+class Piece(NamedTuple):
+    """A recorded function: its lines, and the names of the new state."""
+
+    lines: list[Line]
+    new: list[str]
+
+    def source(self, state: list[str], indent: int) -> str:
+        """The lines, and the new state in place of the old."""
+        lines = [part for line in self.lines for part in line.text.splitlines()]
+        return _indented([*lines, f"{', '.join(state)}, = {', '.join(self.new)},"], indent)
+
+
 class Recording:
-    """A scheme's step or rate on recording numbers: source for loading, the body and storing.
+    """A scheme's step and `close`, or its rate, on recording numbers: source for loading, the pieces and storing.
 
     Constants are called c, those that vary with the stage s.
     """
@@ -124,47 +137,61 @@ class Recording:
         self.scheme, self.n = scheme, scheme.n
         self.columns = {"c": columns, "s": stage_columns or {}}
         self.kinds = [kind for _, kind in scheme.components]
+        self.places: list[tuple[str, slice, str]] = []
+        functions = [_function(scheme), *([] if scheme.close is None else [scheme.close])]
         straight = scheme.n <= STRAIGHT_LINE_N
-        if not straight or (self._straight_line(constants) > STRAIGHT_LINES and scheme.n > 3):
-            self._array_code()
+        if straight:
+            self._straight_line(functions, constants)
+            straight = scheme.n == 3 or self._length() <= STRAIGHT_LINES
+        if not straight:
+            self._array_code(functions)
 
-    def _straight_line(self, constants: Floats) -> int:
-        """Record scalar code; the number of its lines."""
-        self.tape = Tape()
+    def _length(self) -> int:
+        return sum(len(line.text.splitlines()) for piece in self.pieces for line in piece.lines)
+
+    def _letters(self, k: int) -> str:
+        """The constants that function k takes: the step those of the stages too."""
+        return "cs" if k == 0 else "c"
+
+    def _straight_line(self, functions: list[Callable[..., Any]], constants: Floats) -> None:
+        """Record scalar code."""
         count = sum(layout.size(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
-        flat = np.array([Scalar(self.tape, name) for name in self.state], dtype=object)
         varying = max((place.stop for place in self.columns["s"].values()), default=0)
-        entries: dict[str, list[Any]] = {
-            "c": [_folded(self.tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])],
-            "s": [Scalar(self.tape, f"s{j}") for j in range(varying)],
-        }
-        known = {
-            name: _shaped(entries[letter][place], (self.n,) * self.scheme.axes[name])
-            for letter, columns in self.columns.items()
-            for name, place in columns.items()
-        }
-        new = _function(self.scheme)(*layout.restore(flat, self.kinds, self.n), **known)
-        values = list(layout.flatten(new, self.kinds))
-        self.new = [text(v) for v in values]
-        self.lines = self.tape.needed([v.name for v in values if isinstance(v, Scalar)])
-        self.words = {name for line in self.lines for name in line.needs} | {getattr(v, "name", "") for v in values}
-        self.places: list[tuple[str, slice, str]] = []
-        return sum(len(line.text.splitlines()) for line in self.lines)
+        self.pieces: list[Piece] = []
+        self.words: set[str] = set()
+        for k, function in enumerate(functions):
+            tape = Tape("e" * k)
+            flat = np.array([Scalar(tape, name) for name in self.state], dtype=object)
+            entries: dict[str, list[Any]] = {
+                "c": [_folded(tape, f"c{j}", constants[:, j]) for j in range(constants.shape[1])],
+                "s": [Scalar(tape, f"s{j}") for j in range(varying)],
+            }
+            known = {
+                name: _shaped(entries[letter][place], (self.n,) * self.scheme.axes[name])
+                for letter in self._letters(k)
+                for name, place in self.columns[letter].items()
+            }
+            values = list(layout.flatten(function(*layout.restore(flat, self.kinds, self.n), **known), self.kinds))
+            lines = tape.needed([v.name for v in values if isinstance(v, Scalar)])
+            self.pieces.append(Piece(lines, [text(v) for v in values]))
+            self.words |= {name for line in lines for name in line.needs} | {getattr(v, "name", "") for v in values}
 
-    def _array_code(self) -> None:
-        self.tape = Tape()
+    def _array_code(self, functions: list[Callable[..., Any]]) -> None:
         shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
-        parts = [Matrix(self.tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
-        known = {
-            name: Matrix(self.tape, f"{letter}_{name}", (self.n,) * self.scheme.axes[name])
-            for letter, columns in self.columns.items()
-            for name in columns
-        }
-        new = _function(self.scheme)(*parts, **known)
-        self.lines = self.tape.needed([v.name for v in new])
-        self.new = [f"mirror({v.name})" if k == "skew" else v.name for v, k in zip(new, self.kinds, strict=True)]
+        self.pieces = []
+        for k, function in enumerate(functions):
+            tape = Tape("e" * k)
+            parts = [Matrix(tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
+            known = {
+                name: Matrix(tape, f"{letter}_{name}", (self.n,) * self.scheme.axes[name])
+                for letter in self._letters(k)
+                for name in self.columns[letter]
+            }
+            new = function(*parts, **known)
+            names = [f"mirror({v.name})" if kind == "skew" else v.name for v, kind in zip(new, self.kinds, strict=True)]
+            self.pieces.append(Piece(tape.needed([v.name for v in new]), names))
         edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
         self.places = [
             (kind, slice(int(a), int(b)), name)
@@ -194,10 +221,12 @@ class Recording:
         return _indented(lines, indent)
 
     def body(self, indent: int) -> str:
-        return _indented([part for line in self.lines for part in line.text.splitlines()], indent)
+        """The step or the rate."""
+        return self.pieces[0].source(self.state, indent)
 
-    def assign(self, indent: int) -> str:
-        return _indented([f"{', '.join(self.state)}, = {', '.join(self.new)},"], indent)
+    def close(self, indent: int) -> str:
+        """What ends a step with stages."""
+        return "\n".join(piece.source(self.state, indent) for piece in self.pieces[1:])
 
     def save(self, target: str, names: list[str], indent: int) -> str:
         if not self.places:
@@ -360,7 +389,8 @@ class Kernel:
             options=OPTIONS,
             load=record.load("z[lane, ", 8) + "\n" + record.load_constants("c", "c[lane, ", 8),
             stage=record.load_constants("s", "s[lane, stage, ", 20),
-            body=record.body(20) + "\n" + record.assign(20),
+            body=record.body(20),
+            close=record.close(16),
             save=record.save("out[row, lane, ", record.state, 12),
             store=record.save("z[lane, ", record.state, 8),
         )
@@ -389,7 +419,7 @@ def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
         options=OPTIONS,
         load=record.load("z[", 4) + "\n" + record.load_constants("c", "c[", 4),
         body=record.body(4),
-        save=record.save("out[", record.new, 4),
+        save=record.save("out[", record.state, 4),
     )
     kernel = load(source).kernel
 

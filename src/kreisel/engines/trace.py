@@ -22,9 +22,10 @@ class Line(NamedTuple):
 
 
 class Tape:
-    """Operations in order, each with a key; the same key is recorded once."""
+    """Operations in order, each with a key; the same key is recorded once.  `mark` keeps two tapes' names apart."""
 
-    def __init__(self) -> None:
+    def __init__(self, mark: str = "") -> None:
+        self.mark = mark
         self.lines: list[Line] = []
         self._names: dict[str, str] = {}
         self._count = 0
@@ -43,7 +44,7 @@ class Tape:
 
     def _fresh(self, letter: str) -> str:
         self._count += 1
-        return f"{letter}{self._count - 1}"
+        return f"{letter}{self.mark}{self._count - 1}"
 
     def knows(self, expression: str) -> str | None:
         return self._names.get(expression)

@@ -67,13 +67,10 @@ def baecklund_orders(
     from kreisel.methods.baecklund import baecklund
 
     def end(count: int) -> Array:
-        plan = baecklund(model, time / count, order, oriented=True)
         z = (*state, np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n))
-        if plan.trajectory is None or plan.step is None:
-            raise TypeError("the method states no step")
-        constants = {**plan.constants, **plan.trajectory(z)}
+        plan = baecklund(model, time / count, order, oriented=True).on(z)
         for _ in range(count):
-            z = plan.step(*z, **constants)
+            z = plan.advance(*z)
         z = (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
         return layout.flatten(z, (*model.system.space.kinds, "matrix"))
 

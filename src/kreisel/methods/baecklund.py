@@ -81,41 +81,44 @@ def baecklund(model: Model, dt: float, order: int | None, oriented: bool) -> Sch
     spins = record.spin is not None and not rest
     observe, outcomes = observer(model, None, None, kept=("casimir", "energy", *model.system.integrals))
 
-    def trajectory(x0: tuple[Array, ...]) -> dict[str, Array]:
+    pairs, single = [mu for mu in points if isinstance(mu, complex)], [mu for mu in points if isinstance(mu, float)]
+
+    def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
         own = x0[:count]
-        out: dict[str, Array] = {}
-        for i, mu in enumerate(points):
-            rho = _rho(model, record, own, mu, order, dt)
-            out |= {f"mu{i}": np.real(mu), f"rho{i}": np.real(rho)}
-            if isinstance(mu, complex):
-                out |= {f"mu{i}_im": mu.imag, f"rho{i}_im": np.imag(rho)}
-        if record.spin is not None and not rest:
-            out |= _turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
+        constants: dict[str, Array] = {}
+        stages: dict[str, Array] = {}
+        for mu in single:
+            constants |= {"mu": np.array(mu), "rho": _rho(model, record, own, mu, order, dt)}
+        if pairs:
+            rho = np.stack([_rho(model, record, own, mu, order, dt) for mu in pairs], -1)
+            mus = np.array(pairs)
+            stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
+        if spins:
+            constants |= _turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
         if oriented:
             g = algebra.rotation_matrix(x0[count]) if model.n == 3 else x0[count]
-            out |= _orientation_turns(model, record, own, g, points, dt)
-        return out
+            constants |= _orientation_turns(model, record, own, g, points, dt)
+        return constants, stages
 
-    def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
+    def stage(z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
+        own, (x, y) = _stage(record, z[:count], known, paired)
+        return (*own, *(algebra.double_turn(x, y, h, right=not rest) for h in z[count:]))
+
+    def pair(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> tuple[Array, ...]:
+        mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
+        return stage(z, {**consts, "mu": mu, "rho": rho}, True)
+
+    def close(*z: Array, **consts: Array) -> tuple[Array, ...]:
+        z = stage(z, consts, False) if single else z
         own, g = z[:count], z[count:]
-        for i, mu in enumerate(points):
-            own, (x, y) = _stage(record, own, i, isinstance(mu, complex), consts)
-            g = tuple(algebra.double_turn(x, y, h, right=not rest) for h in g)
         if spins:
             for half in ("spin0", "spin1"):
                 own = _turned_with_body(space.kinds, own, consts[half])
         return (*own, *(_turned_by_constants(h, consts, rest, record.spin is not None) for h in g))
 
-    def observe_all(z: tuple[Array, ...]) -> dict[str, Array]:
-        out = observe(z)
-        if oriented and model.n == 3:  # of q and -q, which are the same rotation, the one with w >= 0
-            out[ORIENTATION] = np.where(out[ORIENTATION][..., :1] < 0, -1, 1) * out[ORIENTATION]
-        return out
-
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
-    names = ["mu", "rho"]
-    axes = {f"{k}{i}{part}": 0 for k in names for i in range(len(points)) for part in ("", "_im")}
+    axes = dict.fromkeys(["mu", "mu_re", "mu_im", "rho", "rho_re", "rho_im"], 0)
     axes |= {f"{k}{j}": 2 for k in ("spin", "turn", "body") for j in (0, 1)}
     return Scheme(
         name="baecklund",
@@ -124,8 +127,9 @@ def baecklund(model: Model, dt: float, order: int | None, oriented: bool) -> Sch
         axes={**model.axes, **axes},
         n=model.n,
         prepare=lambda x0: x0,
-        step=step,
-        observe=observe_all,
+        step=pair if pairs else close,
+        close=close if pairs and (single or spins or oriented) else None,
+        observe=observe,
         reopen=lambda x: x,
         outcomes=outcomes,
         options={"order": order},
@@ -143,13 +147,9 @@ def _record(model: Model) -> Baecklund:
 
 
 def _stage(
-    record: Baecklund, own: tuple[Array, ...], i: int, paired: bool, consts: dict[str, Array]
+    record: Baecklund, own: tuple[Array, ...], known: dict[str, Array], paired: bool
 ) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
     """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""
-    known = {**consts, "mu": consts[f"mu{i}"], "rho": consts[f"rho{i}"]}
-    if paired:
-        for name in ("mu", "rho"):
-            known[name] = algebra.complex_number(known[name], consts[f"{name}{i}_im"])
     found = call(record.vector, own, known)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
     return tuple(call(move, (*own, *found), known)), call(arc, (*own, found[0]), known)

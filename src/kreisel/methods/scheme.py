@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,9 @@ class Scheme:
 
     prepare(x0)            -> z0        once
     step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
-    trajectory(x0)         -> constants of the trajectory, beside `constants`; their axes stand in `axes`
+    close(*z, **constants) -> z         ends a step that has stages, once; None for nothing more to do
+    trajectory(x0)         -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
+                              their axes stand in `axes`.  `on(x0)` puts them in
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane; a map, which
                                         also states its step, has whole times and counts steps
@@ -72,9 +74,10 @@ class Scheme:
     rate: Callable[..., tuple[Array, ...]] | None = None
     orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None = None
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
+    close: Callable[..., tuple[Array, ...]] | None = None
     options: Mapping[str, Any] | None = None
     guard: Guard | None = None
-    trajectory: Callable[[tuple[Array, ...]], Mapping[str, Array]] | None = None
+    trajectory: Callable[[tuple[Array, ...]], tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
     numbers: str = "any"  # as in the record: what step and rate work on
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
 
@@ -86,11 +89,20 @@ class Scheme:
             raise ValueError(f"all constants of the stages of {self.name} need the same number of stages: {counts}")
         return counts.pop() if counts else 1
 
+    def on(self, x0: tuple[Array, ...]) -> Scheme:
+        """The scheme with the constants of the trajectories from x0 and orientations."""
+        if self.trajectory is None:
+            return self
+        constants, stages = self.trajectory(x0)
+        return replace(
+            self, constants={**self.constants, **constants}, stages={**self.stages, **stages}, trajectory=None
+        )
+
     def advance(self, *z: Array) -> tuple[Array, ...]:
-        """A whole step by the definition: every stage once.  Engines compile the same."""
+        """A whole step by the definition: every stage once, then `close`.  Engines compile the same."""
         if self.step is None:
             raise TypeError(f"the scheme {self.name} states no step")
         for stage in range(self.stage_count):
             varying = {k: np.take(v, stage, np.ndim(v) - self.axes[k] - 1) for k, v in self.stages.items()}
             z = self.step(*z, **self.constants, **varying)
-        return z
+        return z if self.close is None else self.close(*z, **self.constants)

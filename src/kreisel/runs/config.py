@@ -25,7 +25,8 @@ class Run(msgspec.Struct, forbid_unknown_fields=True):
     steps: int
     every: int = 1
     method: str | None = None
-    order: int | None = None
+    order: int | str | None = None
+    tol: float | None = None
 
 
 class Output(msgspec.Struct, forbid_unknown_fields=True):

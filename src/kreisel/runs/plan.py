@@ -15,7 +15,7 @@ from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
-from kreisel.methods import Scheme, scheme
+from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
 
@@ -86,8 +86,9 @@ def make_plan(
     steps: Any,
     every: Any,
     method: str | None,
-    order: int | None,
+    order: int | str | None,
     orientation: Any,
+    tol: Any = None,
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
@@ -99,6 +100,12 @@ def make_plan(
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
     state = checked_state(model, x0)
+    if order == "auto":
+        return _chosen(model, state, dt, steps, every, method, orientation, tol)
+    if isinstance(order, str):
+        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund'; {order!r} came.")
+    if tol is not None:
+        raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={order!r} came.")
     plan = scheme(model, method, dt, order, orientation is not None)
     parts = _parts(model, state, orientation)
     plan, start = _lanes(model, plan, parts)
@@ -113,6 +120,32 @@ def make_plan(
         batched=start.ndim > 1,
         start=_named(model, parts),
     )
+
+
+def _chosen(
+    model: Model, state: State, dt: float, steps: int, every: int, method: str | None, orientation: Any, tol: Any
+) -> Plan:
+    """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
+    from kreisel.methods.auto import choose
+
+    if (method or default_method(model)) != "baecklund":
+        raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
+    if steps % every:
+        raise InputError(f"order='auto' needs steps to be a multiple of every; steps = {steps}, every = {every} came.")
+    parts = _parts(model, state, None)
+    choice = choose(model, parts, every * dt, steps * dt, tol)
+    plan = make_plan(
+        model,
+        state,
+        dt=every * dt / choice.steps,
+        steps=steps // every * choice.steps,
+        every=choice.steps,
+        method="baecklund",
+        order=choice.order,
+        orientation=orientation,
+    )
+    told = {"tol": float(tol), "expected_error": choice.expected}
+    return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **told}))
 
 
 def plan_of_times(
@@ -193,8 +226,7 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> tuple[Scheme
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
     )
-    if plan.trajectory is not None:
-        plan = replace(plan, constants={**plan.constants, **plan.trajectory(spread)})
+    plan = plan.on(spread)
     return plan, np.asarray(layout.flatten(plan.prepare(spread), kinds))
 
 

@@ -29,7 +29,8 @@ def simulate(
     steps: int,
     every: int = 1,
     method: str | None = None,
-    order: int | None = None,
+    order: int | str | None = None,
+    tol: float | None = None,
     orientation: Any = None,
     path: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
@@ -45,7 +46,10 @@ def simulate(
                  n = 3), "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its default) or "dop853"
                  (SciPy, preserves nothing)
     order        "baecklund": 2 (default), 4, ... 24; "variational": 2 (default), 4, 6, 8; "suris": 1 is the paper's
-                 map, 2 (default) its half-kick conjugate
+                 map, 2 (default) its half-kick conjugate.  "auto" (baecklund): the order and the number of steps
+                 between two saved states that reach `tol` at the least cost, chosen before the run and told in the
+                 attributes dt, steps, options
+    tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
@@ -56,7 +60,9 @@ def simulate(
     for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
     a state is no longer finite, an implicit step is not solved or the archive cannot be written.
     """
-    plan = make_plan(system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation)
+    plan = make_plan(
+        system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation, tol=tol
+    )
     from kreisel.runs.archive import Archive, in_memory, target
 
     if path is None:
