@@ -41,7 +41,8 @@ lint: $(STAMP)
 examples: $(STAMP)
 	@mkdir -p out
 	@set -e; cd out; for file in ../examples/*.toml; do \
-	  echo "== kreisel run $$file"; ../$(BIN)/kreisel run $$file --overwrite; done
+	  if grep -q '^\[sweep\]' $$file; then what=sweep; else what=run; fi; \
+	  echo "== kreisel $$what $$file"; ../$(BIN)/kreisel $$what $$file --overwrite; done
 	@set -e; cd out; for file in ../examples/*.py; do \
 	  echo "== python $$file"; ../$(BIN)/python $$file; done
 

@@ -316,8 +316,11 @@ def described(value: Any) -> Any:
 
 
 def as_json(description: Mapping[str, Any]) -> str:
-    """One text for one description.  Raises `InputError` where it is too long for an archive's attributes."""
-    text = json.dumps(description, sort_keys=True)
+    """The description as text, in its own order, which is that of the lanes.
+
+    Raises `InputError` where it is too long for the attributes of an archive.
+    """
+    text = json.dumps(description)
     if len(text) > LARGEST_DESCRIPTION:
         raise InputError(
             f"The description of the sweep has {len(text):,} characters, more than {LARGEST_DESCRIPTION >> 20} MiB. "

@@ -305,7 +305,8 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     if fitting < (asked or 1):
         raise InputError(
             f"{asked or 1} lanes need about {each * (asked or 1) / 2**20:.0f} MiB at once, more than "
-            f"memory = {told['memory']} in [sweep]. Save less often (every), save no trajectories or frequencies, or allow more memory."
+            f"memory = {told['memory']} in [sweep]. Save less often "
+            "(every), save no trajectories or frequencies, or allow more memory."
         )
     if asked:
         return int(min(asked, sweep.lanes.total))

@@ -59,7 +59,8 @@ def sweep(
     path: str | os.PathLike[str],
     every: int = 1,
     method: str | None = None,
-    order: int | None = None,
+    order: int | str | None = None,
+    tol: float | None = None,
     orientation: Any = None,
     grid: Mapping[str, Any] | None = None,
     list: Mapping[str, Any] | None = None,
@@ -99,7 +100,7 @@ def sweep(
     description = {
         "system": {"name": system.system.name, **system.params},
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
-        "run": {"dt": dt, "steps": steps, "every": every, "method": method, "order": order},
+        "run": {"dt": dt, "steps": steps, "every": every, "method": method, "order": order, "tol": tol},
         "sweep": {
             "grid": grid or {},
             "list": list or {},
@@ -156,7 +157,7 @@ def carry_out(
                 pool(workers, scheduler, progress) as hands,
                 Progress(report.lanes, progress, store.lanes_done(todo), "lanes") as bar,
             ):
-                tasks = Tasks(str(store.part), str(file) if file else None, store.digest, todo)
+                tasks = Tasks(str(store.part.absolute()), str(file.absolute()) if file else None, store.digest, todo)
                 for told in hands.run(tasks, stop):
                     report.add(told)
                     bar.advance(told["lanes"])

@@ -111,11 +111,13 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
         return
     try:
         import distributed
+        from distributed.utils import silence_logging_cmgr
     except ImportError:
         raise InputError(
             "Sweeps on several processes need Dask: pip install 'kreisel[sweep]'. --workers 0 needs none."
         ) from None
     with contextlib.ExitStack() as stack:
+        stack.enter_context(silence_logging_cmgr(logging.CRITICAL))  # errors come as exceptions
         if scheduler is None:
             count = workers or os.cpu_count() or 1
             address = stack.enter_context(
