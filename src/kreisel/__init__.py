@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
     from kreisel.runs.drift import drift
+    from kreisel.runs.exporting import export
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
     from kreisel.runs.sweep import failures, sweep
@@ -47,6 +48,7 @@ _LAZY = {
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
+    "export": "kreisel.runs.exporting",
     "failures": "kreisel.runs.sweep",
     "sweep": "kreisel.runs.sweep",
     "plot": "kreisel.view.plots",
@@ -65,6 +67,7 @@ __all__ = [
     "SymmetricTop",
     "at",
     "drift",
+    "export",
     "failures",
     "nutation",
     "open_run",

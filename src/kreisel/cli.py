@@ -178,6 +178,19 @@ def check(
 
 
 @app.command()
+def export(
+    archive: Annotated[Path, typer.Argument(help="An archive of a run or a sweep.")],
+    out: Annotated[Path, typer.Argument(help="The file to write: .nc, .h5 or .parquet.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Write an archive as NetCDF (HDF5) or Parquet."""
+    from kreisel.runs.exporting import export as write
+
+    write(archive, out, overwrite=overwrite)
+    print(f"{archive} -> {out}")
+
+
+@app.command()
 def plot(
     archive: Path,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .png, .pdf or .svg.")] = None,
