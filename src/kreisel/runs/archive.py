@@ -45,6 +45,7 @@ NEEDED = {  # attributes and their types
     **{"dt": float, "complete": bool},
 }
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
+MOST_INDEXED = 10**7  # times that are held in memory
 LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
@@ -166,9 +167,9 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     return out
 
 
-def saved_times(plan: Plan) -> Floats:
-    """Times of the saved rows, k dt."""
-    rows = np.arange(plan.rows, dtype=np.float64)
+def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
+    """Times of the saved rows first to stop - 1, k dt."""
+    rows = np.arange(first, plan.rows if stop is None else stop, dtype=np.float64)
     steps = np.minimum(rows * plan.every, plan.steps)
     return np.asarray(steps * plan.dt)
 
@@ -220,7 +221,6 @@ class Archive:
     def __init__(self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False):
         self.path, self.part, self.plan = path, path.with_name(path.name + ".part"), plan
         self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
-        self._times = saved_times(plan)
         self._start: dict[str, Floats] = dict(plan.start)
 
     def __enter__(self) -> Archive:
@@ -228,8 +228,12 @@ class Archive:
 
         with self._disk("be opened again" if self._begun else "be created"):
             if self._begun:
-                self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
-                self._fit()
+                try:
+                    self._fit()
+                except OSError:
+                    raise
+                except Exception as error:  # whatever a damaged store makes the libraries raise
+                    raise InputError(f"{self.part} is damaged: {error}. `kreisel check {self.part}`.") from error
             else:
                 self._make_room()
                 told = {**describe(self.plan), "complete": False}
@@ -253,12 +257,18 @@ class Archive:
 
     def _fit(self) -> None:
         """Give every array the length of the plan, which may be longer; remove what a kill left half written."""
+        import zarr
+
+        self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
         for pattern in (".checkpoint-*", "*.partial", "*.new"):
             for scratch in self.part.rglob(pattern):
                 scratch.unlink()
-        for name in self._group.array_keys():
-            array: Any = self._group[name]
-            if name != "lane" and array.shape[0] != self.plan.rows:
+        with warnings.catch_warnings():  # of what is no array
+            warnings.simplefilter("ignore")
+            arrays = list(self._group.arrays())
+        for _, found in arrays:
+            array: Any = found
+            if (array.metadata.dimension_names or ("",))[0] == "time" and array.shape[0] != self.plan.rows:
                 array.resize((self.plan.rows, *array.shape[1:]))
 
     def _disk(self, what: str) -> _DiskTrouble:
@@ -267,7 +277,7 @@ class Archive:
     def append(self, block: Mapping[str, Array], start: int) -> None:
         """Write a block of rows that begins at row `start`, a chunk or the last rows."""
         stop = start + len(next(iter(block.values())))
-        values = {"time": self._times[start:stop], **block}
+        values = {"time": saved_times(self.plan, start, stop), **block}
         with self._disk("be written"):
             if "time" not in self._group:
                 self._create(values, {"time": TIME, **attributes(self.plan, block)})
@@ -349,16 +359,36 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
         raise InputError(f"{path} has {attrs['steps']:,} steps; --extend needs more, but {extend:,} came.")
     snapshot, start = checkpoint.read(store)
     plan = _plan(attrs, start, steps)
-    if snapshot.rows.shape[1:] != plan.engine.z.shape:
-        raise InputError(
-            f"The checkpoint of {store} does not belong to its attributes. Run it again from its TOML file."
-        )
-    march = March(plan, rows_in_block=attrs["rows_in_block"])
+    march = _march(plan, attrs)
     march.restore(snapshot)
-    if store == path:
-        os.replace(path, part)
-    _mark(part, steps)
-    return Archive(path, plan, begun=True), march
+    _require_arrays(store, plan, attrs)
+    archive = Archive(path, plan, begun=True)
+    with _DiskTrouble(archive, "be opened again"):
+        if store == path:
+            os.replace(path, part)
+        _mark(part, steps)
+    return archive, march
+
+
+def _march(plan: Plan, attrs: Mapping[str, Any]) -> March:
+    if attrs["rows_in_block"] * plan.engine.z.nbytes > LARGEST_CHUNK:
+        raise InputError(
+            f"The attribute rows_in_block = {attrs['rows_in_block']:,} is damaged: no run has such blocks."
+        )
+    return March(plan, rows_in_block=attrs["rows_in_block"])
+
+
+def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any]) -> None:
+    """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
+    run = open_archive(store, indexed=False, until_checkpoint=False)
+    if "time" not in run.variables:
+        return  # killed before the first block: they are made then
+    outputs = {"time": np.zeros(1), **plan.observe(plan.engine.z[None])}
+    for name, value in outputs.items():
+        variable = run.variables.get(name)
+        good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
+        if variable is None or not good or variable.encoding["chunks"] != (attrs["rows_in_block"], *value.shape[1:]):
+            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
 
 
 def _mark(part: Path, steps: int) -> None:
@@ -471,11 +501,11 @@ def read_attributes(store: Path) -> dict[str, Any]:
     return attrs
 
 
-def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
+def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True) -> xr.Dataset:
     """A run on disk, opened lazily; of an interrupted one all rows until its last checkpoint.
 
-    With `indexed` the times are read, so that rows can be chosen by time.  Raises `InputError` for what is not a
-    Kreisel archive.
+    With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
+    `InputError` for what is not a Kreisel archive.
     """
     import xarray as xr
 
@@ -496,10 +526,11 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
     if indexed and too_large(run):
         raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
-    if not attrs["complete"]:
+    if not attrs["complete"] and until_checkpoint:
         run = _until_checkpoint(path, attrs, run)
     for name in ("time", "lane"):
-        if indexed and name in run.dims and name in run.variables and name not in run.xindexes:
+        known = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
+        if indexed and known and name not in run.xindexes:
             try:
                 run = run.set_xindex(name)
             except Exception as error:  # whatever a damaged chunk makes the libraries raise
@@ -520,20 +551,25 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> 
     if len(snapshot.rows) == 0 or is_own(attrs):
         return whole
     plan = _plan(attrs, start, attrs["steps"])
+    _march(plan, attrs).restore(snapshot)  # which looks at it
+    _require_arrays(path, plan, attrs)
     first = snapshot.flushed
-    times = saved_times(plan)[first : first + len(snapshot.rows)]
+    times = saved_times(plan, first, first + len(snapshot.rows))
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
     if first:
         for name in rest.variables:
             rest[name].attrs = whole[name].attrs
-        rest = xr.concat(
-            [whole, rest.drop_indexes(list(rest.xindexes))],
-            dim="time",
-            data_vars="minimal",
-            coords="minimal",
-            compat="override",
-            join="override",
-        )
+        try:
+            rest = xr.concat(
+                [whole, rest.drop_indexes(list(rest.xindexes))],
+                dim="time",
+                data_vars="minimal",
+                coords="minimal",
+                compat="override",
+                join="override",
+            )
+        except Exception:  # whatever a damaged chunk makes the libraries raise: it is found when it is read
+            return whole
     return rest.assign_attrs(run.attrs)
 
 
@@ -562,11 +598,18 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
             f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
             "run its TOML file or kr.simulate again with more steps."
         )
+    return find(attrs["system"])(**_object(attrs, "parameters"))
+
+
+def _object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """An attribute that holds a JSON object."""
     try:
-        parameters = json.loads(attrs["parameters"])
-    except ValueError as error:
-        raise InputError(f"The parameters among the attributes are damaged: {error}") from error
-    return find(attrs["system"])(**parameters)
+        told = json.loads(attrs[name])
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"The attribute {name} is damaged: {error}") from error
+    if not isinstance(told, dict):
+        raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")
+    return told
 
 
 def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
@@ -578,6 +621,6 @@ def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> 
         steps=steps,
         every=attrs["every"],
         method=attrs["method"],
-        order=json.loads(attrs["options"]).get("order"),
+        order=_object(attrs, "options").get("order"),
         orientation=start.get(ORIENTATION),
     )

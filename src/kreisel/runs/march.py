@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.errors import RunError
+from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import Plan
 
 BLOCK_BYTES = 1 << 20  # of states, held at once
@@ -85,7 +85,22 @@ class March:
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of a run with the same plan, or of a shorter one."""
+        """Go on from a snapshot of a run with the same plan, or of a shorter one.
+
+        Raises `InputError` for a snapshot of something else.
+        """
+        mine, rows = self.plan.engine.snapshot(), len(snapshot.rows)
+        shapes = {name: value.shape for name, value in snapshot.engine.items()}
+        fits = (
+            snapshot.rows.dtype == np.float64
+            and snapshot.rows.shape == (rows, *self.buffer.shape[1:])
+            and shapes == {name: np.shape(value) for name, value in mine.items()}
+            and rows <= self.most
+            and 0 <= snapshot.flushed <= self.plan.rows - rows
+            and 0 <= snapshot.into < max(1, self.plan.every)
+        )
+        if not fits or snapshot.flushed + rows < 1:
+            raise InputError("The checkpoint does not belong to the attributes of its archive; one of them is damaged.")
         self.flushed, self.into, self.filled = snapshot.flushed, snapshot.into, len(snapshot.rows)
         self.buffer[: self.filled] = snapshot.rows
         self.plan.engine.restore(snapshot.engine)

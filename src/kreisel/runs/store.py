@@ -202,10 +202,10 @@ def _sweep_up(store: Path) -> None:
 
 
 def _is_ours(part: Path) -> bool:
-    """Whether a store that was never finished being made is one of ours."""
+    """Whether a store that was never finished being made is one of ours, or holds nothing but chunks."""
     with contextlib.suppress(InputError):
-        return "kreisel_sweep" in read_attributes(part)
-    return not any(part.iterdir())
+        return "kreisel_sweep" in metadata(part)
+    return all("c" in path.relative_to(part).parts for path in part.rglob("*") if path.is_file())
 
 
 def _difference(theirs: str, mine: str) -> str:
