@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
+import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -49,6 +52,7 @@ state.a = { sphere = 1.0 }
 path = "sweep.zarr"
 """
 LONG = pytest.mark.skipif("KREISEL_SOAK" not in os.environ, reason="`make soak` runs it")
+KILLS = int(os.environ.get("KREISEL_KILLS", "3"))  # `make soak` asks for 200
 OPTIONS = {"dt": 0.05, "steps": 200, "every": 2}
 
 
@@ -340,6 +344,40 @@ def test_a_killed_client_and_a_signal(slow: dict[str, object], tmp_path: Path) -
     assert "the same command goes on" in err
     assert blocks_done(tmp_path) >= kept + 2
     assert contents(carried(tmp_path, SLOW)) == slow
+
+
+def apart(begun: Any, folder: Path) -> None:
+    begun.set()
+    carried(folder)
+
+
+def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[1])  # where the process to be killed finds this file
+    context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
+    context.set_forkserver_preload(["kreisel.runs.sweep", "kreisel.runs.archive", "numba"])
+    begun = time.monotonic()
+    carried(tmp_path / "timed")
+    took, expected, moments, killed, trial = time.monotonic() - begun, contents(whole), random.Random(1), 0, 0
+    while killed < KILLS:
+        folder, trial = tmp_path / str(trial), trial + 1
+        assert trial < 10 * KILLS
+        for _ in range(3):  # the same sweep up to three times
+            event = context.Event()
+            child = context.Process(target=apart, args=(event, folder))
+            child.start()
+            assert event.wait(60)
+            time.sleep(moments.uniform(0, took))
+            killed += child.is_alive()
+            child.kill()
+            child.join()
+            part = folder / "sweep.zarr.part"
+            if (part / "failed" / "c").exists():
+                kept = kr.open_run(part)
+                there = kept.failed.values != 255
+                assert np.isfinite(kept.energy_drift.values[there]).all()
+        assert contents(carried(folder)) == expected
+        assert [p.name for p in folder.iterdir() if p.suffix != ".toml"] == ["sweep.zarr"]
+        shutil.rmtree(folder)
 
 
 def children(process: int) -> list[int]:
