@@ -1,9 +1,9 @@
 """Datasets in memory and Zarr archives on disk, both described from the record.
 
 An archive is written beside its final name, as NAME.part, block by block; it takes its name only when it is
-whole.  Its arrays have their full length from the beginning, each block is one chunk or shard, and a checkpoint says
-how far the run is: a process killed at any instant leaves an archive that opens and can go on.  Every chunk carries a
-CRC-32C, and checksums.json the hash of the metadata.  Archives are data: arrays and JSON, nothing that runs.
+whole.  Its arrays have their full length from the beginning, each block is a shard of eight chunks, and a checkpoint
+says how far the run is: a process killed at any instant leaves an archive that opens and can go on.  Every chunk
+carries a CRC-32C, and checksums.json the hash of the metadata.  Archives are data: arrays and JSON, nothing that runs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 from kreisel.runs import checkpoint
 from kreisel.runs.drift import KINDS
-from kreisel.runs.march import March, Snapshot, block_rows
+from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
 
 if TYPE_CHECKING:
@@ -218,10 +218,13 @@ class Archive:
     `begun` continues a store that is there: rows up to the checkpoint are in it.
     """
 
-    def __init__(self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False):
+    def __init__(
+        self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False, rows_in_block: int | None = None
+    ):
         self.path, self.part, self.plan = path, path.with_name(path.name + ".part"), plan
         self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
         self._start: dict[str, Floats] = dict(plan.start)
+        self._rows_in_block = rows_in_block or block_rows(plan)
 
     def __enter__(self) -> Archive:
         import zarr
@@ -290,7 +293,8 @@ class Archive:
         """Every array at its full length; `time` last, because it says that all are there."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
-        whole, rows = block_rows(self.plan), self.plan.rows
+        block, rows = self._rows_in_block, self.plan.rows
+        chunk = chunk_rows(block)
         codecs = [ZstdCodec(level=1), Crc32cCodec()]
         if self.plan.batched:
             lanes = np.arange(self.plan.lanes)
@@ -303,7 +307,8 @@ class Archive:
             self._group.create_array(
                 name,
                 shape=(rows, *value.shape[1:]),
-                chunks=(whole, *value.shape[1:]),
+                chunks=(chunk, *value.shape[1:]),
+                shards=(block, *value.shape[1:]) if chunk < block else None,
                 dtype=value.dtype,
                 dimension_names=("time",) if name == "time" else dimensions(self.plan, name, value.shape),
                 compressors=codecs,
@@ -362,7 +367,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     march = _march(plan, attrs)
     march.restore(snapshot)
     _require_arrays(store, plan, attrs)
-    archive = Archive(path, plan, begun=True)
+    archive = Archive(path, plan, begun=True, rows_in_block=attrs["rows_in_block"])
     with _DiskTrouble(archive, "be opened again"):
         if store == path:
             os.replace(path, part)
@@ -387,7 +392,8 @@ def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any]) -> None:
     for name, value in outputs.items():
         variable = run.variables.get(name)
         good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
-        if variable is None or not good or variable.encoding["chunks"] != (attrs["rows_in_block"], *value.shape[1:]):
+        whole = None if variable is None else variable.encoding.get("shards") or variable.encoding["chunks"]
+        if not good or whole != (attrs["rows_in_block"], *value.shape[1:]):
             raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
 
 

@@ -134,19 +134,29 @@ def _fits(run: xr.Dataset) -> bool:
 
 
 def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
-    """The blocks of rows of each variable that cannot be read: its name, first and last row, and why."""
-    block, rows = run.attrs["rows_in_block"], run.sizes.get("time", 0)
-    found = []
+    """The rows of each variable that cannot be read, in whole chunks: its name, first and last row, and why."""
+    rows = run.sizes.get("time", 0)
+    found: list[tuple[str, tuple[int, int, str]]] = []
     for name, variable in run.variables.items():
-        for first in range(0, rows, block) if "time" in variable.dims else [0]:
-            last = min(first + block, rows) - 1
-            try:
-                part = variable[first : last + 1] if "time" in variable.dims else variable
-                if part.dtype.kind == "f" and np.isnan(part.values).all() and part.size:
-                    found.append((str(name), (first, last, "nothing is there")))
-            except Exception as error:  # whatever a damaged chunk makes the libraries raise
-                found.append((str(name), (first, last, str(error) or type(error).__name__)))
+        chunk = (variable.encoding.get("chunks") or (run.attrs["rows_in_block"],))[0]
+        for first in range(0, rows, chunk) if "time" in variable.dims else [0]:
+            last = min(first + chunk, rows) - 1
+            why = _trouble(variable[first : last + 1] if "time" in variable.dims else variable)
+            if why is None:
+                continue
+            if found and found[-1][0] == name and found[-1][1][1:] == (first - 1, why):
+                first = found.pop()[1][0]  # the same goes on
+            found.append((str(name), (first, last, why)))
     return found
+
+
+def _trouble(part: xr.Variable) -> str | None:
+    """Why a part cannot be read, if so."""
+    try:
+        lost = part.dtype.kind == "f" and part.size > 0 and bool(np.isnan(part.values).all())
+    except Exception as error:  # whatever a damaged chunk makes the libraries raise
+        return str(error) or type(error).__name__
+    return "nothing is there" if lost else None
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:

@@ -18,7 +18,9 @@ from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import Plan
 
-BLOCK_BYTES = 1 << 20  # of states, held at once
+BLOCK_BYTES = 1 << 23  # of states, held at once
+CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
+SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
 
 
@@ -33,8 +35,14 @@ class Snapshot:
 
 
 def block_rows(plan: Plan) -> int:
-    """Rows held at once, and rows in a chunk of an archive."""
-    return int(max(1, min(plan.rows, BLOCK_BYTES // (8 * plan.engine.z.size))))
+    """Rows held at once, and rows in a shard of an archive."""
+    rows = int(max(1, min(plan.rows, BLOCK_BYTES // (8 * plan.engine.z.size))))
+    return rows if rows < SHARDED else rows + -rows % CHUNKS
+
+
+def chunk_rows(block: int) -> int:
+    """Rows in a chunk of a block of so many rows."""
+    return block if block < SHARDED or block % CHUNKS else block // CHUNKS
 
 
 class March:
@@ -174,14 +182,20 @@ class March:
             self._ends[lane] = min(self._ends[lane], row)
             self.faults.setdefault(lane, f"{fault(self._step_of(row))}. Usual cause: {cause}")
 
+    def _observed(self, rows: Floats) -> dict[str, Array]:
+        """The outputs of rows, a chunk at a time: temporary arrays stay small."""
+        step = chunk_rows(self.most)
+        with np.errstate(all="ignore"):
+            parts = [self.plan.observe(rows[first : first + step]) for first in range(0, len(rows), step)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
     def _finished(self) -> dict[str, Array]:
         self._check()
         rows = self.buffer[: self.filled].copy()  # the buffer is filled again
         lost = np.arange(self.flushed, self.flushed + self.filled)[:, None] >= self._ends
         if lost.any():
             rows = np.where(lost[..., None], self._first, rows)
-        with np.errstate(all="ignore"):
-            block = self.plan.observe(rows)
+        block = self._observed(rows)
         for name, value in block.items():
             finite = np.isfinite(value).reshape((self.filled, self.plan.lanes, -1)).all(-1)
             if not finite.all():
