@@ -51,7 +51,7 @@ path = "sweep.zarr"
 def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
     """Tests with larger numbers in their environment."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files.split(), "-k", chosen]
-    env = {**os.environ, "KREISEL_SOAK": "1", **{k: str(v) for k, v in counts.items()}}
+    env = {**os.environ, "KREISEL_FULL": "1", **{k: str(v) for k, v in counts.items()}}
     done = subprocess.run(command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False)
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-200:]
     if done.returncode:

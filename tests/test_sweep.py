@@ -51,7 +51,7 @@ state.a = { sphere = 1.0 }
 [output]
 path = "sweep.zarr"
 """
-LONG = pytest.mark.skipif("KREISEL_SOAK" not in os.environ, reason="`make soak` runs it")
+LONG = pytest.mark.skipif("KREISEL_FULL" not in os.environ, reason="`make test-full` and `make soak` run it")
 KILLS = int(os.environ.get("KREISEL_KILLS", "3"))  # `make soak` asks for 200
 OPTIONS = {"dt": 0.05, "steps": 200, "every": 2}
 

@@ -30,8 +30,10 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
+    from kreisel import analysis, physical, units, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
+    from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
     from kreisel.runs.exporting import export
     from kreisel.runs.figures import nutation
@@ -44,6 +46,7 @@ __version__ = "0.1.0"
 _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
+    "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
@@ -53,6 +56,7 @@ _LAZY = {
     "sweep": "kreisel.runs.sweep",
     "plot": "kreisel.view.plots",
 }
+_PARTS = ("analysis", "physical", "units", "view")
 
 __all__ = [
     "Clebsch",
@@ -65,7 +69,9 @@ __all__ = [
     "Neumann",
     "RunError",
     "SymmetricTop",
+    "analysis",
     "at",
+    "cite",
     "drift",
     "export",
     "failures",
@@ -76,6 +82,7 @@ __all__ = [
     "simulate",
     "sweep",
     "systems",
+    "view",
 ]
 
 
@@ -85,6 +92,8 @@ def systems() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PARTS:
+        return importlib.import_module(f"kreisel.{name}")
     if name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
@@ -93,4 +102,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LAZY, *_PARTS})

@@ -54,7 +54,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
     if "kreisel_sweep" in run.attrs:
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
-    time = np.atleast_1d(read(run["time"]))
+    run = run if "time" in run.dims else run.expand_dims("time")
+    time = read(run["time"])
     # those that are there: a run may be cut short; `kr.at` makes none
     steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
     rows = {
