@@ -5,11 +5,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench examples picture roundoff verify soak clean help
+.PHONY: demo test test-full lint bench examples picture roundoff verify soak clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
+	@echo "make test-full the same with the cases that take minutes"
 	@echo "make examples  run every example, outputs in out/"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
 	@echo "make soak      200 kills of a run at random moments; some minutes"
@@ -32,6 +33,10 @@ demo: $(STAMP)
 test: $(STAMP)
 	@echo "== the test suite"
 	$(BIN)/python -m pytest -q -n 2 tests
+
+test-full: $(STAMP)
+	@echo "== the test suite, with the cases that take minutes"
+	KREISEL_FULL=1 $(BIN)/python -m pytest -q -n 2 tests
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

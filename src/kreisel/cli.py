@@ -74,7 +74,8 @@ def run(
         _print_json({**told, "drift": _records(table)})
         return
     print(f"{result.attrs['title']}: {model}")
-    print(", ".join([f"method {told['method']}", *(f"{k} {v}" for k, v in told["options"].items())]))
+    if told["options"]:
+        print(", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in told["options"].items()))
     print(
         f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)"
     )
