@@ -19,6 +19,7 @@ from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.lab import exact
 from kreisel.methods import Scheme, scheme
 from kreisel.model import Model
+from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
@@ -273,3 +274,36 @@ def test_a_recorded_skew_matrix_is_not_exact() -> None:
     X = algebra.skew(np.array([Scalar(tape, name) for name in "xyz"], dtype=object), 3)
     assert not algebra.exact(X)
     assert algebra.exact(algebra.skew(np.array([1, 2, 3], dtype=object), 3))
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "oriented"),
+    [*((name, 3, True) for name in ("lagrange-top", "lagrange-top-moving", "clebsch")), ("lagrange-top", 4, False)],
+)
+def test_compiled_observe_equals_the_definition(name: str, n: int, oriented: bool) -> None:
+    """Every variable of a run, two lanes with parameters of their own, against NumPy."""
+    models, states = zip(*(random_start(name, n, seed) for seed in range(2)), strict=True)
+    model = REGISTRY[name](**{k: np.stack([m.params[k] for m in models]) for k in models[0].params})
+    start = dict(zip(REGISTRY[name].space.letters, map(np.stack, zip(*states, strict=True)), strict=True))
+    g = (-0.5, 0.5, -0.5, 0.5) if oriented else None
+    plan = make_plan(model, start, dt=0.1, steps=9, every=1, method="suris", order=2, orientation=g)
+    rows = np.empty((9, *plan.engine.z.shape))
+    plan.engine.advance(rows, 1)
+    compiled = cpu.compiled_observe(plan.scheme, plan._variables, 2)
+    assert compiled is not None
+    found, wanted = compiled(rows), plan._variables(layout.restore(rows, plan.kinds, n))
+    assert set(found) == set(wanted) == set(plan.scheme.outcomes)
+    for variable, value in wanted.items():
+        assert found[variable].shape == (9, 2, *np.shape(value)[2:])
+        assert abs(found[variable] - value).max() < FLOPS_TOLERANCE * (1 + abs(value).max())
+    assert oriented == ("g" in found)
+    assert not oriented or (found["g"][..., 0] >= 0).all()
+
+
+def test_what_is_too_long_to_compile_is_observed_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, x0 = random_start("lagrange-top", 3)
+    start = dict(zip("ma", x0, strict=True))
+    plan = make_plan(model, start, dt=0.1, steps=9, every=1, method="suris", order=2, orientation=None)
+    monkeypatch.setattr(cpu, "OBSERVED_LINES", 10)
+    assert cpu.compiled_observe(plan.scheme, plan._variables, 1) is None
+    assert set(plan.observe(np.zeros((2, 1, 6)) + plan.engine.z)) == set(plan.scheme.outcomes)

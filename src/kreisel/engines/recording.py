@@ -79,26 +79,16 @@ class Recording:
         """Record scalar code."""
         count = sum(layout.size(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
-        varying = max((place.stop for place in self.columns["s"].values()), default=0)
         self.pieces: list[Piece] = []
         self.words: set[str] = set()
         numbers = _special(constants)
         for k, function in enumerate(functions):
             mark = "e" * k
             tape = Tape(mark)
-            flat = np.array([Scalar(tape, name) for name in self.state], dtype=object)
-            entries: dict[str, list[Any]] = {
-                "c": [Scalar(tape, f"c{j}") for j in range(constants.shape[1])],
-                "s": [Scalar(tape, f"s{j}") for j in range(varying)],
-            }
-            known = {
-                name: _shaped(entries[letter][place], (self.n,) * self.scheme.axes[name])
-                for letter in self._letters(k)
-                for name, place in self.columns[letter].items()
-            }
-            values = list(layout.flatten(function(*layout.restore(flat, self.kinds, self.n), **known), self.kinds))
-            outputs = [v.name for v in values if isinstance(v, Scalar)]
-            lines, new = arranged(tape.needed(outputs), outputs), [text(v) for v in values]
+            letters = {letter: self.columns[letter] for letter in self._letters(k)}
+            parts, known = _arguments(self.scheme, tape, letters)
+            values = list(layout.flatten(function(*parts, **known), self.kinds))
+            lines, new = _printed(tape, values)
             if numbers:
                 lines, new = folded(lines, new, numbers, f"f{mark}")
             self.pieces.append(Piece(lines, new))
@@ -168,6 +158,51 @@ class Recording:
 def indented(lines: list[str], indent: int) -> str:
     """Lines of source."""
     return "\n".join(" " * indent + line for line in lines)
+
+
+def _arguments(
+    scheme: Scheme, tape: Tape, columns: Mapping[str, Mapping[str, slice]]
+) -> tuple[tuple[Array, ...], dict[str, Array]]:
+    """Recorded numbers in place of the state and of the constants, which are called by their letter."""
+    kinds = [kind for _, kind in scheme.components]
+    count = sum(layout.size(kind, scheme.n) for kind in kinds)
+    flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
+    known = {
+        name: _shaped(
+            [Scalar(tape, f"{letter}{j}") for j in range(place.start, place.stop)], (scheme.n,) * scheme.axes[name]
+        )
+        for letter, places in columns.items()
+        for name, place in places.items()
+    }
+    return layout.restore(flat, kinds, scheme.n), known
+
+
+def _printed(tape: Tape, values: list[Any]) -> tuple[list[Line], list[str]]:
+    outputs = [v.name for v in values if isinstance(v, Scalar)]
+    return arranged(tape.needed(outputs), outputs), [text(v) for v in values]
+
+
+class Outputs(NamedTuple):
+    """Recorded variables: lines, the source of each number, and of each variable its place and shape."""
+
+    lines: list[Line]
+    values: list[str]
+    places: dict[str, tuple[slice, tuple[int, ...]]]
+
+
+def recorded_outputs(
+    scheme: Scheme, function: Callable[..., Mapping[str, Array]], constants: Mapping[str, slice]
+) -> Outputs:
+    """`function(parts, **constants)`, which returns variables by name, on recorded numbers."""
+    tape = Tape()
+    parts, known = _arguments(scheme, tape, {"c": constants})
+    values: list[Any] = []
+    places = {}
+    for name, value in function(parts, **known).items():
+        array = np.asarray(value, dtype=object)
+        places[name] = slice(len(values), len(values) + array.size), array.shape
+        values += list(array.flat)
+    return Outputs(*_printed(tape, values), places)
 
 
 def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:

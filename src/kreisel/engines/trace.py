@@ -165,6 +165,9 @@ class Scalar:
     def sqrt(self) -> Scalar:
         return self._new(f"sqrt({self.signed})", self.name)
 
+    def sign(self) -> Scalar:
+        return self._new(f"(-1.0 if {self.signed} < 0.0 else 1.0)", self.name)
+
     def maximum(self, other: Any) -> Scalar:
         needs = (self.name,) if _is_plain(other) else (self.name, other.name)
         return self._new(f"max({self.signed}, {text(other)})", *needs)

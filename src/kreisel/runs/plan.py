@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -68,14 +69,31 @@ class Plan:
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
-        outputs = self.scheme.observe(layout.restore(z, self.kinds, self.model.n))
+        if self._compiled is not None:
+            outputs = self._compiled(z)
+        else:
+            outputs = self._variables(layout.restore(z, self.kinds, self.model.n))
         out = {}
         for name, value in outputs.items():
-            kind = self.scheme.outcomes[name].axes
-            value = algebra.axial(value) if kind == "skew" and self.model.n == 3 else value
             value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
             out[name] = value if self.batched else value[:, 0]
         return out
+
+    def _variables(self, parts: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
+        outputs = self.scheme.observe(parts, **constants)
+        return {
+            name: algebra.axial(value) if self.scheme.outcomes[name].axes == "skew" and self.model.n == 3 else value
+            for name, value in outputs.items()
+        }
+
+    @cached_property
+    def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
+        """`_variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
+        if self.scheme.step is None or self.scheme.numbers != "any":
+            return None
+        from kreisel.engines.cpu import compiled_observe
+
+        return compiled_observe(self.scheme, self._variables, self.engine.z.shape[0])
 
 
 def make_plan(
