@@ -1,7 +1,7 @@
 """What saving costs: kr.simulate's march with every = 1, 10, 100, 1000, all integrals computed, against no saving.
 
-Single trajectories, n = 3; ratios of the time of a step in one run, medians and quartiles over the turns.  Memory: the
-peak of a run to disk over ten times more rows, as a ratio.
+Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
+turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ def plan_of(case: Case, method: str, every: int, steps: int) -> Plan:
 
 def without(plan: Plan) -> float:
     """Seconds a step."""
-    begun = time.perf_counter()
+    begun = time.thread_time()
     plan.engine.advance(np.empty((1, *plan.engine.z.shape)), plan.steps)
-    return (time.perf_counter() - begun) / plan.steps
+    return (time.thread_time() - begun) / plan.steps
 
 
 def saving(plan: Plan) -> float:
-    begun = time.perf_counter()
+    begun = time.thread_time()
     for _ in March(plan).blocks():
         pass
-    return (time.perf_counter() - begun) / plan.steps
+    return (time.thread_time() - begun) / plan.steps
 
 
 def ratios(case: Case, method: str, turns: int, part: int) -> dict[str, Any]:
