@@ -218,7 +218,7 @@ def _one_by_one(record: Recording) -> str:
 
 def _lanes(record: Recording) -> str:
     """Blocks of lanes: what does not vary from step to step is computed once a block."""
-    constants, varying = (sorted(n for n in record.words if n[0] == letter and n[1:].isdigit()) for letter in "cs")
+    constants, varying = record.used("c"), record.used("s")
     fixed: list[Line] = []
     of_stage: list[Line] = []
     steps: list[Piece] = []

@@ -71,6 +71,10 @@ class Recording:
         """Whether it is scalar code without a loop, which can run on many lanes at once."""
         return not self.places and not any("\n" in line.text for piece in self.pieces for line in piece.lines)
 
+    def used(self, letter: str) -> list[str]:
+        """The constants of that letter that straight-line code needs."""
+        return sorted((n for n in self.words if n[0] == letter and n[1:].isdigit()), key=lambda n: int(n[1:]))
+
     def _letters(self, k: int) -> str:
         """The constants that function k takes: the step those of the stages too."""
         return "cs" if k == 0 else "c"
