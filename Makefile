@@ -15,7 +15,8 @@ help:
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
 	@echo "make soak      200 kills of a run at random moments; some minutes"
 	@echo "make lint      ruff and mypy --strict"
-	@echo "make bench     speed against C++ (needs g++); make roundoff: drift over 10^8 steps"
+	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
+	@echo "make bench-gpu the same on an NVIDIA GPU"
 
 $(STAMP): pyproject.toml constraints.txt
 	@echo "== creating $(VENV) and installing kreisel with the pinned versions of constraints.txt"
@@ -61,6 +62,10 @@ soak: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py
+
+bench-gpu: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cuda]"
+	$(BIN)/python benchmarks/gpu.py
 
 roundoff: $(STAMP)
 	$(BIN)/python benchmarks/roundoff.py
