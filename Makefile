@@ -17,9 +17,10 @@ help:
 	@echo "make docs      the documentation site, in out/docs"
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
 	@echo "make lint      ruff and mypy --strict"
+	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
+	@echo "make bench-gpu the same on an NVIDIA GPU"
 	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
 	@echo "make work-precision  every method here against heyoka, diffrax, SciPy and MuJoCo; some minutes"
-	@echo "make bench     speed against C++ (needs g++); make roundoff: drift over 10^8 steps"
 
 $(STAMP): pyproject.toml constraints.txt
 	@echo "== creating $(VENV) and installing kreisel with the pinned versions of constraints.txt"
@@ -104,6 +105,10 @@ $(PEERS)/.installed: $(STAMP) benchmarks/peers.txt
 
 work-precision: $(PEERS)/.installed
 	$(PEERS)/bin/python benchmarks/work_precision.py
+
+bench-gpu: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cuda]"
+	$(BIN)/python benchmarks/gpu.py
 
 roundoff: $(STAMP)
 	$(BIN)/python benchmarks/roundoff.py
