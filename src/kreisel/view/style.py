@@ -1,7 +1,7 @@
 """One style for all figures and the page: colour-blind-safe (Okabe and Ito), light or dark, vector-friendly fonts.
 
 The order of the colours is that of use.  On dark paper blue is lightened and black becomes white; every colour has a
-contrast of at least 2.2 to its paper (lines), the ink of text 12.
+contrast of at least 2.1 to its paper (lines), the ink of text 12.
 """
 
 from __future__ import annotations
