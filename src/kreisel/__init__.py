@@ -70,10 +70,12 @@ __all__ = [
     "drift",
     "nutation",
     "open_run",
+    "physical",
     "plot",
     "resume",
     "simulate",
     "systems",
+    "units",
     "view",
 ]
 
