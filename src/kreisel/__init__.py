@@ -30,11 +30,15 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
+    from kreisel import analysis, physical, units, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
+    from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
+    from kreisel.runs.exporting import export
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
+    from kreisel.runs.sweep import failures, sweep
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
@@ -42,12 +46,17 @@ __version__ = "0.1.0"
 _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
+    "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
+    "export": "kreisel.runs.exporting",
+    "failures": "kreisel.runs.sweep",
+    "sweep": "kreisel.runs.sweep",
     "plot": "kreisel.view.plots",
 }
+_PARTS = ("analysis", "physical", "units", "view")
 
 __all__ = [
     "Clebsch",
@@ -60,14 +69,20 @@ __all__ = [
     "Neumann",
     "RunError",
     "SymmetricTop",
+    "analysis",
     "at",
+    "cite",
     "drift",
+    "export",
+    "failures",
     "nutation",
     "open_run",
     "plot",
     "resume",
     "simulate",
+    "sweep",
     "systems",
+    "view",
 ]
 
 
@@ -77,6 +92,8 @@ def systems() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PARTS:
+        return importlib.import_module(f"kreisel.{name}")
     if name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
@@ -85,4 +102,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LAZY, *_PARTS})

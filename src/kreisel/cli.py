@@ -1,4 +1,4 @@
-"""The command line: run, resume, check, plot, systems, verify.  Bad input ends with exit code 2 and one message."""
+"""The command line: run, resume, check, plot, view, systems, verify.  Bad input: exit code 2 and one message."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import InputError, RunError, Stopped
+from kreisel.errors import InputError, Interrupted, RunError, Stopped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,6 +51,7 @@ def run(
         method=asked.run.method,
         order=asked.run.order,
         tol=asked.run.tol,
+        engine=asked.run.engine,
         orientation=asked.orientation,
         path=asked.path,
         overwrite=overwrite,
@@ -105,6 +106,48 @@ def resume(
 
 
 @app.command()
+def sweep(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a section [sweep]; see examples/sweep.toml.")],
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Processes here, by default one a core; 0: this one, without Dask.")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", help="The address of a Dask scheduler.")] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate many lanes that differ in parameters, states or settings; the same command goes on after a kill."""
+    from kreisel.runs.config import read_sweep
+    from kreisel.runs.sweep import carry_out, failures, open_sweep
+
+    description, file, path = read_sweep(config)
+    report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
+    result = open_sweep(report.path)
+    worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
+    largest = {name: _finite(value) for name, value in worst.items() if name.endswith("_drift")}
+    told = {
+        "archive": str(path),
+        "lanes": report.lanes,
+        "failed": report.failed,
+        "blocks": report.blocks,
+        "blocks_before": report.before,
+        "seconds": round(report.seconds, 3),
+        "peak_MiB": round(report.peak_MiB),
+        "largest": largest,
+    }
+    if as_json:
+        _print_json(told)
+        return
+    before = f", {report.before:,} of them done before" if report.before else ""
+    print(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
+    for name, value in largest.items():
+        print(f"    {name:32}{value:.2e}" if value is not None else f"    {name:32}none")
+    if report.failed:
+        print(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
+        for lane, row in failures(result).head(3).iterrows():
+            print(f"    lane {lane}: {row.message}")
+
+
+@app.command()
 def check(
     archive: Path,
     as_json: AsJson = False,
@@ -121,7 +164,7 @@ def check(
     if out is not None:
         kept, rows = recover(archive, out)
         print(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
-    table = drift(result) if result is not None else None
+    table = drift(result) if result is not None and "kreisel_sweep" not in result.attrs else None
     if as_json:
         _print_json({"archive": str(archive), "faults": faults, "drift": _records(table)})
     else:
@@ -129,7 +172,7 @@ def check(
             _print_drift(table)
         for fault in faults:
             print(f"FAULT: {fault}")
-        if result is not None and is_own(result.attrs):
+        if table is not None and result is not None and is_own(result.attrs):
             print(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
         print(f"{archive}: {'damaged' if faults else 'whole'}")
     if faults:
@@ -137,18 +180,70 @@ def check(
 
 
 @app.command()
+def export(
+    archive: Annotated[Path, typer.Argument(help="An archive of a run or a sweep.")],
+    out: Annotated[Path, typer.Argument(help="The file to write: .nc, .h5 or .parquet.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Write an archive as NetCDF (HDF5) or Parquet."""
+    from kreisel.runs.exporting import export as write
+
+    write(archive, out, overwrite=overwrite)
+    print(f"{archive} -> {out}")
+
+
+@app.command()
 def plot(
     archive: Path,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .png, .pdf or .svg.")] = None,
     compare: Annotated[Path | None, typer.Option("--compare", help="A second archive, drawn in grey.")] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
 ) -> None:
     """Draw the figure of an archive."""
     from kreisel.runs.archive import open_archive
 
     result = open_archive(archive)
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
-    _save_figure(result, target, open_archive(compare) if compare else None)
+    _save_figure(result, target, open_archive(compare) if compare else None, "dark" if dark else "light")
     print(f"figure: {target}")
+
+
+@app.command()
+def view(
+    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .html.")] = None,
+    lane: Annotated[int, typer.Option("--lane", help="The trajectory of an ensemble.")] = 0,
+    serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", help="0: one that is free.")] = 0,
+) -> None:
+    """Write the interactive page of an archive: one HTML file that opens offline."""
+    from kreisel.runs.archive import open_archive
+    from kreisel.view.page import view as page_of
+
+    if serve:
+        _serve(archive, host, port, lane)
+        return
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
+    if not target.name or target.is_dir():
+        raise InputError(f"The page needs a name such as top.html; {str(target)!r} came.")
+    page_of(open_archive(archive), lane=lane).save(target)
+    print(f"page: {target}")
+
+
+def _serve(archive: Path, host: str, port: int, lane: int) -> None:
+    from kreisel.view.serve import LOOPBACK, address, server
+
+    with server(archive, host=host, port=port, lane=lane) as serving:
+        if host not in LOOPBACK:
+            print(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
+        print(f"{address(serving)}  (Ctrl-C ends it)", flush=True)
+        try:
+            serving.serve_forever()
+        except KeyboardInterrupt:
+            print("ended", file=sys.stderr)
 
 
 @app.command()
@@ -232,7 +327,7 @@ def _told(finding: Any) -> dict[str, Any]:
     }
 
 
-def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
+def _save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
     from kreisel.view.plots import plot as draw
 
     if not target.name:
@@ -240,7 +335,7 @@ def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
     scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        draw(result, compare=compare).savefig(scratch)
+        draw(result, compare=compare, theme=theme).savefig(scratch)
         scratch.replace(target)
     except InputError:
         raise
@@ -293,7 +388,7 @@ def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
     try:
         app()
-    except Stopped as stopped:
+    except (Stopped, Interrupted) as stopped:
         print(f"kreisel: {stopped}", file=sys.stderr)
         sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:

@@ -104,7 +104,8 @@ class Parameter:
     """A parameter: its letter, kind ("scalar", "vector", "symmetric" or "array"), meaning and valid range.
 
     A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
-    `check(value, name)` raises `InputError`.
+    `check(value, name)` raises `InputError`.  `fixed` says where a vector of a top with a fixed point rests: "space"
+    (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).
     """
 
     letter: str
@@ -114,6 +115,7 @@ class Parameter:
     default: Any = None
     exact_diagonal: bool = False  # in exact numbers the matrix must be diagonal
     distinct: bool = False  # the entries must be distinct
+    fixed: str = ""
 
 
 @dataclass(frozen=True)
@@ -258,6 +260,11 @@ class System:
 
     def __repr__(self) -> str:
         return f"<kreisel system {self.name!r}: {self.title}>"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import system_html
+
+        return system_html(self)
 
     def __post_init__(self) -> None:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
