@@ -40,14 +40,14 @@ def figure(result: dict[str, Any], kind: str) -> None:
     for row, end in enumerate((100, 1000)):
         for column, n in enumerate(columns):
             axis, lines = axes[row][column], defaultdict(list)
-            for run in result["runs"][f"{kind}, n = {n}, T = {end}"]:
+            for run in result["runs"].get(f"{kind}, n = {n}, T = {end}", []):
                 lines[run["method"]].append((max(run["error"], 1e-16), run["us"]))
             for method, (colour, style) in SHOWN.items():
                 if method in lines:
                     points = sorted(lines[method])
                     axis.loglog(*zip(*points, strict=True), style, color=colour, marker=".", ms=4, lw=1.3, label=method)
             axis.set_title(f"n = {n}, T = {end}", fontsize=9)
-            axis.set_xlim(1e-1, 3e-16)
+            axis.set_xlim(1e-1, 5e-17)
             axis.grid(alpha=0.25)
     for axis in axes[-1]:
         axis.set_xlabel("error at T, relative")
@@ -56,17 +56,42 @@ def figure(result: dict[str, Any], kind: str) -> None:
     handles: dict[str, Any] = {}
     for axis in axes.flat:
         handles |= dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
-    fig.legend(handles.values(), handles.keys(), loc="outside lower center", ncol=6, fontsize=8, frameon=False)
+    fig.legend(
+        handles.values(), handles.keys(), loc="lower center", ncol=min(6, 3 * len(columns)), fontsize=7, frameon=False
+    )
     title = {"lagrange-top": "Lagrange top", "clebsch": "Clebsch's case"}[kind]
     fig.suptitle(f"{title}: one trajectory on one core", fontsize=10)
-    fig.tight_layout(rect=(0, 0.09, 1, 0.98))
+    fig.tight_layout(rect=(0, 0.09 if len(columns) > 1 else 0.14, 1, 0.98))
     fig.savefig(DOCS / f"work-precision-{kind}.png", dpi=110)
     plt.close(fig)
 
 
+def table(result: dict[str, Any]) -> str:
+    """The cheapest run of kreisel and of the peers at or below an error, one trajectory and batches, as Markdown."""
+    from work_precision import cheapest
+
+    lines = [
+        "| problem | error | kreisel | µs | best peer | µs | kreisel is faster by |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for key, rows in result["runs"].items():
+        for batch in (False, True):
+            for error in (1e-6, 1e-9, 1e-12, 1e-13):
+                ours, theirs = (cheapest(rows, side, error, batch) for side in (True, False))
+                if ours is None and theirs is None:
+                    continue
+                cells = [f"{key}{', batch' * batch}", f"{error:g}"]
+                for run in (ours, theirs):
+                    cells += [run["method"], f"{run['us']:.2g}"] if run else ["not reached", ""]
+                cells.append(f"{theirs['us'] / ours['us']:.1f}" if ours and theirs else "")
+                lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
-    """Both figures."""
+    """Both figures, and the table of docs/work-precision.md on the screen."""
     result = json.loads((RESULTS / "work_precision.json").read_text())
+    print(table(result))
     for kind in ("lagrange-top", "clebsch"):
         figure(result, kind)
 

@@ -130,7 +130,11 @@ class Complex:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Complex:
-        return NotImplemented if isinstance(other, np.ndarray) else self * (1 / _complex(other))
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        if not isinstance(other, Complex):  # in the field of the parts: 1/2 of integers would be a float
+            return Complex(self.re / other, self.im / other)
+        return self * (1 / other)
 
     def __rtruediv__(self, other: Any) -> Complex:
         scale = 1 / (self.re * self.re + self.im * self.im)
