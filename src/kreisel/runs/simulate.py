@@ -44,9 +44,9 @@ def simulate(
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
     method       "baecklund" (keeps all integrals of the flow; default where known), "suris" (the paper's map),
-                 "variational" (symplectic, any system; default elsewhere), "exact" (the flow; Lagrange top with
-                 n = 3), "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its default) or "dop853"
-                 (SciPy, preserves nothing)
+                 "variational" (symplectic, any system; default elsewhere), "exact" (the flow; tops, Clebsch's
+                 case and Neumann with n = 3), "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its
+                 default) or "dop853" (SciPy, preserves nothing)
     order        "baecklund": 2 (default), 4, ... 24; "variational": 2 (default), 4, 6, 8; "suris": 1 is the paper's
                  map, 2 (default) its half-kick conjugate.  "auto" (baecklund): the order and the number of steps
                  between two saved states that reach `tol` at the least cost, chosen before the run and told in the
