@@ -1,11 +1,13 @@
-"""The tables of the README, from the committed results: `python benchmarks/tables.py`."""
+"""The tables of the README and of docs/performance.md, from the committed results: `python benchmarks/tables.py`."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
+IDLE = 0.5  # load average below which a time by the clock says something about two cores
 
 
 def speed_and_stillness() -> str:
@@ -24,5 +26,40 @@ def speed_and_stillness() -> str:
     return "\n".join(lines)
 
 
+def _result(name: str) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
+    return told
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def ensembles() -> str:
+    """Time of a lane-step on one core, to C++, the part of the instruction bound, and all cores against one."""
+    told = _result("ensemble")
+    rows = []
+    for name, row in told["maps"].items():
+        part = f"{row['bound']['fraction_reached']:.2f}" if "bound" in row else "-"
+        cores = f"{row['one/all_cores']:.2f}" if told["load_average_before"] < IDLE else "not measured"
+        rows.append([f"`{name}`", f"{row['kernel']['ns']:.1f}", f"{row['kernel/cpp']:.2f}",
+                     f"{row['cpp_plain']['ns']:.1f}", part, cores])  # fmt: skip
+    head = ["map, n = 3", "ns a lane-step, one core", "to C++, same formula", "C++, plain formula, ns",
+            "part of the instruction bound", "all cores to one"]  # fmt: skip
+    return _table(head, rows)
+
+
+def saving_cost() -> str:
+    """Time with saving and all integrals over time without."""
+    told = _result("saving")["runs"]
+    every = [key for key in next(iter(told.values())) if key.startswith("every")]
+    rows = [[f"`{name}`", *(f"{row[key]['ratio']:.2f}" for key in every)] for name, row in told.items()]
+    return _table(["system, method; n = 3", *every], rows)
+
+
+TABLES = (speed_and_stillness, ensembles, saving_cost)
+
 if __name__ == "__main__":
-    print(speed_and_stillness())
+    for table in TABLES:
+        print(table(), end="\n\n")

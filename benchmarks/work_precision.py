@@ -35,7 +35,8 @@ from problems import Problem, problems
 import kreisel as kr
 from kreisel import algebra
 from kreisel.engines import layout
-from kreisel.engines.cpu import compiled_rate, flat_constants
+from kreisel.engines.cpu import compiled_rate
+from kreisel.engines.recording import flat_constants
 from kreisel.methods import scheme
 from kreisel.runs.plan import make_plan, plan_of_times
 

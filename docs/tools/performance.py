@@ -8,13 +8,15 @@ from pathlib import Path
 
 
 def write(docs: Path) -> None:
-    """generated/performance.md."""
+    """generated/performance.md and the tables of its sections."""
     benchmarks = docs.resolve().parent / "benchmarks"
     sys.path.insert(0, str(benchmarks))
     import tables
 
     folder = docs / "generated"
     folder.mkdir(exist_ok=True)
+    for table in (tables.ensembles, tables.saving_cost):
+        (folder / f"performance-{table.__name__}.md").write_text(table() + "\n", encoding="utf-8")
     parts = [tables.speed_and_stillness()]
     for figure in sorted((benchmarks / "results").glob("*.png")):
         (folder / "figures").mkdir(exist_ok=True)
