@@ -487,6 +487,7 @@ BAD = [
     ("steps = 200", "steps = 20", "Frequencies need"),
     ("steps = 200", "steps = 100_000_000", "MiB at once"),
     ("steps = 200", 'steps = "many"', "steps must be"),
+    ("dt = 0.05", "", r"\[run\] needs dt"),
     ('path = "sweep.zarr"', 'path = "sweep.zarr"\nfigure = "a.png"', "no figure"),
     ("m = [0.1, 0.2, 1.5]", "m = [[0.1, 0.2, 1.5], [0.1, 0.2, 1.5]]", "names no entry"),
     ("a = [0.6, 0.0, 0.8]", "a = [0.6, 0.8]", "shapes|n = 3"),
