@@ -51,6 +51,7 @@ def run(
         method=asked.run.method,
         order=asked.run.order,
         tol=asked.run.tol,
+        engine=asked.run.engine,
         orientation=asked.orientation,
         path=asked.path,
         overwrite=overwrite,

@@ -92,6 +92,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "parameters": json.dumps({k: v.tolist() for k, v in model.params.items()}),
         "method": plan.scheme.name,
         "options": json.dumps(dict(plan.scheme.options or {})),
+        "engine": plan.where,
         "dt": plan.dt,
         "steps": plan.steps,
         "every": plan.every,
@@ -633,4 +634,5 @@ def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> 
         method=attrs["method"],
         order=_object(attrs, "options").get("order"),
         orientation=start.get(ORIENTATION),
+        engine=attrs.get("engine", "cpu"),
     )
