@@ -77,11 +77,13 @@ __all__ = [
     "failures",
     "nutation",
     "open_run",
+    "physical",
     "plot",
     "resume",
     "simulate",
     "sweep",
     "systems",
+    "units",
     "view",
 ]
 
