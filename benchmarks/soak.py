@@ -140,7 +140,6 @@ def main() -> int:
     parser.add_argument("--part", action="append", choices=list(PARTS))
     parser.add_argument("--share", type=float, default=1.0)
     asked = parser.parse_args()
-    result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
     good = True
     for name in asked.part or PARTS:
         begun = time.perf_counter()
@@ -148,6 +147,7 @@ def main() -> int:
         seconds = round(time.perf_counter() - begun, 1)
         when = datetime.now(UTC).isoformat(timespec="seconds")
         made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
+        result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
         result[name] = {"share": asked.share, **told, "seconds": seconds, "when": when, **made}
         RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         print(f"{name}: {json.dumps(result[name])}", flush=True)

@@ -486,7 +486,10 @@ BAD = [
     ('"state.m[2]"', '"system.alpha"', "varies twice"),
     ("steps = 200", "steps = 20", "Frequencies need"),
     ("steps = 200", "steps = 100_000_000", "MiB at once"),
-    ("steps = 200", 'steps = "many"', "steps must be"),
+    ("steps = 200", 'steps = "many"', r"in \[run\], Expected `int`"),
+    ("steps = 200", "steps = 200\nmethod = []", r"in \[run\], Expected `str"),
+    ("steps = 200", "steps = 200\nmethod = 'sures'", "Did you mean 'suris'"),
+    ("dt = 0.05", "", r"\[run\] needs dt"),
     ('path = "sweep.zarr"', 'path = "sweep.zarr"\nfigure = "a.png"', "no figure"),
     ("m = [0.1, 0.2, 1.5]", "m = [[0.1, 0.2, 1.5], [0.1, 0.2, 1.5]]", "names no entry"),
     ("a = [0.6, 0.0, 0.8]", "a = [0.6, 0.8]", "shapes|n = 3"),
@@ -516,6 +519,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
         ({"list": {"system.alpha": [object()]}}, "described by numbers"),
         ({"grid": 3}, "must be a table"),
         ({**vary, "memory": 0}, "memory in"),
+        ({**vary, "method": ["suris"]}, "method must be a name"),
     ]
     for wrong, words in wrongs:
         with pytest.raises(kr.InputError, match=words):

@@ -54,6 +54,8 @@ def default_method(model: Model) -> str:
 def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The scheme of that name.  Raises `InputError` with the nearest name."""
     name = default_method(model) if method is None else method
+    if not isinstance(name, str):
+        raise InputError(f"method must be a name, one of {', '.join(METHODS)}; {name!r} came.")
     if name not in METHODS:
         raise InputError(f"No method is called {name!r}.{nearest(name, METHODS)} There are: {', '.join(METHODS)}.")
     return METHODS[name](model, dt, order, oriented)

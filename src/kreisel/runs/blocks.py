@@ -70,6 +70,9 @@ class Sweep:
         model = self.system(**params)
         start = {k: _ready(v, self._kinds_of_state.get(k), ("state", k) in varied, len(ids)) for k, v in state.items()}
         run = {k: chosen("run", k) for k in sections["run"]}
+        missing = [k for k in ("dt", "steps") if run.get(k) is None]
+        if missing:
+            raise InputError(f"[run] needs {' and '.join(missing)}, or vary it in [sweep.grid] or [sweep.list].")
         settings = {"every": 1, "method": None, "order": None, **run}
         plan = make_plan(model, model.state(**start), orientation=orientation, **settings)
         if plan.lanes != len(ids):

@@ -94,7 +94,7 @@ def parse_sweep(
     _check_sections(data, (*SECTIONS, "sweep"), source)
     tables = {section: _table(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
-    _check_keys(tables["run"], [field.name for field in msgspec.structs.fields(Run)], "run", source)
+    _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Run, "run", source)  # what is missing may vary
     _, file, system = _system(tables["system"], source, folder)
     output = _convert(tables["output"], Output, "output", source)
     if output.figure is not None:

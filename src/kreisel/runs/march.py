@@ -18,7 +18,7 @@ from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import Plan
 
-BLOCK_BYTES = 1 << 23  # of states, held at once
+BLOCK_BYTES = 1 << 21  # of states, held at once
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
 SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
