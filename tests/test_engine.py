@@ -14,11 +14,11 @@ from kreisel.engines import cpu, layout
 from kreisel.engines.cpu import Kernel, compiled_rate, flat_constants
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.lab import exact
-from kreisel.methods import scheme
+from kreisel.methods import Scheme, scheme
 from kreisel.model import Model
 from kreisel.systems import REGISTRY
 
-MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
+MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
 FLOPS_TOLERANCE = 2.0**12 * float(np.finfo(float).eps)
 
 
@@ -28,13 +28,19 @@ def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndar
     return model, exact.random_state(REGISTRY[name].space, n, draw)
 
 
+def first_scheme(model: Model, oriented: bool) -> Scheme:
+    """The system's map itself."""
+    symmetric = model.map.symmetric
+    return scheme(model, "veselov" if symmetric else "suris", 0.1, 2 if symmetric else 1, oriented)
+
+
 @pytest.mark.parametrize(("n", "oriented"), [(3, False), (3, True), (4, True), (5, False), (9, True)])
 @pytest.mark.parametrize("name", MAPS)
 def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
     model, x0 = random_start(name, n)
     if oriented:
         x0 += (np.array([1.0, 0, 0, 0]) if n == 3 else np.eye(n),)
-    plan = scheme(model, "suris", 0.1, 1, oriented)
+    plan = first_scheme(model, oriented)
     kinds = [kind for _, kind in plan.components]
     kernel = Kernel(plan, layout.flatten(plan.prepare(x0), kinds)[None])
     out = np.empty((4, 1, kernel.z.shape[1]))
@@ -42,7 +48,7 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
     z = plan.prepare(x0)
     for row in out:
         for _ in range(2):
-            z = plan.step(*z, **plan.constants)
+            z = plan.advance(*z)
         flat = layout.flatten(z, kinds)
         assert abs(row[0] - flat).max() < FLOPS_TOLERANCE * (1 + abs(flat).max())
 
@@ -66,9 +72,9 @@ def test_compiled_rate_equals_flow(name: str, n: int) -> None:
 def test_lane_equals_single_run_bitwise(name: str) -> None:
     starts = [random_start(name, 3, seed) for seed in range(3)]
     model = starts[0][0]
-    plan = scheme(model, "suris", 0.1, 1, False)
+    plan = first_scheme(model, False)
     kinds = [kind for _, kind in plan.components]
-    rows = np.stack([layout.flatten(x, kinds) for _, x in starts])
+    rows = np.stack([layout.flatten(plan.prepare(x), kinds) for _, x in starts])
     together = Kernel(plan, rows)
     out = np.empty((3, 3, rows.shape[1]))
     together.advance(out, 7)

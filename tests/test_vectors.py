@@ -56,3 +56,24 @@ def test_inverse_legendre_transform() -> None:
     W = algebra.cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=ALPHA, eps=HALF))
     rows = ("5906/11271 8834/11271 -1/3", "742/11271 19889/56355 14/15", "563/663 -1694/3315 2/15")
     assert [list(row) for row in W] == [list(rationals(*row.split())) for row in rows]
+
+
+def test_moser_veselov() -> None:
+    """Given to 15 digits, from the ordered Schur form of the companion matrix."""
+    top = kr.EulerTop(J=(1, 2, 3))
+    M = algebra.hat(np.array([1, -0.5, 0.75]))
+    expected = [0.996848217545192, -0.509970400987312, 0.747478308242998]
+    assert abs(algebra.axial(top.step(M, eps=0.1)[0]) - expected).max() < 1e-14
+    W = algebra.cayley(top.call(top.map.turn, M, eps=0.1)[0])
+    assert abs(W[0] - [0.999608743625522, -0.0250840563919, -0.012375369987659]).max() < 1e-14
+    top = kr.EulerTop(J=(1, 1.5, 2, 3))
+    M = algebra.skew(np.array([0.3, -0.2, 0.5, 0.7, -0.4, 0.6]), 4)
+    expected = [
+        0.298773435194367,
+        -0.20089139773977,
+        0.503733498131275,
+        0.699066643846292,
+        -0.40133628939591,
+        0.597381497765167,
+    ]
+    assert abs(algebra.coordinates(top.step(M, eps=0.1)[0]) - expected).max() < 1e-14

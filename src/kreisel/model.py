@@ -220,12 +220,17 @@ def _check_symmetric(array: Array, name: str) -> None:
         raise InputError(f"{name} must be square; shape {array.shape} came.")
     worst = algebra.magnitude(array - array.mT)
     if worst > SKEW_TOLERANCE * algebra.magnitude(array):
-        raise InputError(f"{name} must be symmetric; {name[-1]} - {name[-1]}^T is up to {worst:.3g}.")
+        raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
 
 
 def _component(letter: str, kind: str, value: Any, n: int) -> Array:
     name = f"state component {letter}"
     array = _array(value, name)
+    if kind == "symmetric":
+        if array.ndim < 2 or array.shape[-2:] != (n, n):
+            raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}); shape {array.shape} came.")
+        _check_symmetric(array, name)
+        return array / 2 + array.mT / 2
     if kind != "skew":
         count, told = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
         if array.ndim < 1 or array.shape[-1] != count:

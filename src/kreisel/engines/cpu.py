@@ -178,7 +178,8 @@ class Recording:
             self.words |= {name for line in lines for name in line.needs} | {getattr(v, "name", "") for v in values}
 
     def _array_code(self, functions: list[Callable[..., Any]]) -> None:
-        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,), "scalar": ()}
+        square = (self.n, self.n)
+        shapes = {"skew": square, "symmetric": square, "matrix": square, "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
         self.pieces = []
         for k, function in enumerate(functions):
@@ -190,7 +191,10 @@ class Recording:
                 for name in self.columns[letter]
             }
             new = function(*parts, **known)
-            names = [f"mirror({v.name})" if kind == "skew" else v.name for v, kind in zip(new, self.kinds, strict=True)]
+            names = [
+                f"{MIRRORS[kind]}({v.name})" if kind in MIRRORS else v.name
+                for v, kind in zip(new, self.kinds, strict=True)
+            ]
             self.pieces.append(Piece(tape.needed([v.name for v in new]), names))
         edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
         self.places = [
@@ -238,8 +242,15 @@ class Recording:
         return _indented(lines, indent)
 
 
-LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector", "scalar": "number"}
-STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store", "scalar": "store_number"}
+MIRRORS = {"skew": "mirror", "symmetric": "mirror_symmetric"}
+LOADERS = {"skew": "skew", "symmetric": "symmetric", "matrix": "matrix", "vector": "vector", "scalar": "number"}
+STORERS = {
+    "skew": "store_skew",
+    "symmetric": "store_symmetric",
+    "matrix": "store",
+    "vector": "store",
+    "scalar": "store_number",
+}
 ARRAY_HEAD = """
 @njit({options})
 def add(x, y):
@@ -308,6 +319,25 @@ def mirror(X):
 
 
 @njit({options})
+def symmetric(flat, n):
+    X, k = np.empty((n, n)), 0
+    for i in range(n):
+        for j in range(i, n):
+            X[i, j] = X[j, i] = flat[k]
+            k += 1
+    return X
+
+
+@njit({options})
+def mirror_symmetric(X):
+    n = X.shape[0]
+    for i in range(n):
+        for j in range(i + 1, n):
+            X[j, i] = X[i, j]
+    return X
+
+
+@njit({options})
 def store(X, flat):
     flat[:] = X.reshape(X.size)
 
@@ -315,6 +345,15 @@ def store(X, flat):
 @njit({options})
 def store_number(x, flat):
     flat[0] = x
+
+
+@njit({options})
+def store_symmetric(X, flat):
+    k = 0
+    for i in range(X.shape[0]):
+        for j in range(i, X.shape[0]):
+            flat[k] = X[i, j]
+            k += 1
 
 
 @njit({options})

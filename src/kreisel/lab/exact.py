@@ -166,6 +166,8 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
         return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles
     if p.kind == "vector":
         value = draw((n,))
+        if p.positive:
+            return abs(value) / 8 + (1 + np.cumsum(0 * value + 1)) / 2
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
     square = draw((n, n))
     positive = (square @ square.T) / n + algebra.identity(n)

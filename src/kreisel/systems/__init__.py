@@ -4,10 +4,12 @@ from kreisel.contract import System
 from kreisel.errors import InputError, nearest
 from kreisel.systems.clebsch import SYSTEM as Clebsch
 from kreisel.systems.clebsch_general import SYSTEM as ClebschGeneral
+from kreisel.systems.euler_top import SYSTEM as EulerTop
 from kreisel.systems.heavy_top import SYSTEM as HeavyTop
 from kreisel.systems.kirchhoff import SYSTEM as Kirchhoff
 from kreisel.systems.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.systems.lagrange_top_moving import SYSTEM as LagrangeTopMoving
+from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
 from kreisel.systems.symmetric_top import SYSTEM as SymmetricTop
 
@@ -15,10 +17,12 @@ __all__ = [
     "REGISTRY",
     "Clebsch",
     "ClebschGeneral",
+    "EulerTop",
     "HeavyTop",
     "Kirchhoff",
     "LagrangeTop",
     "LagrangeTopMoving",
+    "ManakovTop",
     "Neumann",
     "SymmetricTop",
     "find",
@@ -35,6 +39,8 @@ REGISTRY: dict[str, System] = {
         ClebschGeneral,
         Clebsch,
         Neumann,
+        EulerTop,
+        ManakovTop,
     )
 }
 
