@@ -5,16 +5,19 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench examples picture roundoff verify soak clean help
+.PHONY: demo test test-full lint bench examples picture roundoff verify soak docs gallery dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
 	@echo "make test-full the same with the cases that take minutes"
 	@echo "make examples  run every example, outputs in out/"
+	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
+	@echo "make docs      the documentation site, in out/docs"
 	@echo "make soak      200 kills of a run at random moments; some minutes"
 	@echo "make lint      ruff and mypy --strict"
+	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
 	@echo "make bench     speed against C++ (needs g++); make roundoff: drift over 10^8 steps"
 
 $(STAMP): pyproject.toml constraints.txt
@@ -55,6 +58,33 @@ picture: $(STAMP)
 
 verify: $(STAMP)
 	$(BIN)/kreisel verify --markdown > docs/verified.md.part && mv docs/verified.md.part docs/verified.md
+
+docs: $(STAMP)
+	@echo "== the code on the pages, and the pages made from the records"
+	$(BIN)/python docs/tools/pages.py
+	@echo "== the site"
+	$(BIN)/python -m sphinx -W --keep-going -q -E -b html -d out/doctrees docs out/docs
+	@echo "== out/docs/index.html"
+
+gallery: $(STAMP)
+	@echo "== every script of examples/gallery in full, pictures into docs/gallery"
+	$(BIN)/python docs/tools/gallery.py
+
+dist: $(STAMP)
+	rm -rf dist
+	$(BIN)/python -m hatchling build -d dist
+
+release-check: dist
+	@echo "== the wheel in an environment of its own, tested by the tests of the sdist"
+	rm -rf out/release && mkdir -p out/release
+	tar -xzf dist/kreisel-*.tar.gz -C out/release --strip-components 1
+	rm -rf out/release/src
+	$(PYTHON) -m venv out/release/.venv
+	out/release/.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  "$$(ls dist/*.whl)[all]" pytest pytest-xdist sympy
+	cd out/release && .venv/bin/python -c "import kreisel; assert '.venv' in kreisel.__file__, kreisel.__file__"
+	cd out/release && .venv/bin/python -m pytest -q -n 2 tests
+	out/release/.venv/bin/kreisel systems
 
 soak: $(STAMP)
 	KREISEL_KILLS=200 $(BIN)/python -m pytest -q tests/test_resume.py -k killed

@@ -19,10 +19,12 @@ RANK = {
     "systems": 5,
     "methods": 5,
     "reduction": 5,
+    "units": 4,
     "physical": 6,
     "engines": 6,
     "runs": 7,
     "lab": 8,
+    "analysis": 8,
     "view": 8,
     "cli": 9,
     "__main__": 10,
@@ -49,7 +51,19 @@ def test_arrows_run_one_way() -> None:
 
 
 def test_import_is_light() -> None:
-    heavy = ("numba", "xarray", "zarr", "matplotlib", "scipy", "pandas", "flint", "jax", "optimistix", "mpmath")
+    heavy = (
+        "numba",
+        "xarray",
+        "zarr",
+        "matplotlib",
+        "scipy",
+        "pandas",
+        "flint",
+        "jax",
+        "optimistix",
+        "mpmath",
+        "plotly",
+    )
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.split() == []

@@ -77,3 +77,18 @@ def test_moser_veselov() -> None:
         0.597381497765167,
     ]
     assert abs(algebra.coordinates(top.step(M, eps=0.1)[0]) - expected).max() < 1e-14
+
+
+def test_quadratic_potential() -> None:
+    """Suris's map of 2000, a general P and P = p p^T; the same source."""
+    body, M = kr.QuadraticPotential(J=(1, 2, 3)), algebra.hat(np.array([1, -0.5, 0.75]))
+    P = np.array([[0.5, 0.1, -0.2], [0.1, -0.3, 0.4], [-0.2, 0.4, 0.9]])
+    M1, P1 = body.step(M, P, eps=0.1)
+    assert abs(algebra.axial(M1) - [0.955325856866463, -0.548490674487455, 0.738356459938834]).max() < 1e-13
+    expected = [0.499421326855566, 0.081934312959024, -0.186301985342634]
+    expected += [-0.288306077915057, 0.426906617591963, 0.88888475105949]
+    assert abs(P1[np.triu_indices(3)] - expected).max() < 1e-13
+    p, p1 = np.array([0.6, 0, 0.8]), np.array([0.60913034164218, 0.000819121635865, 0.79306970433287])
+    M1, P1 = body.step(M, np.outer(p, p), eps=0.1)
+    assert abs(algebra.axial(M1) - [0.997109270097409, -0.413416754646482, 0.747688538623685]).max() < 1e-13
+    assert abs(P1 - np.outer(p1, p1)).max() < 1e-13

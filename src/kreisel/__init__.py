@@ -28,12 +28,15 @@ from kreisel.systems import (
     LagrangeTopMoving,
     ManakovTop,
     Neumann,
+    QuadraticPotential,
     SymmetricTop,
 )
 
 if TYPE_CHECKING:
+    from kreisel import analysis, physical, units, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
+    from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
@@ -44,12 +47,14 @@ __version__ = "0.1.0"
 _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
+    "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
     "plot": "kreisel.view.plots",
 }
+_PARTS = ("analysis", "physical", "units", "view")
 
 __all__ = [
     "Clebsch",
@@ -62,9 +67,12 @@ __all__ = [
     "LagrangeTopMoving",
     "ManakovTop",
     "Neumann",
+    "QuadraticPotential",
     "RunError",
     "SymmetricTop",
+    "analysis",
     "at",
+    "cite",
     "drift",
     "nutation",
     "open_run",
@@ -72,6 +80,7 @@ __all__ = [
     "resume",
     "simulate",
     "systems",
+    "view",
 ]
 
 
@@ -81,6 +90,8 @@ def systems() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PARTS:
+        return importlib.import_module(f"kreisel.{name}")
     if name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
@@ -89,4 +100,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LAZY, *_PARTS})

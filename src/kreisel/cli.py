@@ -1,4 +1,4 @@
-"""The command line: run, resume, check, plot, systems, verify.  Bad input ends with exit code 2 and one message."""
+"""The command line: run, resume, check, plot, view, systems, verify.  Bad input: exit code 2 and one message."""
 
 from __future__ import annotations
 
@@ -141,14 +141,53 @@ def plot(
     archive: Path,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .png, .pdf or .svg.")] = None,
     compare: Annotated[Path | None, typer.Option("--compare", help="A second archive, drawn in grey.")] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
 ) -> None:
     """Draw the figure of an archive."""
     from kreisel.runs.archive import open_archive
 
     result = open_archive(archive)
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
-    _save_figure(result, target, open_archive(compare) if compare else None)
+    _save_figure(result, target, open_archive(compare) if compare else None, "dark" if dark else "light")
     print(f"figure: {target}")
+
+
+@app.command()
+def view(
+    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .html.")] = None,
+    lane: Annotated[int, typer.Option("--lane", help="The trajectory of an ensemble.")] = 0,
+    serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", help="0: one that is free.")] = 0,
+) -> None:
+    """Write the interactive page of an archive: one HTML file that opens offline."""
+    from kreisel.runs.archive import open_archive
+    from kreisel.view.page import view as page_of
+
+    if serve:
+        _serve(archive, host, port, lane)
+        return
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
+    if not target.name or target.is_dir():
+        raise InputError(f"The page needs a name such as top.html; {str(target)!r} came.")
+    page_of(open_archive(archive), lane=lane).save(target)
+    print(f"page: {target}")
+
+
+def _serve(archive: Path, host: str, port: int, lane: int) -> None:
+    from kreisel.view.serve import LOOPBACK, address, server
+
+    with server(archive, host=host, port=port, lane=lane) as serving:
+        if host not in LOOPBACK:
+            print(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
+        print(f"{address(serving)}  (Ctrl-C ends it)", flush=True)
+        try:
+            serving.serve_forever()
+        except KeyboardInterrupt:
+            print("ended", file=sys.stderr)
 
 
 @app.command()
@@ -232,7 +271,7 @@ def _told(finding: Any) -> dict[str, Any]:
     }
 
 
-def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
+def _save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
     from kreisel.view.plots import plot as draw
 
     if not target.name:
@@ -240,7 +279,7 @@ def _save_figure(result: Any, target: Path, compare: Any = None) -> None:
     scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        draw(result, compare=compare).savefig(scratch)
+        draw(result, compare=compare, theme=theme).savefig(scratch)
         scratch.replace(target)
     except InputError:
         raise

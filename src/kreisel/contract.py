@@ -70,6 +70,11 @@ class PhaseSpace:
         """The kinds of the components: "skew", "symmetric", "vector", or "R^k" for k numbers whatever n is."""
         return tuple(kind for _, kind in self.components)
 
+    @property
+    def leading(self) -> int:
+        """The place of the component that pictures and angles are about: the first that is carried, if any."""
+        return self.carried[0] if self.carried else 0
+
 
 def semidirect(name: str, components: tuple[tuple[str, str], ...], casimirs: Function, sign: int = +1) -> PhaseSpace:
     """The dual of so(n) <x V: M in so(n), then what it turns, of the kinds "vector", "symmetric" and "skew".
@@ -116,7 +121,8 @@ class Parameter:
     """A parameter: its letter, kind ("scalar", "vector", "symmetric" or "array"), meaning and valid range.
 
     A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
-    `check(value, name)` raises `InputError`.
+    `check(value, name)` raises `InputError`.  `fixed` says where a vector of a top with a fixed point rests: "space"
+    (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).
     """
 
     letter: str
@@ -127,6 +133,7 @@ class Parameter:
     exact_diagonal: bool = False  # in exact numbers the matrix must be diagonal
     distinct: bool = False  # the entries must be distinct
     positive: bool = False  # the entries must be positive
+    fixed: str = ""
 
 
 @dataclass(frozen=True)
@@ -279,6 +286,11 @@ class System:
 
     def __repr__(self) -> str:
         return f"<kreisel system {self.name!r}: {self.title}>"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import system_html
+
+        return system_html(self)
 
     def __post_init__(self) -> None:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)

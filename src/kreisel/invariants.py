@@ -144,6 +144,24 @@ def metric_spectrum(M: Array, A: Array) -> Array:
     return stack([c[k][i] for k in range(3, M.shape[-1] + 1) for i in range(k - 2, 0, -2)])
 
 
+def laurent_spectrum(M: Array, A: Array, P: Array) -> Array:
+    """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: all of lambda^i mu^(n-k), |i| < k.
+
+    Those of i - k odd vanish for symmetric A and P and skew M.  Found from powers of L as Laurent polynomials.
+    """
+    n = M.shape[-1]
+    adj, out = {0: identity(n) + 0 * M}, []
+    for k in range(1, n + 1):
+        product: dict[int, Array] = {}
+        for i, B in adj.items():
+            for shift, term in ((1, A), (0, M), (-1, P)):
+                product[i + shift] = product.get(i + shift, 0) + term @ B
+        c = {i: -_trace(B) / k for i, B in product.items()}
+        out += [c[i] for i in range(k - 2, -k, -2)]
+        adj = {i: B + mat(c[i]) * identity(n) for i, B in product.items()}
+    return stack(out)
+
+
 def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
     """The plus Lie-Poisson tensor of so(n) <x V in the coordinates of M (i < j) and of the components of V.
 

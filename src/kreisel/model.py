@@ -5,7 +5,8 @@ Raises `InputError` with what was expected, what came and the fix.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import inspect
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,11 @@ class State(Mapping[str, Array]):
 
     def __repr__(self) -> str:
         return "State(" + ", ".join(f"{k}={v.tolist()}" for k, v in self._components.items()) + ")"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import state_html
+
+        return state_html(self)
 
     @property
     def axial(self) -> State:
@@ -133,13 +139,31 @@ class Model:
         told = ", ".join(f"{k}={v.tolist()}" for k, v in self.params.items())
         return f"{self.system.name}({told})"
 
-    def state(self, **components: Any) -> State:
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import model_html
+
+        return model_html(self)
+
+    @property
+    def state(self) -> Callable[..., State]:
         """A checked state, e.g. `top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))`.
 
         Skew components are (..., n, n), or axial (..., 3) when n = 3; vectors (..., n); leading axes
-        are batch axes.  Raises `InputError` on unknown or missing components, wrong shapes, matrices
-        that are not skew, NaN or infinity, and states off the phase space.
+        are batch axes; lists, and arrays of NumPy, xarray or JAX.  The keywords complete in a notebook.  Raises
+        `InputError` on unknown or missing components, wrong shapes, matrices that are not skew, NaN or infinity,
+        and states off the phase space.
         """
+
+        def state(**components: Any) -> State:
+            return self._state(components)
+
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        letters = [inspect.Parameter(letter, keyword) for letter in self.system.space.letters]
+        state.__doc__ = type(self).state.__doc__
+        state.__dict__["__signature__"] = inspect.Signature(letters)
+        return state
+
+    def _state(self, components: Mapping[str, Any]) -> State:
         space = self.system.space
         for letter in components:
             if letter not in space.letters:

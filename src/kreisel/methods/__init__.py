@@ -25,7 +25,23 @@ METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
     "dop853": dop853,
 }
 
-__all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme"]
+SOURCES: dict[str, tuple[str, ...]] = {  # keys of refs.bib
+    "baecklund": ("suris2001",),
+    "suris": ("suris2001",),
+    "variational": ("marsden1999", "suris2001"),
+    "lagrangian": ("suris2001",),
+    "exact": ("suris2001", "carlson1995"),
+    "dop853": ("hairer1993",),
+}
+COMPOSED = {4: ("suzuki1990",), 6: ("kahan1997",), 8: ("kahan1997",)}  # orders of method="variational"
+
+__all__ = ["METHODS", "Outcome", "Scheme", "default_method", "scheme", "sources"]
+
+
+def sources(method: str, order: int | None) -> tuple[str, ...]:
+    """Keys of refs.bib for a method at an order."""
+    composed = COMPOSED.get(order or 0, ()) if method == "variational" else ()
+    return (*SOURCES[method], *composed, *(("hairer2006",) if composed else ()))
 
 
 def default_method(model: Model) -> str:

@@ -178,6 +178,8 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     """Blocks of outputs as a Dataset, at the times of the saved steps unless others are given."""
     import xarray as xr
 
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
+
     attrs = attributes(plan, blocks[0])
     data = {}
     for name in plan.scheme.outcomes:
@@ -439,6 +441,8 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
     Kreisel archive.
     """
     import xarray as xr
+
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = read_attributes(path)
     try:

@@ -40,7 +40,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    time = np.atleast_1d(run["time"].values)
+    run = run if "time" in run.dims else run.expand_dims("time")
+    time = run["time"].values
     # those that are there: a run may be cut short; `kr.at` makes none
     steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
     rows = {

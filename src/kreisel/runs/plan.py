@@ -234,7 +234,14 @@ def checked_state(model: Model, x0: Any) -> State:
     """The state of this system that a user gave.  Raises `InputError`."""
     if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
-        raise InputError(f"The initial state must come from system.state({letters}) or be a dict; {x0!r} came.")
+        raise InputError(
+            f"The initial state must come from system.state({letters}), or be a dict or a row of a run; {x0!r} came."
+        )
+    if hasattr(x0, "data_vars"):  # a row of a run, which has more than the state
+        missing = [letter for letter in model.system.space.letters if letter not in x0]
+        if missing:
+            raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
+        x0 = {letter: x0[letter] for letter in model.system.space.letters}
     return model.state(**x0)
 
 

@@ -39,7 +39,8 @@ def simulate(
     """Simulate `steps` steps of length `dt` and return every `every`-th state with all integrals.
 
     system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`
-    x0           `system.state(...)`, or a dict of its components; a batch axis in front makes an ensemble
+    x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
+                 arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
     method       "baecklund" (keeps all integrals of the flow; default where known), "suris" (the paper's map),
                  "variational" (symplectic, any system; default elsewhere), "exact" (the flow; Lagrange top with

@@ -11,6 +11,7 @@ from kreisel.systems.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.systems.lagrange_top_moving import SYSTEM as LagrangeTopMoving
 from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
+from kreisel.systems.quadratic_potential import SYSTEM as QuadraticPotential
 from kreisel.systems.symmetric_top import SYSTEM as SymmetricTop
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "LagrangeTopMoving",
     "ManakovTop",
     "Neumann",
+    "QuadraticPotential",
     "SymmetricTop",
     "find",
 ]
@@ -41,6 +43,7 @@ REGISTRY: dict[str, System] = {
         Neumann,
         EulerTop,
         ManakovTop,
+        QuadraticPotential,
     )
 }
 

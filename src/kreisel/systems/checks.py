@@ -7,6 +7,7 @@ from kreisel.errors import InputError
 
 
 def nonzero_alpha(alpha, letter):
+    """Not 0."""
     if np.asarray(alpha == 0).any():
         raise InputError(
             f"{letter} = I_axial / I_transverse must not be 0: the Legendre transform is singular there, so the "
@@ -15,6 +16,7 @@ def nonzero_alpha(alpha, letter):
 
 
 def nonzero_vector(A, letter):
+    """Not the zero vector."""
     if np.asarray(dot(A, A) == 0).any():
         raise InputError(
             f"{letter} must not be the zero vector: it points from the fixed point to the centre of mass. "
@@ -23,6 +25,7 @@ def nonzero_vector(A, letter):
 
 
 def distinct(a, letter):
+    """Entries distinct."""
     n = a.shape[-1]
     for j in range(n):
         for k in range(j):
@@ -56,6 +59,7 @@ def moments(J, letter):
 
 
 def off_diagonal(C, letter):
+    """Not diagonal."""
     if magnitude(C * (1 - identity(C.shape[-1]))) == 0:
         raise InputError(
             f"{letter} must be an n x n matrix with {letter}_jk the inverse moment of the plane (j, k); a diagonal "

@@ -58,7 +58,7 @@ SYSTEM = System(
             moments,
             exact_diagonal=True,
         ),
-        Parameter("A", "vector", "from the fixed point to the centre of mass, in the body"),
+        Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", fixed="body"),
     ),
     flow=flow,
     energy=energy,

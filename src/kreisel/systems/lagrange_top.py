@@ -212,7 +212,7 @@ SYSTEM = System(
     frame=Frame.REST,
     space=REST_SPACE,
     parameters=(
-        Parameter("p", "vector", "gravity vector in the rest frame: the potential energy is <p, a>"),
+        Parameter("p", "vector", "gravity vector in the rest frame: the potential energy is <p, a>", fixed="space"),
         Parameter(
             "alpha",
             "scalar",

@@ -207,6 +207,7 @@ SYSTEM = System(
             "vector",
             "from the fixed point to the centre of mass, in the body; its length multiplies the potential <P, A>",
             nonzero_vector,
+            fixed="body",
         ),
         Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0", nonzero_alpha, 1.0),
     ),

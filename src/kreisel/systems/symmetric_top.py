@@ -108,7 +108,11 @@ SYSTEM = System(
     source="Suris 2001, section 1",
     frame=Frame.MOVING,
     space=MOVING_SPACE,
-    parameters=(Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector),),
+    parameters=(
+        Parameter(
+            "A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector, fixed="body"
+        ),
+    ),
     flow=flow,
     energy=energy,
     velocity=velocity,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -10,8 +9,8 @@ import numpy as np
 from kreisel.errors import InputError
 from kreisel.runs.archive import is_own, model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
-from kreisel.systems import find
-from kreisel.view.style import COLOURS, FAINT, STYLE
+from kreisel.runs.geometry import carried_letter, kinds_of
+from kreisel.view.style import Theme, theme_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,14 +24,14 @@ STRETCHES = 1200
 MOST_ROWS = 200_000  # read for the picture of the path
 
 
-def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
+def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
     The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
     relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
-    Raises `InputError` if it is of another system, if the run lacks the vector that is drawn, and for states at
-    given times (`kr.at`), which are no run.
+    `theme` is "light" or "dark".  Raises `InputError` if it is of another system, if the run lacks the vector that is
+    drawn, and for states at given times (`kr.at`), which are no run.
     """
     for each in (run, compare):
         if each is not None and "dt" not in each.attrs:
@@ -44,16 +43,17 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None) -> Figure:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(cast("Any", STYLE)):
+    colours = theme_of(theme)
+    with mpl.rc_context(cast("Any", colours.rc)):
         figure = Figure(figsize=(9.2, 4.4), layout="constrained")
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run)
         one = run.isel(lane=0) if "lane" in run.dims else run
         if one[vector].shape[1:] == (3,):
-            _sphere(left.add_subplot(projection="3d"), one, vector)
+            _sphere(left.add_subplot(projection="3d"), one, vector, colours)
         else:
-            _components(left.add_subplot(), one, vector)
-        _drifts(right.add_subplot(), run, compare)
+            _components(left.add_subplot(), one, vector, colours)
+        _drifts(right.add_subplot(), run, compare, colours)
         figure.suptitle(_title(run, compare), fontsize=10)
     return figure
 
@@ -66,35 +66,27 @@ def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
 
 def _vector_letter(run: xr.Dataset) -> str:
     """The component that is drawn: the vector one of a pair (m, a), the position of (x, q)."""
-    kinds = _kinds(run)
-    missing = [name for name in kinds if name not in run]
+    missing = [name for name in kinds_of(run.attrs) if name not in run]
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
-    return next((name for name in kinds if kinds[name] == "vector"), next(iter(kinds)))
+    return carried_letter(run.attrs)
 
 
-def _kinds(run: xr.Dataset) -> dict[str, str]:
-    """The kinds of the components of the state, by letter."""
-    if is_own(run.attrs):
-        return dict(json.loads(run.attrs["components"]))
-    return dict(find(run.attrs["system"]).space.components)
-
-
-def _sphere(axes: Any, run: xr.Dataset, letter: str) -> None:
+def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     xyz = np.asarray(run[letter][:MOST_ROWS].values)
     radius = float(np.linalg.norm(xyz[:1], axis=-1).max()) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    axes.plot_wireframe(*ball, rstride=4, cstride=4, color=FAINT, linewidth=0.3, alpha=0.7)
+    axes.plot_wireframe(*ball, rstride=4, cstride=4, color=theme.faint, linewidth=0.3, alpha=0.7)
     arc = np.linalg.norm(np.diff(xyz, axis=0), axis=-1)
     if _advance_per_row(run, letter) < MOST_GAP * radius:
         shown = int(np.searchsorted(np.cumsum(arc), ARC_SHOWN * radius)) + 1
-        axes.plot(*_on_sphere(xyz[:shown], radius).T, color=COLOURS[0], linewidth=0.8)
+        axes.plot(*_on_sphere(xyz[:shown], radius).T, color=theme.colours[0], linewidth=0.8)
         told = f"to time {float(run['time'][shown - 1]):.4g}"
     else:
-        axes.plot(*xyz[:MOST_DOTS].T, ".", color=COLOURS[0], markersize=1.0)
+        axes.plot(*xyz[:MOST_DOTS].T, ".", color=theme.colours[0], markersize=1.0)
         told = "saved states"
-    axes.plot(*xyz[:1].T, "o", color=COLOURS[1], markersize=4)
+    axes.plot(*xyz[:1].T, "o", color=theme.colours[1], markersize=4)
     axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     axes.set_axis_off()
@@ -120,27 +112,27 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
     return radius * chords / np.linalg.norm(chords, axis=-1, keepdims=True)
 
 
-def _components(axes: Any, run: xr.Dataset, letter: str) -> None:
+def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     time, values = run["time"][:STATES_SHOWN].values, run[letter][:STATES_SHOWN].values
     for i, series in enumerate(values.T):
-        axes.plot(time, series, color=COLOURS[i % len(COLOURS)], label=f"${letter}_{{{i + 1}}}$")
+        axes.plot(time, series, color=theme.colours[i % len(theme.colours)], label=f"${letter}_{{{i + 1}}}$")
     axes.set(xlabel="time", title=f"components of ${letter}$, first {len(time)} saved states")
     axes.legend(ncols=min(values.shape[1], 6), loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
-def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None) -> None:
+def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: Theme) -> None:
     reference = run.attrs["method"] == "dop853"
     if compare is not None:
         worst = np.fmax.reduce(list(_envelopes(compare, everything=True).values()))
         label = f"worst integral by {compare.attrs['method']}"
-        axes.plot(_thinned_time(compare), worst, color=FAINT, label=label)
+        axes.plot(_thinned_time(compare), worst, color=theme.faint, label=label)
     for number, (family, change) in enumerate(_envelopes(run, everything=reference).items()):
-        colour = COLOURS[number % len(COLOURS)]
+        colour = theme.colours[number % len(theme.colours)]
         label = family.replace("_eps", " of the map")
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
     time = np.linspace(0, float(run["time"][-1]), 400)[1:]
     band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
-    axes.plot(time, band, color="black", linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
+    axes.plot(time, band, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(0, time[-1]))
     axes.set_ylim(bottom=1e-17)
     axes.set_title("integrals of the flow" if reference else "what the method keeps")

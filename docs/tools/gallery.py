@@ -1,0 +1,89 @@
+"""The gallery: for each script in examples/gallery its docstring, its code and the picture that it writes.
+
+The pictures are those of docs/gallery, which `make gallery` makes by running every script in full (minutes).  One that
+is missing is made here, by the script with KREISEL_SMALL set.
+
+    python docs/tools/gallery.py [NAME ...]     # make gallery
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+INTRODUCTION = """# Gallery
+
+Each picture is made by one script of `examples/gallery`, which runs as it stands."""
+
+
+def write(docs: Path) -> None:
+    """generated/gallery/*.md with pictures."""
+    root = docs.resolve().parent
+    scripts = sorted((root / "examples" / "gallery").glob("[!_]*.py"))
+    folder = docs / "generated" / "gallery"
+    if not scripts:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    cards, names = [], []
+    for script in scripts:
+        picture = _picture(script, docs)
+        shutil.copyfile(picture, folder / picture.name)
+        source = script.read_text(encoding="utf-8")
+        title, _, rest = (ast.get_docstring(ast.parse(source)) or script.stem).partition("\n")
+        title = title.rstrip(".")
+        code = source.split('"""', 2)[2].lstrip() if source.startswith('"""') else source
+        page = f"# {title}\n\n{rest.strip()}\n\n![{title}]({picture.name})\n\n`examples/gallery/{script.name}`\n\n"
+        (folder / f"{script.stem}.md").write_text(f"{page}```python\n{code}```\n", encoding="utf-8")
+        cards.append(f":::{{figure}} {picture.name}\n:target: {script.stem}.html\n:alt: {title}\n\n{title}\n:::")
+        names.append(script.stem)
+    cells = "\n\n".join(cards)
+    entries = "\n".join(names)
+    (folder / "index.md").write_text(
+        f"{INTRODUCTION}\n\n::::{{container}} gallery\n{cells}\n::::\n\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n",
+        encoding="utf-8",
+    )
+
+
+def _picture(script: Path, docs: Path) -> Path:
+    """The one picture of a script."""
+    picture = docs / "gallery" / f"{script.stem}.png"
+    return (
+        picture if picture.exists() else run(script, docs.resolve().parent / "out" / "gallery", {"KREISEL_SMALL": "1"})
+    )
+
+
+def run(script: Path, out: Path, environment: dict[str, str]) -> Path:
+    """Run a script in a folder; its picture."""
+    out.mkdir(parents=True, exist_ok=True)
+    environment = {**os.environ, "MPLBACKEND": "agg", **environment}
+    subprocess.run([sys.executable, str(script)], cwd=out, check=True, env=environment, stdout=subprocess.DEVNULL)
+    return out / f"{script.stem}.png"
+
+
+WIDTH, COLOURS = 1200, 128
+
+
+def main(names: list[str]) -> None:
+    """Make the pictures of docs/gallery, small enough to be kept with the sources."""
+    from PIL import Image
+
+    docs = Path(__file__).parent.parent
+    root = docs.resolve().parent
+    for script in sorted((root / "examples" / "gallery").glob("[!_]*.py")):
+        if names and script.stem not in names:
+            continue
+        begun = time.perf_counter()
+        image = Image.open(run(script, root / "out" / "gallery", {})).convert("RGB")
+        image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+        (docs / "gallery").mkdir(exist_ok=True)
+        image.quantize(COLOURS).save(docs / "gallery" / f"{script.stem}.png", optimize=True)
+        print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

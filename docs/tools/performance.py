@@ -1,0 +1,24 @@
+"""Tables and figures of the page on performance, from benchmarks/results."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+
+def write(docs: Path) -> None:
+    """generated/performance.md."""
+    benchmarks = docs.resolve().parent / "benchmarks"
+    sys.path.insert(0, str(benchmarks))
+    import tables
+
+    folder = docs / "generated"
+    folder.mkdir(exist_ok=True)
+    parts = [tables.speed_and_stillness()]
+    for figure in sorted((benchmarks / "results").glob("*.png")):
+        (folder / "figures").mkdir(exist_ok=True)
+        shutil.copyfile(figure, folder / "figures" / f"benchmark-{figure.name}")
+        title = figure.stem.replace("-", " ").replace("_", " ").capitalize()
+        parts.append(f"## {title}\n\n![{title}](figures/benchmark-{figure.name})")
+    (folder / "performance.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")

@@ -1,0 +1,35 @@
+"""kr.analysis: angles and rates, events, sections, frequencies, comparison of runs.
+
+    run = kr.simulate(top, x0, dt=0.05, steps=20_000, orientation=(1, 0, 0, 0))
+    kr.analysis.euler_angles(run)                      # phi, theta, psi
+    kr.analysis.mean_rates(run)                        # nutation and precession, measured and in closed form
+    kr.analysis.section(run, "a[1]", rising=True)      # Poincare's section a_2 = 0, located to round-off
+    kr.analysis.frequencies(run, "a[0]")               # to 1e-10 and better
+
+Everything takes a run of `kr.simulate`, `kr.open_run` or `kr.resume`.  A quantity is a name such as "a[2]", counted
+from
+0 as in `kr.drift`, or a function of the components of the state.  What comes back is an `xarray.Dataset`, a table of
+pandas, or a small record with a `plot()`; `kreisel.view.charts` draws all of them.
+"""
+
+from kreisel.analysis.angles import euler_angles, mean_rates, quaternions, rates, rotations
+from kreisel.analysis.comparison import Comparison, compare
+from kreisel.analysis.events import events
+from kreisel.analysis.frequencies import Lines, frequencies, power_spectrum
+from kreisel.analysis.sections import return_map, section
+
+__all__ = [
+    "Comparison",
+    "Lines",
+    "compare",
+    "euler_angles",
+    "events",
+    "frequencies",
+    "mean_rates",
+    "power_spectrum",
+    "quaternions",
+    "rates",
+    "return_map",
+    "rotations",
+    "section",
+]

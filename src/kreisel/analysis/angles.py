@@ -1,0 +1,282 @@
+"""kr.analysis: quaternions, Euler's angles, rates of precession, nutation and spin, measured and in closed form."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array, act, axial, dot
+from kreisel.analysis.events import events
+from kreisel.contract import Frame
+from kreisel.errors import InputError
+from kreisel.methods.observing import ORIENTATION
+from kreisel.model import Model
+from kreisel.runs.geometry import (
+    components,
+    fixed_vector,
+    model_for,
+    orientation_of,
+    to_third_axis,
+    vertical_and_axis,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from scipy.spatial.transform import Rotation
+
+VERTICAL = 1e-9  # sin(theta) below which precession and spin are not told apart
+
+
+def rotations(run: xr.Dataset) -> Rotation:
+    """The orientations g (body to space) as one `scipy.spatial.transform.Rotation`, n = 3; of an ensemble row by row.
+
+    Raises `InputError` for a run without an orientation.
+    """
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(orientation_of(run).reshape(-1, 4), scalar_first=True)
+
+
+def quaternions(run: xr.Dataset) -> Array:
+    """The unit quaternions (w, x, y, z) of the orientation, (time, 4) or (time, lane, 4), without jumps of sign.
+
+    g and the next one are taken from the same half of the sphere, so that the four numbers are smooth in time.
+    Raises `InputError` for a run without an orientation.
+    """
+    q = orientation_of(run)
+    flips = np.where(dot(q[1:], q[:-1]) < 0, -1.0, 1.0)
+    signs = np.concatenate([np.ones_like(flips[:1]), np.cumprod(flips, axis=0)])
+    return q * signs[..., None]
+
+
+def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
+    """Euler's angles phi, theta, psi of the body against time: g = R_3(phi) R_1(theta) R_3(psi), n = 3, in rad.
+
+    For a top the third axis of space is the vertical (against gravity) and that of the body its axis, turned there by
+    the
+    least turn where they are not already; theta is the tilt, phi the precession, psi the body's own turn.  For other
+    bodies
+    the axes are those of the state.  phi and psi are continued without jumps, right as long as they turn by less than
+    pi between two saved rows.  Exactly on the vertical only phi +- psi has a meaning; then psi = 0.
+
+    Returns a Dataset (time) or (time, lane).  Raises `InputError` for a run without an orientation or with n > 3.
+    [Goldstein, Classical Mechanics, 3rd ed., section 4.4]
+    """
+    import warnings
+
+    import xarray as xr
+    from scipy.spatial.transform import Rotation
+
+    q = orientation_of(run)
+    S, B = _alignment(run, system)
+    turned = Rotation.from_matrix(S) * rotations(run) * Rotation.from_matrix(B).inv()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # on the vertical
+        angles = turned.as_euler("ZXZ").reshape((*q.shape[:-1], 3))
+    dims = run[ORIENTATION].dims[:-1]
+    names = {"phi": "precession", "theta": "tilt", "psi": "own turn"}
+    data = {}
+    for k, (name, told) in enumerate(names.items()):
+        value = angles[..., k] if name == "theta" else np.unwrap(angles[..., k], axis=0)
+        data[name] = (dims, value, {"long_name": told, "units": "rad"})
+    return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _told(run))
+
+
+def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
+    """Turns of space and body that make the vertical and the axis the third ones; identities where there are none."""
+    try:
+        model = model_for(run, system)
+        state, g = components(run, model), orientation_of(run).reshape(-1, 4)[:1]
+        carried = state[model.system.space.leading]
+        first = carried.reshape(-1, 3)[:1]
+        up, axis = (v.reshape(-1, 3)[0] for v in vertical_and_axis(model, first))
+    except InputError:
+        if system is not None:
+            raise
+        return np.eye(3), np.eye(3)
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(g[0], scalar_first=True)
+    if model.system.frame is Frame.REST:
+        axis = turn.inv().apply(axis)
+    else:
+        up = turn.apply(up)
+    return to_third_axis(_snapped(up)), to_third_axis(_snapped(axis))
+
+
+def _snapped(v: Array) -> Array:
+    """A coordinate axis where v is one but for rounding."""
+    near = np.round(v)
+    return near if np.abs(v - near).max() < 1e-12 and abs(near).sum() == 1 else v
+
+
+def rates(run: xr.Dataset, system: Any = None) -> xr.Dataset:
+    """Tilt and the rates of Euler's angles at every row, from the state alone: no orientation, no differences.
+
+    With the angular velocity omega, the vertical e and the axis k (unit vectors in one frame), cos(theta) = <e, k>:
+
+        phi' = (<omega, e> - cos(theta) <omega, k>)/sin(theta)^2      precession
+        psi' = (<omega, k> - cos(theta) <omega, e>)/sin(theta)^2      the body's own turn
+        theta' = <omega, e x k>/sin(theta)                            nutation
+        spin = <omega, k>                                             total angular velocity about the axis
+
+    Returns a Dataset with tilt, precession, own_turn, nutation and spin, (time) or (time, lane), in radians and the
+    run's unit of time; NaN on the vertical.  Raises `InputError` for systems without a vertical and an axis, or n > 3.
+    """
+    import xarray as xr
+
+    model = model_for(run, system)
+    values = _rates(model, components(run, model))
+    lead = run[model.system.space.letters[0]].dims[: 1 + ("lane" in run.dims)]
+    return xr.Dataset(
+        {name: (lead, v, {"units": "rad"}) for name, v in values.items()},
+        {k: run[k] for k in lead if k in run.coords},
+        _told(run),
+    )
+
+
+def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
+    e, k = vertical_and_axis(model, state[model.system.space.leading])
+    omega = axial(model.call(model.system.velocity, *state))
+    cosine, node = dot(e, k), np.cross(e, k)
+    sine = np.sqrt(dot(node, node))
+    here = np.where(sine > VERTICAL, sine, np.nan)
+    up, along = dot(omega, e), dot(omega, k)
+    return {
+        "tilt": np.arctan2(sine, cosine),
+        "precession": (up - cosine * along) / here**2,
+        "own_turn": (along - cosine * up) / here**2,
+        "nutation": dot(omega, node) / here,
+        "spin": along,
+    }
+
+
+def mean_rates(run: xr.Dataset, system: Any = None) -> pd.DataFrame:
+    """Nutation and precession measured in a run, beside the closed form where one is known (`kr.nutation`).
+
+    The run is cut where the axis is highest, located to round-off (`events`).  Rows: nutation_period,
+    nutation_frequency
+    (angular), precession_per_period, mean_precession (angular velocity of the axis about the vertical, whole turns
+    included), lowest and highest <e, k> = cos(tilt), spin.  Columns: measured, closed_form, difference; NaN where a
+    closed form is not known, and for the precession of a moving frame without an orientation.
+
+    Raises `InputError` for ensembles, for fewer than two nutations, for rows too far apart, and for other systems.
+    """
+    import pandas as pd
+
+    if "lane" in run.dims:
+        raise InputError("mean_rates takes one trajectory: choose a lane, run.isel(lane=0).")
+    model = model_for(run, system)
+    height, climb = _height(model)
+    peaks = events(run, climb, rising=False, system=model)
+    if peaks.sizes["event"] < 2:
+        raise InputError("Fewer than two nutations are in the run: the motion is steady, or the run too short.")
+    lows = events(run, climb, rising=True, system=model)
+    measured = _measured(run, model, peaks)
+    for name, at in (("lowest", lows), ("highest", peaks)):
+        measured[name] = float(height(*(at[c].values for c in model.system.space.letters)).mean())
+    known = _known(run, model)
+    table = pd.DataFrame({"measured": measured, "closed_form": {k: known.get(k, np.nan) for k in measured}})
+    table["difference"] = table.measured - table.closed_form
+    return table
+
+
+def _height(model: Model) -> tuple[Any, Any]:
+    """cos(tilt) and its derivative as functions of the stored components."""
+    from kreisel.algebra import hat
+
+    place = model.system.space.leading
+
+    def matrices(parts: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(hat(v) if kind == "skew" else v for v, kind in zip(parts, model.system.space.kinds, strict=True))
+
+    def height(*parts: Array) -> Array:
+        e, k = vertical_and_axis(model, parts[place])
+        return dot(e, k)
+
+    def climb(*parts: Array) -> Array:
+        state = matrices(parts)
+        e, k = vertical_and_axis(model, state[place])
+        omega = axial(model.call(model.system.velocity, *state))
+        return dot(e, np.cross(omega, k))
+
+    return height, climb
+
+
+def _measured(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> dict[str, float]:
+    time = peaks["time"].values
+    period = float(time[-1] - time[0]) / (len(time) - 1)
+    advance = _advance(run, model, peaks) / (len(time) - 1)
+    spin = _rates(model, components(run.isel(time=slice(0, 1)), model))["spin"]
+    return {
+        "nutation_period": period,
+        "nutation_frequency": 2 * np.pi / period,
+        "precession_per_period": advance,
+        "mean_precession": advance / period,
+        "lowest": np.nan,
+        "highest": np.nan,
+        "spin": float(spin[0]),
+    }
+
+
+def _advance(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> float:
+    """The angle by which the axis goes about the vertical from the first peak to the last, whole turns included."""
+    rate = _rates(model, components(run, model))["precession"]
+    gap = np.diff(run["time"].values).max()
+    if np.nanmax(np.abs(rate)) * gap > np.pi / 2:
+        raise InputError(
+            "The axis goes round too far between two saved rows to count its turns: save more often (every)."
+        )
+    rows, cut = _azimuth(run, model), _azimuth(peaks, model)
+    if rows is None or cut is None:
+        return float("nan")
+    ends = peaks["time"].values[[0, -1]]
+    inside = (run["time"].values > ends[0]) & (run["time"].values < ends[1])
+    joined = np.unwrap(np.concatenate([cut[:1], rows[inside], cut[-1:]]))
+    return float(joined[-1] - joined[0])
+
+
+def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
+    """The azimuth of the axis about the vertical in space; None where the state alone does not tell it."""
+    from scipy.spatial.transform import Rotation
+
+    carried = np.asarray(run[model.system.space.letters[model.system.space.leading]].values)
+    if model.system.frame is Frame.REST:
+        up: Any = fixed_vector(model, "space")  # there is one, or `vertical_and_axis` had complained
+        axis = carried
+    else:
+        if ORIENTATION not in run:
+            return None
+        g = Rotation.from_quat(orientation_of(run), scalar_first=True)
+        lever: Any = fixed_vector(model, "body")
+        up, axis = g[0].apply(carried[0]), g.apply(lever)
+    seen = act(to_third_axis(_snapped(up / np.linalg.norm(up))), axis)
+    return np.arctan2(seen[..., 1], seen[..., 0])
+
+
+def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
+    from kreisel.runs.figures import nutation
+
+    start = {letter: run[letter].values[0] for letter in model.system.space.letters}
+    try:
+        told = nutation(model, start)
+    except InputError:
+        return {}
+    other = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
+    carried = np.asarray(start[model.system.space.letters[model.system.space.leading]])
+    size = float(np.linalg.norm(carried) * np.linalg.norm(other if other is not None else 1.0))
+    return {
+        "nutation_period": told.period,
+        "nutation_frequency": 2 * np.pi / told.period,
+        "precession_per_period": told.precession,
+        "mean_precession": told.mean_precession,
+        "lowest": told.lowest / size,
+        "highest": told.highest / size,
+        "spin": told.spin,
+    }
+
+
+def _told(run: xr.Dataset) -> dict[str, Any]:
+    return {k: run.attrs[k] for k in ("title", "system", "method") if k in run.attrs}

@@ -1,0 +1,86 @@
+"""States carried a little further by the flow itself, many at once, each by a time of its own.
+
+Gragg's extrapolation of the modified midpoint rule, of order 16: the even powers of the step in its error are removed
+one after the other by Aitken and Neville's scheme.  [Hairer, Norsett, Wanner, Solving ODEs I, sections II.8, II.9]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.contract import Frame
+from kreisel.errors import InputError
+from kreisel.model import Model
+
+COLUMNS = (2, 4, 6, 8, 10, 12, 14, 16)  # midpoint steps; order twice their number
+ACCURATE = 2e-14  # relative: difference of the last two orders
+CONVERGED = 2e-15  # then no higher order is needed: the next one is better still
+MOST_PIECES = 512
+
+
+class Carrier:
+    """The flow of a model on states (lanes, ...), with the orientation as a matrix behind them if there is one."""
+
+    def __init__(self, model: Model, constants: dict[str, Array] | None = None):
+        self.model, self.constants = model, dict(constants or {})
+        self.count = len(model.system.space.letters)
+        self.pieces = 1
+
+    def __call__(self, z: tuple[Array, ...], h: Array) -> tuple[Array, ...]:
+        """The states `h` (lanes,) later.  Raises `InputError` where the rows are too far apart."""
+        while True:
+            out, error = self._march(z, h, self.pieces)
+            if error <= ACCURATE:
+                return out
+            self.pieces *= 2
+            if self.pieces > MOST_PIECES:
+                raise InputError(
+                    "The saved states are too far apart to be joined by the flow: save more often (every)."
+                )
+
+    def _march(self, z: tuple[Array, ...], h: Array, pieces: int) -> tuple[tuple[Array, ...], float]:
+        worst = 0.0
+        for _ in range(pieces):
+            z, error = self._extrapolated(z, h / pieces)
+            worst = max(worst, error)
+        return z, worst
+
+    def _extrapolated(self, z: tuple[Array, ...], h: Array) -> tuple[tuple[Array, ...], float]:
+        row: list[tuple[Array, ...]] = []
+        for j, steps in enumerate(COLUMNS):
+            new = [self._midpoint(z, h, steps)]
+            for k in range(j):
+                factor = (steps / COLUMNS[j - k - 1]) ** 2 - 1
+                new.append(tuple(a + (a - b) / factor for a, b in zip(new[k], row[k], strict=True)))
+            error = _gap(new[-1], row[-1]) if row else np.inf
+            row = new
+            if error <= CONVERGED:
+                break
+        return row[-1], error
+
+    def _midpoint(self, z: tuple[Array, ...], h: Array, steps: int) -> tuple[Array, ...]:
+        before, here = z, self._moved(z, z, h / steps)
+        for _ in range(steps - 1):
+            before, here = here, self._moved(before, here, 2 * h / steps)
+        return here
+
+    def _moved(self, z: tuple[Array, ...], at: tuple[Array, ...], h: Array) -> tuple[Array, ...]:
+        return tuple(v + h.reshape(-1, *[1] * (v.ndim - 1)) * r for v, r in zip(z, self._rate(at), strict=True))
+
+    def _rate(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        model, state = self.model, z[: self.count]
+        rate = tuple(model.call(model.system.flow, *state, **self.constants))
+        for g in z[self.count :]:
+            omega = model.call(model.system.velocity, *state, **self.constants)
+            rate += (omega @ g if model.system.frame is Frame.REST else g @ omega,)
+        return rate
+
+
+def _gap(new: tuple[Array, ...], old: tuple[Array, ...]) -> float:
+    """The largest difference of a component, relative to its largest entry; infinite where it is not finite."""
+    worst = 0.0
+    for a, b in zip(new, old, strict=True):
+        gap = np.abs(a - b).max(initial=0.0) / np.abs(a).max(initial=1e-300)
+        worst = max(worst, float(gap)) if np.isfinite(gap) else np.inf
+    return worst

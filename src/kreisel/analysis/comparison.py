@@ -1,0 +1,115 @@
+"""kr.analysis.compare: two runs of one system, how far apart and what each of them keeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.methods.observing import ORIENTATION
+from kreisel.runs.drift import drift
+from kreisel.runs.geometry import kinds_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `compare` returns.
+
+    distance   Dataset along the common times (and lane): for each component of the state the Euclidean distance over
+    the
+               largest length of that component in the first run; for the orientation the angle between them, in rad
+    drift      for each Casimir and integral that both runs have, max |change| in each: columns first, second, ratio
+    names      what the two are called in figures
+    """
+
+    distance: xr.Dataset
+    drift: pd.DataFrame
+    names: tuple[str, str]
+
+    def apart(self, tolerance: float) -> float:
+        """The first common time at which a component is farther apart than the tolerance; infinite if none is."""
+        beyond = np.zeros(self.distance.sizes["time"], dtype=bool)
+        for name in self.distance.data_vars:
+            beyond |= (self.distance[name].values.reshape(len(beyond), -1) > tolerance).any(-1)
+        return float(self.distance["time"].values[beyond.argmax()]) if beyond.any() else float("inf")
+
+    def growth(self) -> float:
+        """The exponent k of distance ~ time^k, by least squares in logarithms over times at which they differ."""
+        worst = np.max([v.values.reshape(len(v), -1).max(-1) for v in self.distance.data_vars.values()], axis=0)
+        time = self.distance["time"].values
+        use = (worst > 0) & (time > time[0])
+        if use.sum() < 2:
+            return float("nan")
+        return float(np.polyfit(np.log(time[use] - time[0]), np.log(worst[use]), 1)[0])
+
+    def plot(self, theme: str = "light") -> Figure:
+        """Distances against time, and the drift of each integral in both runs."""
+        from kreisel.view.charts import plot_comparison
+
+        return plot_comparison(self, theme=theme)
+
+
+def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
+    """Two runs of the same system at the times that both saved.
+
+    Times are the same if they agree to 1e-9 of the shortest distance between rows.  Raises `InputError` for different
+    systems, dimensions or lanes, and where fewer than two times are common.
+    """
+    import pandas as pd
+
+    for key in ("system", "n"):
+        if run.attrs[key] != other.attrs[key]:
+            raise InputError(f"Runs of one system can be compared; {key} is {run.attrs[key]} and {other.attrs[key]}.")
+    if run.sizes.get("lane") != other.sizes.get("lane"):
+        raise InputError("Both runs must have the same lanes; take one lane of each with isel(lane=...).")
+    i, j = _common(np.asarray(run["time"].values), np.asarray(other["time"].values))
+    tables = [drift(each).max_change for each in (run, other)]
+    both = tables[0].index.intersection(tables[1].index, sort=False)
+    table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
+    with np.errstate(all="ignore"):
+        table["ratio"] = table["second"] / table["first"]
+    names = [
+        f"{each.attrs['method']}, dt = {each.attrs['dt']:g}" if "dt" in each.attrs else "exact" for each in (run, other)
+    ]
+    return Comparison(_distances(run.isel(time=i), other.isel(time=j)), table, (names[0], names[1]))
+
+
+def _common(one: Array, two: Array) -> tuple[Array, Array]:
+    if len(one) < 2 or len(two) < 2:
+        raise InputError("Each run needs two saved times or more.")
+    tolerance = 1e-9 * min(np.diff(one).min(), np.diff(two).min())
+    near = np.clip(np.searchsorted(two, one - tolerance), 0, len(two) - 1)
+    same = np.abs(two[near] - one) <= np.maximum(tolerance, 4 * np.finfo(float).eps * np.abs(one))
+    if same.sum() < 2:
+        raise InputError(
+            "The runs have fewer than two saved times in common. Choose steps and `every` so that they have."
+        )
+    return np.nonzero(same)[0], near[same]
+
+
+def _distances(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
+    import xarray as xr
+
+    lead = 1 + ("lane" in run.dims)
+    data: dict[str, Any] = {}
+    dims: tuple[Any, ...] = ()
+    for letter in kinds_of(run.attrs):
+        one, two = (np.asarray(each[letter].values).reshape((*each[letter].shape[:lead], -1)) for each in (run, other))
+        size = np.linalg.norm(one, axis=-1).max() or 1.0
+        dims = run[letter].dims[:lead]
+        data[letter] = (dims, np.linalg.norm(one - two, axis=-1) / size, {"long_name": f"distance of {letter}"})
+    if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, other)):
+        q, r = run[ORIENTATION].values, other[ORIENTATION].values
+        nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
+        angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))
+        data[ORIENTATION] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})
+    coords = {name: run[name] for name in dims if name in run.coords}
+    return xr.Dataset(data, coords)

@@ -1,0 +1,225 @@
+"""kr.analysis.frequencies: the lines of a quasi-periodic motion, far more exactly than a Fourier transform resolves
+them.
+
+Laskar's numerical analysis of fundamental frequencies: with the window w of Hann to the power `power`, a line is a
+root of
+d|Z|^2/d(omega), Z(omega) = sum_k w_k f_k exp(-i omega t_k); its width is 1/T, but the root lies at the frequency up to
+what other lines leak, which falls like T^-(2 power + 2).  Then all amplitudes are fitted together and each line is
+sought again in what the others leave, until the frequencies stand still.
+[J. Laskar, Icarus 88 (1990) 266; Laskar, Introduction to frequency map analysis, 1999, arXiv math/0305364]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.analysis.quantities import Quantity, label, series
+from kreisel.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+FEWEST = 16  # samples
+SWEEPS = 40
+
+
+@dataclass(frozen=True)
+class Lines:
+    """f(t) = sum of amplitude_j exp(i frequency_j t) + a rest, the largest |amplitude| first.
+
+    frequency   (lines,) angular, in radians and the run's unit of time; of a real signal those >= 0
+    amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of Re(amplitude_j exp(i omega_j
+    t)) rest        root mean square of what the lines leave of the signal
+    change      largest |change| of a frequency in the last sweep, a measure of how still they stand
+    """
+
+    frequency: Array
+    amplitude: Array
+    rest: float
+    change: float
+    time: Array
+    values: Array
+    quantity: str
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """frequency, amplitude and phase of each line."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {"frequency": self.frequency, "amplitude": np.abs(self.amplitude), "phase": np.angle(self.amplitude)}
+        )
+
+    def plot(self, theme: str = "light") -> Figure:
+        """The power spectrum with the lines on it."""
+        from kreisel.view.charts import plot_lines
+
+        return plot_lines(self, theme=theme)
+
+
+def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: int = 3) -> Lines:
+    """The strongest lines of a quantity, real or complex, of one trajectory.
+
+    quantity   "a[0]", a function of the stored components such as `lambda m, a: a[..., 0] + 1j * a[..., 1]`, or
+    "energy" lines      how many at most; fewer come back where the rest is round-off
+    power      of the window of Hann: higher ones leak less and need lines farther apart, (power + 1) 2 pi/T
+
+    Measured on sums of lines: 1e-13 relative where they are ten widths 2 pi/T apart.  The frequencies are those of the
+    saved states: of a map, of its interpolating flow; beyond pi/(dt every) they are folded.  Raises `InputError` for
+    ensembles, for rows not evenly spaced and for fewer than 16.
+    """
+    if "lane" in run.dims:
+        raise InputError("frequencies takes one trajectory: choose a lane, run.isel(lane=0).")
+    return lines_of(np.asarray(run["time"].values), series(run, quantity), lines, power=power, quantity=label(quantity))
+
+
+def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quantity: str = "f") -> Lines:
+    """The same for any evenly spaced samples `values` (time,) at `time`."""
+    time, values = _even(time, values)
+    if lines < 1 or not 0 <= power <= 8:
+        raise InputError(f"lines must be 1 or more and power 0 to 8; {lines} and {power} came.")
+    real = values.dtype.kind != "c"
+    centre = (time[0] + time[-1]) / 2
+    finder = _Finder(time - centre, power)
+    found: list[float] = []
+    change = 0.0
+    rest = values.astype(complex)
+    floor = 4 * np.finfo(float).eps * np.sqrt((np.abs(values) ** 2).mean())
+    for _ in range(lines):
+        if np.sqrt((np.abs(rest) ** 2).mean()) <= floor:
+            break
+        new = finder.strongest(rest, real)
+        if min((abs(new - old) for old in found), default=np.inf) < finder.width:
+            break  # what is left of a line that is there
+        found, change = _settled(finder, [*found, new], values, real)
+        rest = values - finder.model(found, finder.fit(found, values, real), real)
+    amplitude = finder.fit(found, values, real)
+    rest = values - finder.model(found, amplitude, real)
+    omega = np.array(found)
+    amplitude = amplitude * np.exp(-1j * omega * centre)
+    order = np.argsort(-np.abs(amplitude), kind="stable")
+    return Lines(
+        omega[order], amplitude[order], float(np.sqrt((np.abs(rest) ** 2).mean())), change, time, values, quantity
+    )
+
+
+def _even(time: Array, values: Array) -> tuple[Array, Array]:
+    time, values = np.asarray(time, dtype=float), np.asarray(values)
+    if time.ndim != 1 or values.shape != time.shape or len(time) < FEWEST:
+        raise InputError(
+            f"At least {FEWEST} samples of one number were expected; shapes {time.shape}, {values.shape} came."
+        )
+    gaps = np.diff(time)
+    if len(gaps) > 1 and gaps[-1] < gaps[0] * (1 - 1e-6):
+        time, values, gaps = time[:-1], values[:-1], gaps[:-1]  # the last row of a run may stand closer
+    if gaps.min() < gaps.max() * (1 - 1e-6) or gaps.min() <= 0 or not np.isfinite(values).all():
+        raise InputError("Finite values at evenly spaced times were expected, as kr.simulate saves them.")
+    return time, values.astype(complex if values.dtype.kind == "c" else float)
+
+
+def _settled(finder: _Finder, found: list[float], values: Array, real: bool) -> tuple[list[float], float]:
+    """Each line sought again in what the others leave, until all stand still."""
+    change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, found))
+    for _ in range(SWEEPS):
+        before, last = list(found), change
+        for j in range(len(found)):
+            amplitude = finder.fit(found, values, real)
+            others = [k for k in range(len(found)) if k != j]
+            mirrored = finder.mirror(found[j], amplitude[j], real)
+            own = values - finder.model([found[k] for k in others], amplitude[others], real) - mirrored
+            found[j] = finder.peak(own, found[j])
+        change = max(abs(a - b) for a, b in zip(found, before, strict=True))
+        if change <= small or last <= change < 1e-9 * finder.width:  # only rounding moves them
+            break
+    return found, change
+
+
+class _Finder:
+    """Peaks of the windowed transform of samples at times t, |t| <= T/2, centred."""
+
+    def __init__(self, t: Array, power: int):
+        self.t, self.step, self.width = t, t[1] - t[0], 2 * np.pi / (t[-1] - t[0])
+        window = np.cos(np.pi * t / (t[-1] - t[0] + self.step)) ** (2 * power)
+        self.window = window / window.sum()
+        self.power = power
+
+    def strongest(self, f: Array, real: bool) -> float:
+        """The largest peak."""
+        size = 4 * len(f)
+        spectrum = np.abs(np.fft.fft(self.window * f, size))
+        grid = 2 * np.pi * np.fft.fftfreq(size, self.step)
+        usable = grid >= 0 if real else np.full(size, True)
+        return self.peak(f, float(grid[usable][spectrum[usable].argmax()]))
+
+    def transform(self, f: Array, omega: float) -> tuple[complex, complex]:
+        """Z and dZ/d(omega)."""
+        weighted = self.window * f * np.exp(-1j * omega * self.t)
+        return complex(weighted.sum()), complex((-1j * self.t * weighted).sum())
+
+    def peak(self, f: Array, guess: float) -> float:
+        """The maximum of |Z| next to a guess, as a root of its derivative."""
+        from scipy.optimize import brentq
+
+        def slope(omega: float) -> float:
+            Z, dZ = self.transform(f, omega)
+            return float((Z.conjugate() * dZ).real)
+
+        reach = 0.3 * self.width
+        for _ in range(6):
+            low, high = guess - reach, guess + reach
+            ends = slope(low), slope(high)
+            if ends[0] > 0 > ends[1]:
+                return float(brentq(slope, low, high, xtol=1e-18, rtol=4 * np.finfo(float).eps))
+            guess, reach = (guess + reach if ends[1] > 0 else guess - reach), reach
+        return guess
+
+    def _waves(self, found: list[float]) -> Array:
+        return np.exp(1j * np.outer(self.t, found))
+
+    def fit(self, found: list[float], values: Array, real: bool) -> Array:
+        """The amplitudes of least squares under the window."""
+        root, waves = np.sqrt(self.window)[:, None], self._waves(found)
+        if not real:
+            return np.linalg.lstsq(root * waves, root[:, 0] * values, rcond=None)[0]
+        columns = np.concatenate([waves.real, -waves.imag], 1)
+        both = np.linalg.lstsq(root * columns, root[:, 0] * values, rcond=None)[0]
+        return both[: len(found)] + 1j * both[len(found) :]
+
+    def model(self, found: list[float], amplitude: Array, real: bool) -> Array:
+        total = self._waves(found) @ amplitude if len(found) else np.zeros(len(self.t), dtype=complex)
+        return total.real if real else total
+
+    def mirror(self, omega: float, amplitude: complex, real: bool) -> Array:
+        """The half of a real line at -omega, which leaks into its peak at omega."""
+        if not real or abs(omega) < 0.5 * self.width:
+            return np.zeros(len(self.t))
+        return np.conj(amplitude) / 2 * np.exp(-1j * omega * self.t)
+
+
+def power_spectrum(run: xr.Dataset, quantity: Quantity) -> xr.Dataset:
+    """The power spectral density of a quantity against the angular frequency, with the window of Hann.
+
+    By `scipy.signal.periodogram`, as a density over the angular frequency: its integral is the mean square of the
+    quantity about its mean.  A real quantity has its power at frequencies >= 0.  Returns a Dataset with `power` along
+    `frequency`, and lane for ensembles.  Raises `InputError` as `frequencies` does.
+    """
+    import xarray as xr
+    from scipy.signal import periodogram
+
+    values, time = series(run, quantity), np.asarray(run["time"].values)
+    flat = values.reshape(len(values), -1)
+    columns: list[Any] = []
+    for column in flat.T:
+        even, signal = _even(time, column)
+        columns.append(periodogram(signal, fs=2 * np.pi / (even[1] - even[0]), window="hann", detrend="constant"))
+    frequency = np.fft.fftshift(columns[0][0]) if columns[0][0].min() < 0 else columns[0][0]
+    power = [np.fft.fftshift(p) if f.min() < 0 else p for f, p in columns]
+    dims = ("frequency",) if values.ndim == 1 else ("frequency", "lane")
+    data = power[0] if values.ndim == 1 else np.stack(power, -1)
+    return xr.Dataset({"power": (dims, data)}, {"frequency": frequency}, {"quantity": label(quantity)})

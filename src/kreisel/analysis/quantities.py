@@ -1,0 +1,90 @@
+"""What is measured along a run: "a[2]", "energy", or a function of the components of the state."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, nearest
+from kreisel.model import Model
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Quantity = str | Callable[..., Any]
+NAME = re.compile(r"\s*(\w+)\s*(?:\[\s*(\d+(?:\s*,\s*\d+)*)\s*\])?\s*")
+
+
+def parse(quantity: str) -> tuple[str, tuple[int, ...]]:
+    """A name and its indices, counted from 0.  Raises `InputError`."""
+    found = NAME.fullmatch(quantity)
+    if found is None:
+        raise InputError(f'A quantity is a name such as "a[2]" or "m[0, 1]", or a function; {quantity!r} came.')
+    return found[1], tuple(int(i) for i in found[2].split(",")) if found[2] else ()
+
+
+def pick(value: Array, index: tuple[int, ...], name: str, lead: int) -> Array:
+    """One scalar of a variable with `lead` axes of times and lanes in front.  Raises `InputError`."""
+    shape = value.shape[lead:]
+    if len(index) != len(shape) or any(i >= size for i, size in zip(index, shape, strict=True)):
+        example = f"{name}[{', '.join(['0'] * len(shape))}]" if shape else name
+        raise InputError(f"{name} has the shape {shape}: one number of it is {example!r}; the indices {index} came.")
+    return value[(..., *index)]
+
+
+def label(quantity: Quantity) -> str:
+    """A quantity for a figure."""
+    return quantity if isinstance(quantity, str) else getattr(quantity, "__name__", "quantity").replace("<lambda>", "f")
+
+
+def series(run: xr.Dataset, quantity: Quantity) -> Array:
+    """The quantity at every row, (time,) or (time, lane); functions take the variables of the state as stored."""
+    lead = 1 + ("lane" in run.dims)
+    if isinstance(quantity, str):
+        name, index = parse(quantity)
+        if name not in run:
+            raise InputError(
+                f"The run has no {name!r}.{nearest(name, map(str, run))} It has {', '.join(map(str, run))}."
+            )
+        return np.asarray(pick(run[name], index, name, lead).values)
+    from kreisel.runs.geometry import kinds_of
+
+    values = [np.asarray(run[letter].values) for letter in kinds_of(run.attrs)]
+    return _called(quantity, values, values[0].shape[:lead])
+
+
+def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], Array]:
+    """The quantity as a function of the components (lanes, ...) of a record.  Raises `InputError`."""
+    kinds: Mapping[str, str] = dict(model.system.space.components)
+
+    def stored(state: tuple[Array, ...]) -> list[Array]:
+        axial = [kind == "skew" and model.n == 3 for kind in kinds.values()]
+        return [algebra.axial(v) if as_vector else v for v, as_vector in zip(state, axial, strict=True)]
+
+    if isinstance(quantity, str):
+        name, index = parse(quantity)
+        if name not in kinds:
+            raise InputError(f"{name!r} is no component of the state, {', '.join(kinds)}; a function may combine them.")
+        place = list(kinds).index(name)
+        return lambda state: pick(stored(state)[place], index, name, 1)
+    return lambda state: _called(quantity, stored(state), state[0].shape[:1])
+
+
+def _called(function: Callable[..., Any], values: list[Array], shape: tuple[int, ...]) -> Array:
+    try:
+        out = np.asarray(function(*values))
+    except (TypeError, IndexError, ValueError) as error:
+        raise InputError(
+            f"The quantity could not be computed: {error}. A function takes the components of the state in order, as "
+            "arrays with the batch in front, e.g. lambda m, a: a[..., 2]."
+        ) from error
+    if out.shape != shape or out.dtype.kind not in "iufc":
+        raise InputError(
+            f"A quantity is one number a state, here {shape}; {out.shape} came. Index from the right: a[..., 2]."
+        )
+    return out

@@ -1,0 +1,160 @@
+"""What the laboratory investigates: a rational map x -> step(x) of R^d, of a record or of your own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import call
+from kreisel.engines import layout
+from kreisel.errors import InputError
+from kreisel.lab import exact
+from kreisel.lab.fields import fraction, random_residues, residues
+from kreisel.model import Model
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A map in coordinates, with rational constants.
+
+    step(x, **constants)   x an object array (d,) of numbers of any field -> the new x
+    names                  of the d coordinates
+    start(draw)            a point, from draw(shape) of random numbers: where coordinates are not free
+    tensor(x)              the brackets {x_i, x_j} (d, d) that it is claimed to preserve
+    """
+
+    name: str
+    step: Callable[..., Array]
+    names: tuple[str, ...]
+    constants: Mapping[str, Any] = field(default_factory=dict)
+    start: Callable[[Callable[[tuple[int, ...]], Array]], Array] | None = None
+    tensor: Callable[[Array], Array] | None = None
+
+    @property
+    def dim(self) -> int:
+        """The number of coordinates."""
+        return len(self.names)
+
+    def point(self, draw: Callable[[tuple[int, ...]], Array]) -> Array:
+        """A point made of random numbers."""
+        return draw((self.dim,)) if self.start is None else self.start(draw)
+
+    def over(self, p: int) -> Callable[[Array], Array]:
+        """The step over residues modulo p, or over numbers made of them.
+
+        Raises `InputError` where it is not a rational function.
+        """
+        known = {k: residues(v, p)[()] for k, v in self.constants.items()}
+
+        def step(x: Array) -> Array:
+            try:
+                new = np.asarray(self.step(x, **known), dtype=object)
+            except (TypeError, AttributeError) as error:
+                raise InputError(
+                    f"The step of {self.name} failed on residues modulo {p}: {error}. Exact experiments need a "
+                    "rational function of the coordinates: + - * / and whole powers, no roots, no functions of NumPy."
+                ) from error
+            if new.shape != (self.dim,):
+                raise InputError(f"The step of {self.name} must return {self.dim} numbers; shape {new.shape} came.")
+            out = np.empty(self.dim, dtype=object)
+            for i, v in enumerate(new):
+                out[i] = v if isinstance(v, type(x[i])) else x[i] * 0 + v
+            return out
+
+        return step
+
+    def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
+        """Residues (steps + 1, d, lanes) along orbits from random points."""
+        rng = np.random.default_rng([seed, p])
+        x, step = self.point(random_residues(rng, p, lanes)), self.over(p)
+        out = [_stacked(x, lanes)]
+        for _ in range(steps):
+            x = step(x)
+            out.append(_stacked(x, lanes))
+        return np.stack(out)
+
+
+def _stacked(x: Array, lanes: int) -> Array:
+    return np.stack([np.broadcast_to(number.v, lanes) for number in x])
+
+
+def subject(what: Any, *, eps: Any = None, names: tuple[str, ...] | None = None, **constants: Any) -> Subject:
+    """A subject from a model with a map and its step `eps`, or from a function step(x, **constants) and the names.
+
+    Floats count as the rational numbers that they are; prefer whole numbers and fractions.
+    """
+    if isinstance(what, Subject):
+        return what
+    if isinstance(what, Model):
+        return _of_model(what, fraction("1/3") if eps is None else fraction(eps))
+    if not callable(what) or not names:
+        raise InputError(
+            "Give a model with a map, such as kr.LagrangeTop(p=(0, 0, 1)), or a function step(x) with the names of its "
+            f"coordinates, names=('x', 'y'); {what!r} came."
+        )
+    return Subject(getattr(what, "__name__", "step"), what, tuple(names), constants)
+
+
+def _of_model(model: Model, eps: Any) -> Subject:
+    system, n = model.system, model.n
+    space, mapped = system.space, model.map
+    constants = {k: _fractions(v) for k, v in model.constants.items()}
+
+    def unpacked(x: Array) -> tuple[Array, ...]:
+        return layout.restore(_axial(x, space.kinds, n), space.kinds, n)
+
+    def packed(state: tuple[Array, ...]) -> Array:
+        return _axial(layout.flatten(state, space.kinds), space.kinds, n)
+
+    def step(x: Array, **known: Array) -> Array:
+        return packed(tuple(call(mapped.step, unpacked(x), known)))
+
+    def start(draw: Callable[[tuple[int, ...]], Array]) -> Array:
+        return packed(exact.random_state(space, n, draw))
+
+    def tensor(x: Array) -> Array:
+        turn = _axial(np.arange(1, len(x) + 1), space.kinds, n)  # a permutation with signs
+        place, sign = abs(turn) - 1, np.sign(turn)
+        return (space.tensor(*unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
+
+    return Subject(
+        name=system.name,
+        step=step,
+        names=coordinate_names(space.components, n),
+        constants={**constants, "eps": eps},
+        start=start,
+        tensor=tensor,
+    )
+
+
+def _fractions(v: Any) -> Any:
+    return np.vectorize(fraction, otypes=[object])(v)[()]
+
+
+def _axial(flat: Array, kinds: tuple[str, ...], n: int) -> Array:
+    """Skew components by their axial vectors for n = 3, and back: the same change both ways."""
+    if n != 3:
+        return flat
+    out, place = flat.copy(), 0
+    for kind in kinds:
+        if kind == "skew":
+            a, b, c = flat[place : place + 3]
+            out[place : place + 3] = [-c, b, -a]
+        place += layout.size(kind, n)
+    return out
+
+
+def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[str, ...]:
+    """m1, m2, m3 for an axial vector, m12, m13, ... for n > 3, a1, a2, ... for vectors."""
+    names: list[str] = []
+    for letter, kind in components:
+        if kind == "skew" and n > 3:
+            names += [f"{letter}{i + 1}{j + 1}" for i, j in zip(*algebra.triangle(n), strict=True)]
+        else:
+            names += [f"{letter}{i + 1}" for i in range(layout.size(kind, n))]
+    return tuple(names)

@@ -1,0 +1,108 @@
+"""The homogeneous ellipsoid in an ideal fluid, in SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.model import Model, State
+from kreisel.physical.measures import RATE, SI, Units, check, scales_of, to_si
+from kreisel.systems import Kirchhoff
+from kreisel.units import Scales, si
+
+
+def _cyclic(v: Any) -> tuple[Array, Array, Array]:
+    """(v1, v2, v3), (v2, v3, v1) and (v3, v1, v2): a formula for the first axis then holds for all."""
+    return np.asarray(v), np.roll(v, -1), np.roll(v, -2)
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """Homogeneous ellipsoid in an ideal fluid at rest at infinity, in SI units.
+
+    semi_axes (a, b, c) along the body axes, m;  mass, kg;  fluid_density, kg/m^3 (0 is a vacuum).  No gravity: the
+    body is as heavy as the fluid that it displaces.  [Lamb, Hydrodynamics, 6th ed., articles 114, 115; DLMF 19.16.5]
+    """
+
+    semi_axes: tuple[float, float, float]
+    mass: float
+    fluid_density: float
+
+    def __post_init__(self) -> None:
+        to_si(self, semi_axes="m", mass="kg", fluid_density="kg/m^3")
+        if len(self.semi_axes) != 3:
+            raise InputError(f"semi_axes must be three lengths (a, b, c) in m; {self.semi_axes!r} came.")
+        check(positive=True, mass=self.mass, **dict(zip("abc", self.semi_axes, strict=True)))
+        check(positive=self.fluid_density != 0, fluid_density=self.fluid_density)
+
+    @classmethod
+    def of_density(cls, semi_axes: tuple[float, float, float], density: float, fluid_density: float) -> Ellipsoid:
+        """The same from the density of the body, kg/m^3.  Raises `InputError`."""
+        semi_axes, density = si(semi_axes, "m", "semi_axes"), si(density, "kg/m^3", "density")
+        return cls(semi_axes, density * 4 / 3 * math.pi * math.prod(semi_axes), fluid_density)
+
+    @property
+    def displaced_mass(self) -> float:
+        """(4/3) pi a b c rho, kg."""
+        return self.fluid_density * 4 / 3 * math.pi * math.prod(self.semi_axes)
+
+    @property
+    def shape_integrals(self) -> Array:
+        """Lamb's (alpha0, beta0, gamma0), of sum 2: alpha0 = (2/3) a b c R_D(b^2, c^2, a^2), and cyclic."""
+        from scipy.special import elliprd
+
+        a2, b2, c2 = _cyclic(np.square(self.semi_axes))
+        return 2 / 3 * math.prod(self.semi_axes) * elliprd(b2, c2, a2)
+
+    @property
+    def added_masses(self) -> Array:
+        """Displaced mass times alpha0/(2 - alpha0) = alpha0/(beta0 + gamma0), and cyclic; (3,), kg."""
+        alpha, beta, gamma = _cyclic(self.shape_integrals)
+        return self.displaced_mass * alpha / (beta + gamma)
+
+    @property
+    def added_moments(self) -> Array:
+        """(M/5) (b^2 - c^2)^2 s/(2 - (b^2 + c^2) s) with s = (gamma0 - beta0)/(b^2 - c^2), and cyclic; (3,), kg m^2.
+
+        M is the displaced mass.  2 - (b^2 + c^2) s > alpha0, also where rounding says otherwise (b nearly c).
+        """
+        (_, b2, c2), (alpha, beta, gamma) = _cyclic(np.square(self.semi_axes)), _cyclic(self.shape_integrals)
+        s = np.divide(gamma - beta, b2 - c2, out=np.zeros(3), where=b2 != c2)
+        return self.displaced_mass / 5 * (b2 - c2) ** 2 * s / np.maximum(2 - (b2 + c2) * s, alpha)
+
+    @property
+    def moments(self) -> Array:
+        """Moments of the body alone, m (b^2 + c^2)/5 and cyclic; (3,), kg m^2."""
+        _, b2, c2 = _cyclic(np.square(self.semi_axes))
+        return self.mass / 5 * (b2 + c2)
+
+    def model(self, units: Units = SI) -> Model:
+        """`Kirchhoff`: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass))."""
+        x, y, z = units.mass * units.length**2 / (self.moments + self.added_moments)
+        return Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-units.mass / (self.mass + self.added_masses))
+
+    def state(self, velocity: Any, angular_velocity: Any, units: Units = SI) -> State:
+        """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega, in `units`.
+
+        U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  Raises `InputError`.
+        """
+        velocity, angular_velocity = si(velocity, "m/s", "velocity"), si(angular_velocity, RATE, "angular_velocity")
+        momentum = units.mass * units.length / units.time
+        P = np.asarray(velocity) * (self.mass + self.added_masses) / momentum
+        M = np.asarray(angular_velocity) * (self.moments + self.added_moments) / (momentum * units.length)
+        return self.model(units).state(M=M, P=P)
+
+    def scales(self, units: Units = SI) -> Scales:
+        """The units of the variables of a run in these `units`, for `kreisel.units.measured`."""
+        momentum = units.mass * units.length / units.time
+        return scales_of(
+            units.time,
+            M=("kg m^2/s", momentum * units.length),
+            P=("kg m/s", momentum),
+            energy=("J", momentum * units.length / units.time),
+        )

@@ -1,0 +1,113 @@
+"""Any rigid body on a fixed point in gravity, in SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.model import Model, State
+from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, check, numbers, scales_of, to_si
+from kreisel.systems import HeavyTop
+from kreisel.units import Scales, si
+
+
+@dataclass(frozen=True, eq=False)
+class HeavyBody:
+    """Any rigid body on a fixed point in gravity, in SI units.
+
+    mass, kg;  arm (3,), from the pivot to the centre of mass in the body, m;  gravity g, m/s^2
+    inertia     classical inertia tensor I about the PIVOT, (3, 3), or its diagonal (3,), kg m^2
+
+    Scaled as `HeavyTop`: J = (tr(I)/2 - I)/I0 with I0 = tr(I)/3, A = arm/|arm|, |P| = 1, time in sqrt(I0/(m g l)),
+    momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.
+    For a symmetric body `Gyroscope` is the better choice: its default method keeps every integral.
+    Raises `InputError` for moments that no body has.  [Goldstein, Classical Mechanics, 3rd ed., chapter 5]
+    """
+
+    mass: float
+    inertia: Any
+    arm: Any
+    gravity: float = STANDARD_GRAVITY
+
+    def __post_init__(self) -> None:
+        to_si(self, mass="kg", inertia=MOMENT, arm="m", gravity="m/s^2")
+        check(positive=True, mass=self.mass)
+        check(gravity=self.gravity)
+        if self.gravity < 0:
+            raise InputError(f"gravity must not be negative: it points down, along -e3; {self.gravity!r} came.")
+        for name, shapes in (("inertia", ((3,), (3, 3))), ("arm", ((3,),))):
+            object.__setattr__(self, name, numbers(getattr(self, name), name, shapes))
+        if self.inertia.ndim == 1:
+            object.__setattr__(self, "inertia", np.diag(self.inertia))
+        if abs(self.inertia - self.inertia.T).max() > 1e-12 * abs(self.inertia).max():
+            raise InputError(f"inertia must be symmetric; {self.inertia.tolist()} came.")
+        least = np.linalg.eigvalsh(self.mass_tensor).min()
+        if least < -1e-12 * np.trace(self.inertia) or self.unit_moment <= 0:
+            told = np.linalg.eigvalsh(self.inertia)
+            raise InputError(
+                f"No body has the principal moments {told.tolist()}: each must be at most the sum of the other two. "
+                "Usual cause: moments about different points, or a mass tensor for an inertia tensor."
+            )
+
+    @classmethod
+    def about_centre(cls, mass: float, inertia: Any, arm: Any, gravity: float = STANDARD_GRAVITY) -> HeavyBody:
+        """The same from the inertia tensor about the centre of mass: I + m (|l|^2 - l l^T) (Steiner)."""
+        free = cls(mass, inertia, arm, 0.0)
+        shift = free.mass * (free.arm @ free.arm * np.eye(3) - np.outer(free.arm, free.arm))
+        return cls(free.mass, free.inertia + shift, free.arm, gravity)
+
+    @property
+    def mass_tensor(self) -> Array:
+        """J = sum m x x^T = tr(I)/2 - I, (3, 3), kg m^2."""
+        return np.trace(self.inertia) / 2 * np.eye(3) - self.inertia
+
+    @property
+    def unit_moment(self) -> float:
+        """I0 = tr(I)/3, kg m^2."""
+        return float(np.trace(self.inertia)) / 3
+
+    @property
+    def torque(self) -> float:
+        """M g l, the largest torque of gravity, N m."""
+        return float(self.mass * self.gravity * np.linalg.norm(self.arm))
+
+    @property
+    def time_unit(self) -> float:
+        """sqrt(I0/(m g l)), or 1, s."""
+        return math.sqrt(self.unit_moment / self.torque) if self.torque else 1.0
+
+    def model(self) -> Model:
+        """The scaled system: `HeavyTop(J, A)`."""
+        A = self.arm / np.linalg.norm(self.arm) if self.torque else np.zeros(3)
+        return HeavyTop(J=self.mass_tensor / self.unit_moment, A=A)
+
+    def state(self, angular_velocity: Any, up: Any = (0.0, 0.0, 1.0)) -> State:
+        """The scaled state M = I Omega, P = up/|up|.
+
+        Omega (..., 3) in rad/s and the upward vertical `up` (..., 3), both along the body axes: for a body turned by
+        the rotation matrix g (body to space), up = g[2].  Raises `InputError`.
+        """
+        Omega = numbers(si(angular_velocity, RATE, "angular_velocity"), "angular_velocity")
+        up = numbers(up, "up")
+        length = np.linalg.norm(up, axis=-1, keepdims=True)
+        if (length == 0).any():
+            raise InputError("up must not be the zero vector: it is the upward vertical along the body axes.")
+        return self.model().state(M=Omega @ self.inertia * (self.time_unit / self.unit_moment), P=up / length)
+
+    def angular_velocity(self, M: Any) -> Array:
+        """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial."""
+        return np.linalg.solve(self.inertia, np.asarray(M)[..., None])[..., 0] * (self.unit_moment / self.time_unit)
+
+    def dt(self, duration: float) -> float:
+        """A duration, s, in the system's unit of time.  Raises `InputError`."""
+        return float(self.scales()["time"].scaled(duration, "dt"))
+
+    def scales(self) -> Scales:
+        """The units of the variables of a run, for `kreisel.units.measured`."""
+        momentum = self.unit_moment / self.time_unit
+        return scales_of(self.time_unit, M=("kg m^2/s", momentum), energy=("J", momentum / self.time_unit))

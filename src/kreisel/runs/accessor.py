@@ -1,0 +1,60 @@
+"""`run.kreisel`: what Kreisel knows of a run, at the run itself.
+
+A run stays a plain `xarray.Dataset` with xarray's own display; in a notebook `run.kreisel` shows the system, the
+method and the drift of every integral.  An accessor survives what a subclass would not: `isel`, `sel`, arithmetic.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from kreisel.errors import InputError
+from kreisel.model import Model
+from kreisel.runs.citing import cite
+from kreisel.runs.drift import drift
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+@xr.register_dataset_accessor("kreisel")  # type: ignore[no-untyped-call]
+class Kreisel:
+    """The accessor of a run.  Raises `InputError` for a Dataset that is not one."""
+
+    def __init__(self, run: xr.Dataset):
+        if "kreisel_format" not in run.attrs:
+            raise InputError("This Dataset is not a run of Kreisel: it lacks the attributes that say what was run.")
+        self._run = run
+
+    @property
+    def model(self) -> Model:
+        """The system with its parameters.  Raises `InputError` for a system of your own."""
+        from kreisel.runs.archive import model_of
+
+        return model_of(self._run.attrs)
+
+    def drift(self) -> pd.DataFrame:
+        """`kr.drift(run)`."""
+        return drift(self._run)
+
+    def plot(self, **options: Any) -> Figure:
+        """`kr.plot(run, **options)`."""
+        from kreisel.view.plots import plot
+
+        return plot(self._run, **options)
+
+    def cite(self) -> str:
+        """`kr.cite(run)`."""
+        return cite(self._run)
+
+    def __repr__(self) -> str:
+        attrs = self._run.attrs
+        return f"<{attrs['title']}, n = {attrs['n']}, {attrs['steps']:,} steps>\n{self.drift().to_string()}"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import run_html
+
+        return run_html(self._run)

@@ -1,0 +1,70 @@
+"""kr.cite: BibTeX entries of the software, the system and the method, from what the records and runs say."""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+import re
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from kreisel.contract import System
+from kreisel.errors import InputError
+from kreisel.methods import METHODS, default_method, sources
+from kreisel.model import Model
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SOFTWARE = """@software{{kreisel,
+  author  = {{{{The Kreisel developers}}}},
+  title   = {{Kreisel: spinning bodies simulated with integrators that keep every first integral}},
+  version = {{{version}}},
+  license = {{BSD-3-Clause}}
+}}"""
+
+
+def cite(what: xr.Dataset | Model | System) -> str:
+    """BibTeX of what a run used: Kreisel in its version, the source of the system, the sources of the method.
+
+    what    a run (`kr.simulate`, `kr.at`, `kr.open_run`), a system, or a system with its parameters (with its default
+            method)
+
+    A source that is not in Kreisel's own list (that of a system of your own) is told in a comment at the end.
+    Raises `InputError` for anything else.
+    """
+    import kreisel
+
+    method: str | None = None
+    order: int | None = None
+    if isinstance(what, Model | System):
+        method = default_method(what) if isinstance(what, Model) else None
+        told, version = _told(what.system if isinstance(what, Model) else what), kreisel.__version__
+    else:
+        attrs = getattr(what, "attrs", None)
+        if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
+            raise InputError(f"A run, or a system, was expected; {type(what).__name__} came. Say kr.cite(run).")
+        told, version = str(attrs["references"]), str(attrs["source"]).removeprefix("kreisel ")
+        method, order = attrs["method"], json.loads(attrs["options"]).get("order")
+    known = bibliography()
+    here, unknown = _keys(told, known)
+    keys = dict.fromkeys([*here, *(sources(method, order) if method in METHODS else ())])
+    comment = [f"% further: {', '.join(unknown)}"] if unknown else []
+    return "\n\n".join([SOFTWARE.format(version=version), *(known[key] for key in keys), *comment])
+
+
+def bibliography() -> dict[str, str]:
+    """The entries of refs.bib by key."""
+    text = importlib.resources.files("kreisel").joinpath("refs.bib").read_text(encoding="utf-8")
+    return {re.split(r"[{,]", entry)[1]: entry.strip() for entry in re.split(r"\n(?=@)", text) if entry.strip()}
+
+
+def _told(system: System) -> str:
+    return system.source + (f"; {system.map.source}" if system.map is not None else "")
+
+
+def _keys(told: str, known: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Keys of the sources in a text, "Suris 2001" being suris2001, and those that are not in the list."""
+    found = dict.fromkeys(re.findall(r"([A-Z]\w+(?:,? [A-Z]\w+)*) (\d{4})", told))
+    keys = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in found}
+    return [key for key in keys if key in known], [name for key, name in keys.items() if key not in known]

@@ -1,0 +1,106 @@
+"""What the vectors of a run mean: the vertical, the axis, the orientation.  Read from the record, never from a name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.contract import Frame
+from kreisel.errors import InputError
+from kreisel.methods.observing import ORIENTATION
+from kreisel.model import Model
+from kreisel.runs.archive import is_own, model_of
+from kreisel.systems import find
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def kinds_of(attrs: Mapping[str, Any]) -> dict[str, str]:
+    """The kinds of the components of the state, by letter.  Raises `InputError` for damaged attributes."""
+    if not is_own(attrs):
+        return dict(find(attrs["system"]).space.components)
+    try:
+        kinds = json.loads(attrs["components"])
+        return {str(letter): str(kind) for letter, kind in kinds.items()}
+    except (KeyError, ValueError, AttributeError) as error:
+        raise InputError(f"The components among the attributes are damaged: {error}.") from error
+
+
+def carried_letter(attrs: Mapping[str, Any]) -> str:
+    """The vector that turns with the body (rest frame) or is seen from it (moving frame); else the first component."""
+    kinds = kinds_of(attrs)
+    return next((letter for letter in kinds if kinds[letter] == "vector"), next(iter(kinds)))
+
+
+def fixed_vector(model: Model, where: str) -> Array | None:
+    """The parameter that rests in "space" or in the "body" (`Parameter.fixed`), or None."""
+    letters = [p.letter for p in model.system.parameters if p.fixed == where]
+    return np.asarray(model.params[letters[0]], dtype=np.float64) if letters else None
+
+
+def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
+    """The state of every row in the order of the record; skew matrices (..., n, n), batch axes (time, lane)."""
+    out = []
+    for letter, kind in model.system.space.components:
+        if letter not in run:
+            raise InputError(f"The run lacks {letter} of its state. Give the run as kr.simulate returned it.")
+        value = np.asarray(run[letter].values, dtype=np.float64)
+        out.append(algebra.hat(value) if kind == "skew" and model.n == 3 else value)
+    return tuple(out)
+
+
+def model_for(run: xr.Dataset, system: Model | None) -> Model:
+    """The model of a run; a system of the user's own must be given.  Raises `InputError`."""
+    if system is None:
+        if is_own(run.attrs):
+            raise InputError(f"{run.attrs['system']} is a system of your own: give it as system=...")
+        return model_of(run.attrs)
+    if not isinstance(system, Model) or system.system.name != run.attrs["system"]:
+        raise InputError(f"The run is of {run.attrs['system']}; {system!r} came as its system.")
+    return system
+
+
+def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
+    """Unit vectors of the vertical and of the axis (..., 3), both in the frame of the state.
+
+    Raises `InputError` where n is not 3 or the system has no vertical and axis: a body in a fluid, a particle.
+    """
+    space = model.system.frame is Frame.REST
+    other = fixed_vector(model, "space" if space else "body")
+    if model.n != 3 or other is None:
+        raise InputError(
+            f"{model.system.name} with n = {model.n} has no vertical and axis; a top with n = 3 was expected "
+            "(kr.LagrangeTop, kr.LagrangeTopMoving, kr.SymmetricTop, kr.HeavyTop)."
+        )
+    if not other.any():
+        raise InputError("Without gravity or a lever there is no vertical or no axis: a parameter is 0.")
+    pair = (other, carried) if space else (carried, other)
+    up, axis = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in np.broadcast_arrays(*pair))
+    return up, axis
+
+
+def orientation_of(run: xr.Dataset) -> Array:
+    """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` where it has none, or n > 3."""
+    if ORIENTATION not in run or run[ORIENTATION].shape[-1] != 4:
+        raise InputError(
+            "The run carries no orientation for n = 3. Run it again with orientation=(1, 0, 0, 0), or in the TOML file "
+            "orientation = [1, 0, 0, 0] under [state]."
+        )
+    return np.asarray(run[ORIENTATION].values, dtype=np.float64)
+
+
+def to_third_axis(v: Array) -> Array:
+    """The least turn (3, 3) that takes the unit vector v (3,) to (0, 0, 1)."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z = (float(c) for c in v)
+    sine = np.hypot(x, y)
+    if sine == 0:
+        return np.eye(3) if z > 0 else np.diag([1.0, -1.0, -1.0])
+    return Rotation.from_rotvec(np.arctan2(sine, z) / sine * np.array([y, -x, 0.0])).as_matrix()

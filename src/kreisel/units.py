@@ -1,0 +1,130 @@
+"""Quantities with units, by pint (extra `units`): "3 kg", "20 rpm", pint quantities in; SI or any other unit out.
+
+    wheel = kr.physical.Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
+    run = kr.simulate(wheel.model(), wheel.state(tilt="70 deg", spin="180 rpm"), dt=wheel.dt("1 ms"), steps=1000)
+    told = units.measured(run, wheel.scales(), time="ms")       # energy in J, m in kg m^2/s, time in ms
+
+Plain numbers are SI and need no pint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.errors import InputError
+
+if TYPE_CHECKING:
+    import pint
+    import xarray as xr
+
+RUN_ONLY = ("kind", "kept", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The unit of one variable of a scaled system: `size` of the SI unit `unit`."""
+
+    unit: str
+    size: float
+
+    def scaled(self, value: Any, name: str = "the value") -> Any:
+        """A measured value, with units or in SI, as the scaled system has it.  Raises `InputError`."""
+        return si(value, self.unit, name) / self.size
+
+
+Scales = Mapping[str, Scale]
+
+
+@cache
+def registry() -> pint.UnitRegistry[Any]:
+    """Pint's registry of the process, so that its quantities mix with yours.  Raises `InputError` without pint."""
+    try:
+        import pint
+    except ImportError:
+        raise InputError(
+            "Units need pint, which is not installed: pip install 'kreisel[units]'. Plain numbers are SI and need none."
+        ) from None
+    return pint.get_application_registry()  # type: ignore[no-untyped-call]
+
+
+def si(value: Any, unit: str, name: str) -> Any:
+    """A quantity in the SI unit named: a string, a pint quantity, or lists of them; plain numbers are SI already.
+
+    Returns a float or an array (...).  Raises `InputError` for other dimensions and unknown units.
+    """
+    if isinstance(value, str):
+        value = _parsed(value, unit, name)
+    elif isinstance(value, list | tuple) and any(isinstance(v, str) or _quantity(v) for v in value):
+        return np.array([si(v, unit, name) for v in value])
+    return _converted(value, unit, name).magnitude * 1.0 if _quantity(value) else value
+
+
+def quantity(variable: xr.DataArray) -> Any:
+    """A variable of `measured` as a pint quantity.  Raises `InputError` where it has no units."""
+    if "units" not in variable.attrs:
+        raise InputError(f"{variable.name} has no attribute units; take it from units.measured(run, scales).")
+    return registry().Quantity(variable.values, _unit(variable.attrs["units"], str(variable.name)))
+
+
+def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
+    """A run of a scaled system in SI units, or in those wanted for a variable: `measured(run, scales, time="ms")`.
+
+    Every variable has the attribute `units`; those without a scale (directions, Casimirs, spectra) stay as they are, in
+    units of the scaled system, "1".  The result is a plain Dataset for reading and plotting, no longer a run to go on
+    with.  Raises `InputError` for variables that have no scale or are not there, and units of another dimension.
+    """
+    for name in wanted:
+        if name not in scales or name not in run.variables:
+            there = ", ".join(k for k in scales if k in run.variables)
+            raise InputError(f"Only {there} of this run have units; {name!r} came.")
+    kept = ("Conventions", "title", "source", "references", "system", "equations", "n", "created")
+    out = run.drop_attrs().assign_attrs({k: run.attrs[k] for k in kept if k in run.attrs})
+    for name in map(str, run.variables):
+        variable = run[name].variable
+        attrs = {k: v for k, v in variable.attrs.items() if k not in RUN_ONLY}
+        scale = scales.get(name)
+        if scale is None:
+            out[name].attrs = attrs
+            continue
+        unit, size = scale.unit, scale.size
+        if name in wanted:
+            size *= _converted(registry().Quantity(1.0, scale.unit), wanted[name], name).magnitude
+            unit = wanted[name]
+        out = out.assign_coords({name: variable * size}) if name in run.coords else out.assign({name: variable * size})
+        out[name].attrs = {**attrs, "units": unit}
+    return out
+
+
+def _quantity(value: Any) -> bool:
+    return hasattr(value, "magnitude") and hasattr(value, "to")
+
+
+def _parsed(text: str, unit: str, name: str) -> Any:
+    try:
+        return registry().Quantity(text)
+    except InputError:
+        raise
+    except Exception as error:  # pint raises tokenize, syntax, attribute and its own errors
+        raise InputError(f"{name} must be a quantity such as '1 {unit}'; {text!r} came: {error}.") from None
+
+
+def _unit(unit: str, name: str) -> Any:
+    try:
+        return registry().Unit(unit)
+    except Exception as error:  # as above
+        raise InputError(f"{name} needs a unit that pint knows, such as 'rad/s'; {unit!r} came: {error}.") from None
+
+
+def _converted(value: Any, unit: str, name: str) -> Any:
+    import pint
+
+    target = _unit(unit, name)
+    try:
+        return value.to(target)
+    except pint.DimensionalityError:
+        raise InputError(f"{name} must have the dimension of {unit}; {value} came.") from None

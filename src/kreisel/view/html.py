@@ -1,0 +1,103 @@
+"""Systems and runs as HTML, for notebooks: plain tables that take the colours of the page around them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.contract import System
+from kreisel.model import Model, State
+from kreisel.view.record import summary
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_NUMBERS = 24  # of a parameter or a component that are shown
+
+
+def system_html(system: System) -> str:
+    """The record of a system."""
+    told = summary(system)
+    state = ", ".join(f"{letter} ({kind})" for letter, kind in told["state"].items())
+    where = f"{told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}"
+    rows = [
+        ("equations", system.equations),
+        ("state", f"{state}; {where}"),
+        *((f"parameter {p.letter}", _parameter(p.meaning, p.default)) for p in system.parameters),
+        ("integrals", ", ".join(["Casimirs", *told["integrals"]])),
+        ("Lax pair", "yes" if told["lax"] else "none known"),
+        ("map", "none known" if told["map"] is None else told["map"]["source"]),
+        ("scaling", system.scaling),
+        ("source", system.source),
+        *([("note", system.notes)] if system.notes else []),
+    ]
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _table(rows))
+
+
+def model_html(model: Model) -> str:
+    """A system with its parameters."""
+    system = model.system
+    rows = [
+        ("equations", system.equations),
+        ("dimension", f"n = {model.n}" + (f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else "")),
+        *((letter, _numbers(value)) for letter, value in model.params.items()),
+        ("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components)),
+    ]
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _table(rows))
+
+
+def state_html(state: State) -> str:
+    """A state, with axial vectors for n = 3."""
+    return _block("State", _table((letter, _numbers(value)) for letter, value in state.axial.items()))
+
+
+def run_html(run: xr.Dataset) -> str:
+    """What a run is, and how still its Casimirs and integrals stand."""
+    from kreisel.runs.drift import drift
+
+    attrs = run.attrs
+    lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
+    steps = f"{attrs['steps']:,} steps of {attrs['dt']:g}, " if "dt" in attrs else ""
+    rows = f"{run.sizes.get('time', 1):,} saved states"
+    head = [
+        ("equations", attrs["equations"]),
+        ("parameters", attrs["parameters"] if len(attrs["parameters"]) < 200 else "…"),
+        ("run", f"n = {attrs['n']}{lanes}; {steps}{rows}"),
+        ("method", f"{attrs['method']} {attrs['options']}"),
+    ]
+    titles = ("integral", "kept", "start", "max |change|", "round-off", "ratio")
+    body = "".join(
+        f"<tr style='opacity:{1 if row.kept else 0.6}'><th style='text-align:left'>{escape(str(name))}</th>"
+        f"<td>{'yes' if row.kept else 'no'}</td><td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
+        f"<td>{row.roundoff:.1e}</td><td>{row.ratio:.2g}</td></tr>"
+        for name, row in drift(run).iterrows()
+    )
+    table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
+    return _block(escape(attrs["title"]), _table(head) + table)
+
+
+def _parameter(meaning: str, default: Any) -> str:
+    return meaning + ("" if default is None else f" (default {default:g})")
+
+
+def _numbers(value: Any) -> str:
+    array = np.asarray(value)
+    if array.size > MOST_NUMBERS:
+        return f"array of shape {array.shape}"
+    return np.array2string(array, separator=", ", precision=6) if array.dtype != object else str(array.tolist())
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> str:
+    cells = "".join(
+        f"<tr><th style='text-align:left;vertical-align:top'>{escape(name)}</th>"
+        f"<td style='text-align:left;white-space:pre-wrap'>{escape(told)}</td></tr>"
+        for name, told in rows
+    )
+    return f"<table>{cells}</table>"
+
+
+def _block(title: str, body: str) -> str:
+    return f"<div><strong>{title}</strong>{body}</div>"

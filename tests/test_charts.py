@@ -1,0 +1,92 @@
+"""Figures of the analyses, and the style: readable on both papers, apart for the colour-blind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import analysis
+from kreisel.view import charts
+from kreisel.view.style import THEMES
+
+
+@pytest.fixture(scope="module")
+def run():
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    return kr.simulate(top, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.05, steps=2000, progress=False)
+
+
+def drawn(figure):
+    """All that is drawn, as arrays x, y."""
+    return [np.array(line.get_xydata(), dtype=float) for axes in figure.axes for line in axes.lines]
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_every_analysis_has_its_figure(run, theme, tmp_path):
+    found = analysis.events(run, "a[2]", 0.5)
+    cut = analysis.section(run, "a[2]", 0.5)
+    other = kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=1000)
+    figures = {
+        "series": charts.plot_series(analysis.rates(run), theme=theme),
+        "events": charts.plot_events(run, found, "a[2]", theme=theme),
+        "section": charts.plot_section(cut, "a[0]", "a[1]", theme=theme),
+        "returns": charts.plot_return_map(analysis.return_map(run, "a[2]", "a[0]", 0.5), theme=theme),
+        "lines": analysis.frequencies(run, "a[0]", 3).plot(theme=theme),
+        "comparison": analysis.compare(run, other).plot(theme=theme),
+        "plot": kr.plot(run, theme=theme),
+    }
+    for name, figure in figures.items():
+        figure.savefig(tmp_path / f"{name}.png", dpi=50)
+        assert figure.get_facecolor()[:3] == pytest.approx(rgb(THEMES[theme].paper)), name
+    assert np.allclose(np.sort(drawn(figures["section"])[0], 0), np.sort(cut.a.values[:, :2], 0))
+    assert len(drawn(figures["events"])[2]) + len(drawn(figures["events"])[3]) == found.sizes["event"]
+    assert np.allclose(drawn(figures["series"])[0][:, 1], analysis.rates(run).tilt)
+
+
+def test_bad_themes_and_data_are_told(run):
+    with pytest.raises(kr.InputError, match=r"theme must be .* Did you mean 'dark'"):
+        kr.plot(run, theme="darc")
+    with pytest.raises(kr.InputError, match="along time"):
+        charts.plot_series(analysis.power_spectrum(run, "a[2]"))
+
+
+def rgb(colour: str) -> np.ndarray:
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def linear(colour: str) -> np.ndarray:
+    c = rgb(colour)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def contrast(one: str, two: str) -> float:
+    """WCAG 2.2: (L1 + 0.05)/(L2 + 0.05)."""
+    low, high = sorted(linear(c) @ (0.2126, 0.7152, 0.0722) for c in (one, two))
+    return (high + 0.05) / (low + 0.05)
+
+
+# Vienot, Brettel and Mollon 1999: linear RGB as a protanope and a deuteranope see it
+BLIND = {
+    "protan": np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]]),
+    "deutan": np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]),
+}
+
+
+def lab(linear_rgb: np.ndarray) -> np.ndarray:
+    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear_rgb
+    t = xyz / (0.9505, 1.0, 1.089)
+    f = np.where(t > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("name", THEMES)
+def test_the_colours_are_readable_and_apart(name):
+    theme = THEMES[name]
+    assert contrast(theme.ink, theme.paper) >= 12
+    assert contrast(theme.faint, theme.paper) >= 3
+    assert min(contrast(c, theme.paper) for c in theme.colours) >= 2.1
+    for matrix in (np.eye(3), *BLIND.values()):
+        seen = [lab(np.clip(matrix @ linear(c), 0, 1)) for c in theme.colours]
+        gaps = [np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i]]
+        assert min(gaps) > 9

@@ -1,0 +1,133 @@
+"""The tools of the documentation: what executes the pages notices what is wrong; typeset equations are the record's."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.lab import exact
+from kreisel.systems import REGISTRY
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+PAGE = """# A page
+
+```python
+x = 1.5
+print("x is", 2 * x)
+```
+
+```text
+{shown}
+```
+
+Text.
+
+```python
+{code}
+```
+"""
+
+
+@pytest.fixture
+def tools(monkeypatch: pytest.MonkeyPatch) -> object:
+    monkeypatch.syspath_prepend(str(DOCS / "tools"))
+    yield importlib.import_module
+    for name in ("pages", "typeset"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("shown", "code", "complaints"),
+    [
+        ("x is 3.0", "assert x == 1.5", 0),
+        ("x is 3.00000001", "x", 0),
+        ("x is 3.1", "x", 1),
+        ("y is 3.0", "x", 1),
+        ("x is", "x", 1),
+        ("x is 3.0 and 4", "x", 1),
+        ("x is 3.0", "assert x == 2", 1),
+        ("x is 3.0", "import warnings; warnings.warn('old')", 1),
+        ("x is 3.0", "x +", 1),
+    ],
+)
+def test_what_is_wrong_on_a_page_is_noticed(tools, tmp_path: Path, shown: str, code: str, complaints: int) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.format(shown=shown, code=code))
+    told = tools("pages").execute(page)
+    assert len(told) == complaints
+    if told:
+        line = 15 if shown == "x is 3.0" else 4
+        assert f"page.md:{line}" in told[0]
+
+
+def test_round_off_may_differ(tools) -> None:
+    same = tools("pages").same
+    assert same("drift 3e-14", "drift 8.1e-15") and not same("drift 3e-8", "drift 8e-8")
+    assert same("1,000 steps", "1,000   steps") and not same("1,000 steps", "1,001 steps")
+
+
+def test_every_python_block_is_executed_or_says_why_not(tools) -> None:
+    """Blocks with other headings than exactly python would be overlooked."""
+    for page in DOCS.glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        there = len(re.findall(r"^\s*```\W*py", text, re.MULTILINE)) - text.count("<!-- not run: ")
+        hidden = text.count("<!-- python\n")
+        assert there + hidden == len(tools("pages").blocks(text)), page.name
+
+
+def test_hidden_and_skipped_blocks(tools) -> None:
+    text = "<!-- python\nx = 1\n-->\n\n<!-- not run: a cluster -->\n```python\n1 / 0\n```\n\n```python\nprint(x)\n```\n"
+    assert [block.code for block in tools("pages").blocks(text)] == ["x = 1\n", "print(x)\n"]
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_typeset_equations_are_those_of_the_record(tools, name: str) -> None:
+    """SymPy's right sides and Hamiltonian at a random point, against the functions in floats."""
+    sp = pytest.importorskip("sympy")
+    system = REGISTRY[name]
+    if system.numbers != "any" or system.n is not None:
+        pytest.skip("not typeset")
+    symbolic = tools("typeset").typeset(system)
+    draw = exact.float_random(np.random.default_rng(3))
+    state = exact.random_state(system.space, 3, draw)
+    flat = [algebra.axial(z) if kind == "skew" else z for z, kind in zip(state, system.space.kinds, strict=True)]
+    values = dict(zip(symbolic.names, np.concatenate(flat), strict=True))
+    numbers, params = {}, {}
+    for letter, entries in symbolic.params.items():
+        free = sorted(set().union(*(sp.sympify(e).free_symbols for e in np.ravel(entries))), key=str)
+        numbers |= {symbol: float(i + 1.3) for i, symbol in enumerate(free)}
+        params[letter] = np.array([sp.sympify(e).subs(numbers) for e in np.ravel(entries)], dtype=float).reshape(
+            np.shape(entries)
+        )
+    model = system(**params)
+    rates = model.flow(*state)
+    wanted = np.concatenate(
+        [algebra.axial(z) if kind == "skew" else z for z, kind in zip(rates, system.space.kinds, strict=True)]
+    )
+    found = [float(rate.subs(values | numbers)) for _, rate in symbolic.rates()]
+    assert np.allclose(found, wanted, rtol=1e-12, atol=1e-13)
+    energy = float(symbolic.hamiltonian().subs(values | numbers))
+    assert energy == pytest.approx(float(model.call(system.energy, *state)), rel=1e-12)
+
+
+def test_the_plain_equations_become_latex(tools) -> None:
+    from_text = tools("typeset").from_text
+    assert from_text("m' = a ^ p,  a' = m a") == r"m' = a \wedge p,\quad a' = m a"
+    assert from_text("<x, Bx> + |q|^2") == r"\langle x, Bx \rangle + \lvert q\rvert^2"
+    assert from_text("Omega_jk = c_jk M_jk") == r"\Omega_{jk} = c_{jk} M_{jk}"
+
+
+def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
+    from kreisel.contract import System
+
+    api = (DOCS / "api.md").read_text(encoding="utf-8")
+    for name in kr.__all__:
+        assert isinstance(getattr(kr, name), System) or f"kreisel.{name}\n" in api, name
