@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Function = Callable[..., Any]
 COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
-PARAMETER_AXES = {"scalar": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
+PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
 SKEW_TOLERANCE = 1e-12
 
 
@@ -100,7 +100,9 @@ FREE_SPACE = semidirect("so*(n)", (("M", "skew"),), invariants.casimirs_free)
 QUADRATIC_SPACE = semidirect(
     "(so(n) <x Sym(n))*", (("M", "skew"), ("P", "symmetric")), lambda M, P: invariants.power_traces(P)
 )
-ADJOINT_SPACE = semidirect("(so(n) <x so(n))*", (("M", "skew"), ("G", "skew")), invariants.casimirs_adjoint)
+ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
+    semidirect("(so(n) <x so(n))*", (("M", "skew"), (letter, "skew")), invariants.casimirs_adjoint) for letter in "GP"
+)
 TWO_FIELDS_SPACE = semidirect(
     "(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), lambda M, P, Q: invariants.gram(P, Q)
 )
@@ -118,8 +120,9 @@ SPHERE_SPACE = PhaseSpace(
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter: its letter, kind ("scalar", "vector", "symmetric" or "array"), meaning and valid range.
+    """A parameter: its letter, kind ("scalar", "vector", "symmetric", "array" or "dimension"), meaning and valid range.
 
+    A dimension is n itself, for systems whose other parameters do not tell it.
     A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
     `check(value, name)` raises `InputError`.  `fixed` says where a vector of a top with a fixed point rests: "space"
     (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).

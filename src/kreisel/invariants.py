@@ -30,13 +30,14 @@ def faddeev_leverrier(N: Array) -> tuple[list[Array], list[Array]]:
     c: list[Array] = [1]
     for k in range(1, n + 1):
         NB = N @ B[-1]
-        c.append(-_trace(NB) / k)
+        c.append(-trace(NB) / k)
         if k < n:
             B.append(NB + mat(c[-1]) * identity(n))
     return c, B
 
 
-def _trace(A: Array) -> Array:
+def trace(A: Array) -> Array:
+    """The trace of A (..., n, n)."""
     return (A * identity(A.shape[-1])).sum(-1).sum(-1)
 
 
@@ -48,7 +49,7 @@ def faddeev_leverrier_pencil(M: Array, B: Array) -> tuple[list[list[Array]], lis
     for k in range(1, n + 1):
         previous = adj[-1]
         product = [(M @ previous[i] if i < k else 0) + (B @ previous[i - 1] if i > 0 else 0) for i in range(k + 1)]
-        c.append([-_trace(term) / k for term in product])
+        c.append([-trace(term) / k for term in product])
         if k < n:
             adj.append([term + mat(ck) * identity(n) for term, ck in zip(product, c[-1], strict=True)])
     return c, adj
@@ -130,7 +131,7 @@ def power_traces(P: Array, most: int = 8) -> Array:
     powers = [P]
     while len(powers) < min(P.shape[-1], most):
         powers.append(powers[-1] @ P)
-    return stack([_trace(power) for power in powers])
+    return stack([trace(power) for power in powers])
 
 
 def gram(*vectors: Array) -> Array:
@@ -144,10 +145,11 @@ def metric_spectrum(M: Array, A: Array) -> Array:
     return stack([c[k][i] for k in range(3, M.shape[-1] + 1) for i in range(k - 2, 0, -2)])
 
 
-def laurent_spectrum(M: Array, A: Array, P: Array) -> Array:
-    """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: all of lambda^i mu^(n-k), |i| < k.
+def laurent_spectrum(M: Array, A: Array, P: Array, odd: bool = True, step: int = 2) -> Array:
+    """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: of lambda^i mu^(n-k), |i| < k.
 
-    Those of i - k odd vanish for symmetric A and P and skew M.  Found from powers of L as Laurent polynomials.
+    For symmetric A and P and skew M those of i - k odd vanish, and with step 2 are left out; for skew A, P and M those
+    of odd k do, and without `odd` are left out.  By the method of Faddeev and Leverrier in Laurent polynomials.
     """
     n = M.shape[-1]
     adj, out = {0: identity(n) + 0 * M}, []
@@ -156,8 +158,8 @@ def laurent_spectrum(M: Array, A: Array, P: Array) -> Array:
         for i, B in adj.items():
             for shift, term in ((1, A), (0, M), (-1, P)):
                 product[i + shift] = product.get(i + shift, 0) + term @ B
-        c = {i: -_trace(B) / k for i, B in product.items()}
-        out += [c[i] for i in range(k - 2, -k, -2)]
+        c = {i: -trace(B) / k for i, B in product.items()}
+        out += [c[i] for i in range(k - step, -k, -step)] if odd or k % 2 == 0 else []
         adj = {i: B + mat(c[i]) * identity(n) for i, B in product.items()}
     return stack(out)
 

@@ -161,6 +161,10 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
         if p.default is None:
             raise InputError(f"The laws need a value of {p.letter}: give a default, or check(model) with parameters.")
         return p.default
+    if p.kind == "dimension":
+        return n
+    if p.kind == "scalar" and p.positive:
+        return abs(draw((1,)))[0] + 1
     if p.kind == "scalar":
         value = draw((1,))
         return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles

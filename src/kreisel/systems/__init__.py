@@ -7,11 +7,15 @@ from kreisel.systems.clebsch_general import SYSTEM as ClebschGeneral
 from kreisel.systems.euler_top import SYSTEM as EulerTop
 from kreisel.systems.heavy_top import SYSTEM as HeavyTop
 from kreisel.systems.kirchhoff import SYSTEM as Kirchhoff
+from kreisel.systems.kovalevskaya_gyrostat import SYSTEM as KovalevskayaGyrostat
+from kreisel.systems.kovalevskaya_top import SYSTEM as KovalevskayaTop
 from kreisel.systems.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.systems.lagrange_top_moving import SYSTEM as LagrangeTopMoving
 from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
 from kreisel.systems.quadratic_potential import SYSTEM as QuadraticPotential
+from kreisel.systems.ratiu_top import SYSTEM as RatiuTop
+from kreisel.systems.steklov_lyapunov import SYSTEM as SteklovLyapunov
 from kreisel.systems.symmetric_top import SYSTEM as SymmetricTop
 
 __all__ = [
@@ -21,11 +25,15 @@ __all__ = [
     "EulerTop",
     "HeavyTop",
     "Kirchhoff",
+    "KovalevskayaGyrostat",
+    "KovalevskayaTop",
     "LagrangeTop",
     "LagrangeTopMoving",
     "ManakovTop",
     "Neumann",
     "QuadraticPotential",
+    "RatiuTop",
+    "SteklovLyapunov",
     "SymmetricTop",
     "find",
 ]
@@ -44,6 +52,10 @@ REGISTRY: dict[str, System] = {
         EulerTop,
         ManakovTop,
         QuadraticPotential,
+        KovalevskayaTop,
+        KovalevskayaGyrostat,
+        SteklovLyapunov,
+        RatiuTop,
     )
 }
 
