@@ -385,7 +385,8 @@ def axial(X: Array) -> Array:
 def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: float, most: int) -> tuple[Array, Array]:
     """X, defect = improve(X) from a skew matrix X until defect <= small, at most `most` times.
 
-    Recorded numbers make a loop of it.  Numbers without an order, such as dual numbers, go all the way.
+    Recorded numbers make a loop of it.  Dual numbers go on, for their slopes, twice as long as their values need.
+    Numbers without an order go all the way.
     """
     n = X.shape[-1]
     if hasattr(X, "record_loop"):
@@ -399,9 +400,14 @@ def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: flo
 
         x, defect = recorded[0].record_loop(on_coordinates, coordinates(X), small, most)
         return skew(x, n), defect
-    for _ in range(most):
+    last = most
+    for k in range(most):
         X, defect = improve(X)
         if not holds_objects(X) and (defect <= small).all():
+            break
+        if last == most and holds_objects(X) and getattr(defect, "value", 1) <= small:
+            last = 2 * k + 2
+        if k == last:
             break
     return X, defect
 
