@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench examples picture roundoff verify soak docs gallery dist release-check clean help
+.PHONY: demo test test-full lint bench work-precision examples picture roundoff verify soak docs gallery dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -15,10 +15,12 @@ help:
 	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
 	@echo "make docs      the documentation site, in out/docs"
-	@echo "make soak      200 kills of a run at random moments; some minutes"
+	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
 	@echo "make lint      ruff and mypy --strict"
+	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
+	@echo "make bench-gpu the same on an NVIDIA GPU"
 	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
-	@echo "make bench     speed against C++ (needs g++); make roundoff: drift over 10^8 steps"
+	@echo "make work-precision  every method here against heyoka, diffrax, SciPy and MuJoCo; some minutes"
 
 $(STAMP): pyproject.toml constraints.txt
 	@echo "== creating $(VENV) and installing kreisel with the pinned versions of constraints.txt"
@@ -49,7 +51,8 @@ lint: $(STAMP)
 examples: $(STAMP)
 	@mkdir -p out
 	@set -e; cd out; for file in ../examples/*.toml; do \
-	  echo "== kreisel run $$file"; ../$(BIN)/kreisel run $$file --overwrite; done
+	  if grep -q '^\[sweep\]' $$file; then what=sweep; else what=run; fi; \
+	  echo "== kreisel $$what $$file"; ../$(BIN)/kreisel $$what $$file --overwrite; done
 	@set -e; cd out; for file in ../examples/*.py; do \
 	  echo "== python $$file"; ../$(BIN)/python $$file; done
 
@@ -87,13 +90,28 @@ release-check: dist
 	out/release/.venv/bin/kreisel systems
 
 soak: $(STAMP)
-	KREISEL_KILLS=200 $(BIN)/python -m pytest -q tests/test_resume.py -k killed
+	$(BIN)/python benchmarks/soak.py
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py
+
+PEERS := $(VENV)-peers
+
+$(PEERS)/.installed: $(STAMP) benchmarks/peers.txt
+	@echo "== the peers, into $(PEERS)"
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]" --requirement benchmarks/peers.txt
+	@touch $@
+
+work-precision: $(PEERS)/.installed
+	$(PEERS)/bin/python benchmarks/work_precision.py
+
+bench-gpu: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cuda]"
+	$(BIN)/python benchmarks/gpu.py
 
 roundoff: $(STAMP)
 	$(BIN)/python benchmarks/roundoff.py
 
 clean:
-	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-peers out .pytest_cache .mypy_cache .ruff_cache

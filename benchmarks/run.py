@@ -1,10 +1,13 @@
-"""Every benchmark: `run.py` times single trajectories; `run.py --all` also follows round-off over 1e8 steps."""
+"""Every benchmark that needs no GPU, some minutes; `run.py --all` also follows round-off over 1e8 steps."""
 
 from __future__ import annotations
 
 import argparse
 
+import dimension
+import ensemble
 import roundoff
+import saving
 import single
 
 
@@ -16,6 +19,12 @@ def main() -> None:
     single.compiler()
     print("== single: one trajectory, n = 3, kernels against C++ by hand (about half a minute)")
     single.main([])
+    print("\n== ensemble: many trajectories, n = 3, kernels against C++ by hand (about a minute)")
+    ensemble.main([])
+    print("\n== saving: what saved states and integrals cost (some minutes)")
+    saving.main([])
+    print("\n== dimension: time of a step against n (about a minute)")
+    dimension.main([])
     if options.all:
         print("\n== roundoff: do rounding errors walk at random? (some minutes)")
         roundoff.main([])

@@ -57,7 +57,8 @@ def contenders(case: Case, library: ctypes.CDLL) -> tuple[np.ndarray, dict[str, 
     plan = make_plan(model, model.state(**case.states["standard"]), dt=DT, steps=1, every=1, method="suris", order=1,
                      orientation=None)  # fmt: skip
     kernel: Any = plan.engine
-    start, constants = kernel.z.copy(), np.ascontiguousarray(kernel.constants[0])
+    start = kernel.z.copy()
+    constants = np.concatenate([np.ravel(plan.scheme.constants[k]) for k in (*model.params, "eps")])
 
     def compiled(row: np.ndarray, steps: int) -> np.ndarray:
         kernel.z[:] = row

@@ -188,6 +188,20 @@ def test_unwritable_places(top: object, x0: object, tmp_path: Path) -> None:
         kr.simulate(top, x0, path=tmp_path / ("x" * 300), **OPTIONS)
 
 
+def test_a_block_is_a_shard_of_eight_chunks(top: object, x0: object, tmp_path: Path) -> None:
+    run = kr.simulate(top, x0, path=tmp_path / "run.zarr", dt=0.1, steps=1000)
+    array = zarr.open_group(tmp_path / "run.zarr")["a"]
+    assert (array.shards, array.chunks) == ((1008, 3), (126, 3))
+    assert len([p for p in (tmp_path / "run.zarr" / "a" / "c").rglob("*") if p.is_file()]) == 1
+    assert (run.a.values == kr.simulate(top, x0, dt=0.1, steps=1000).a.values).all()
+    file = next(p for p in (tmp_path / "run.zarr" / "a" / "c").rglob("*") if p.is_file())
+    data = bytearray(file.read_bytes())
+    data[10] ^= 1  # in the first chunk
+    file.write_bytes(bytes(data))
+    (fault,) = check_archive(tmp_path / "run.zarr")[1]
+    assert fault.startswith("a cannot be read in rows 0 to 125")
+
+
 def test_lanes_on_disk(top: object, tmp_path: Path) -> None:
     state = top.state(m=np.full((4, 3), 0.5), a=np.eye(3)[[0, 1, 2, 0]])
     run = kr.simulate(top, state, path=tmp_path / "run.zarr", **OPTIONS)

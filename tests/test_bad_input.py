@@ -246,5 +246,5 @@ def test_tops_that_make_no_sense() -> None:
     with pytest.raises(kr.InputError, match="must be symmetric"):
         kr.QuadraticPotential(J=(1, 2, 3)).state(M=(1, 0, 0), P=np.triu(np.ones((3, 3))))
     body = kr.QuadraticPotential(J=(1, 2, 3))
-    with pytest.raises(kr.InputError, match="steps up to 0.5 have one"):  # eps^2 P < 1
+    with pytest.raises(kr.InputError, match=r"steps up to 0\.5 have one"):  # eps^2 P < 1
         kr.simulate(body, body.state(M=(0, 0, 0), P=4 * np.eye(3)), dt=0.6, steps=1)

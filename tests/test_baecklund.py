@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,10 @@ from kreisel.engines.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
 from kreisel.methods import scheme
-from kreisel.methods.baecklund import pade_zeros
+from kreisel.methods.baecklund import pade_denominator, pade_zeros, stage_points
 from kreisel.systems import REGISTRY
 
+METHOD = sys.modules["kreisel.methods.baecklund"]  # the package has a function of that name
 SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]
 
 
@@ -26,6 +29,28 @@ def test_order_conditions(stages: int) -> None:
     for power in range(1, 2 * stages, 2):
         assert abs(sum(e**power for e in eps) - (power == 1)) < 1e-13
     assert abs(sum(e ** (2 * stages + 1) for e in eps)) > 1e-12 ** (stages / 4)
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3, 6, 12])
+def test_a_wrong_sign_of_any_coefficient_is_caught(stages: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    for place in range(stages + 1):
+        wrong = [-c if j == place else c for j, c in enumerate(pade_denominator(stages))]
+        monkeypatch.setattr(METHOD, "pade_denominator", lambda k, wrong=wrong: wrong)
+        with pytest.raises(ArithmeticError, match="the sum of eps"):
+            pade_zeros.__wrapped__(stages)
+
+
+@pytest.mark.parametrize(("order", "which"), [(6, 0), (6, 1), (8, 0), (8, 1)])  # pair and real stage; two pairs
+def test_a_dropped_stage_is_caught_by_the_order(order: int, which: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, state = start("lagrange-top", 3, 1)
+    counts = (4, 6, 8)
+    assert min(baecklund_orders(model, state, order, counts, 1.0)) > order - 1
+
+    def dropped(order: int, dt: float) -> list[complex | float]:
+        return [mu for i, mu in enumerate(stage_points(order, dt)) if i != which]
+
+    monkeypatch.setattr(METHOD, "stage_points", dropped)
+    assert max(baecklund_orders(model, state, order, counts, 1.0)) < 1
 
 
 def start(name: str, n: int, seed: int = 0) -> tuple[object, tuple[np.ndarray, ...]]:

@@ -11,11 +11,15 @@ import pytest
 from kreisel import algebra
 from kreisel.contract import Frame
 from kreisel.engines import cpu, layout
-from kreisel.engines.cpu import Kernel, compiled_rate, flat_constants
+from kreisel.engines.cpu import Kernel, compiled_rate
+from kreisel.engines.folding import folded
+from kreisel.engines.lines import arranged
+from kreisel.engines.recording import flat_constants
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.lab import exact
 from kreisel.methods import Scheme, scheme
 from kreisel.model import Model
+from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
 
 MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
@@ -68,33 +72,118 @@ def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     assert abs(flow[-n * n :] - turn.ravel()).max() == 0
 
 
-@pytest.mark.parametrize("name", MAPS)
-def test_lane_equals_single_run_bitwise(name: str) -> None:
-    starts = [random_start(name, 3, seed) for seed in range(3)]
-    model = starts[0][0]
-    plan = first_scheme(model, False)
-    kinds = [kind for _, kind in plan.components]
-    rows = np.stack([layout.flatten(plan.prepare(x), kinds) for _, x in starts])
-    together = Kernel(plan, rows)
-    out = np.empty((3, 3, rows.shape[1]))
-    together.advance(out, 7)
-    for lane, row in enumerate(rows):
-        alone = np.empty((3, 1, rows.shape[1]))
-        Kernel(plan, row[None]).advance(alone, 7)
-        assert (alone[:, 0] == out[:, lane]).all()
+def one_of_each(
+    name: str, method: str, order: int, n: int, lanes: int
+) -> tuple[Scheme, np.ndarray, Scheme, np.ndarray]:
+    """An ensemble with parameters and states of its own in each lane, many numbers special; its last lane."""
+    draw = np.random.default_rng([5, n])
+    models, states = zip(*(random_start(name, n, seed) for seed in range(lanes)), strict=True)
+    params = {k: np.stack([model.params[k] for model in models]) for k in models[0].params}
+    for k, value in params.items():
+        if k != "alpha" and value.ndim == 2:
+            params[k] = np.where(draw.random(value.shape) < 0.3, 1.0, value)
+    turned = tuple(np.stack([np.eye(1, 4)[0] if n == 3 else np.eye(n)] * k) for k in (lanes, 1))
+    starts = [
+        tuple(np.stack(parts) for parts in zip(*states[at], strict=True)) for at in (slice(None), slice(-1, None))
+    ]
+    out = []
+    for start, g, at in zip(starts, turned, (slice(None), slice(-1, None)), strict=True):
+        model = REGISTRY[name](**{k: v[at] for k, v in params.items()})
+        plan = scheme(model, method, 0.05, order, True).on((*start, g))
+        kinds = [kind for _, kind in plan.components]
+        out += [plan, layout.flatten(plan.prepare((*start, g)), kinds)]
+    return tuple(out)
 
 
-def test_special_parameters_give_the_same_numbers_as_general_ones() -> None:
-    """p = (0, 0, 1) is folded into the code; beside a lane with another p it is not."""
-    top = REGISTRY["lagrange-top"]
-    state = (algebra.hat(np.array([0.1, 0.2, 1.5])), np.array([0.6, 0, 0.8]))
-    special = scheme(top(p=(0, 0, 1)), "suris", 0.05, 1, False)
-    general = scheme(top(p=[(0, 0, 1), (0.3, 0.1, 0.7)]), "suris", 0.05, 1, False)
-    row = layout.flatten(state, ["skew", "vector"])
-    one, two = np.empty((50, 1, 6)), np.empty((50, 2, 6))
-    Kernel(special, row[None]).advance(one, 1)
-    Kernel(general, np.stack([row, row])).advance(two, 1)
-    assert abs(one[:, 0] - two[:, 0]).max() < FLOPS_TOLERANCE
+@pytest.mark.parametrize(
+    ("name", "method", "order", "n"),
+    [
+        *(
+            (name, *(("veselov", 2) if phi.symmetric else ("suris", 1)), 3)
+            for name, phi in MAPS.items()
+            if phi.turn is None
+        ),
+        ("lagrange-top", "suris", 1, 4),
+        ("clebsch", "baecklund", 6, 3),
+    ],
+)
+def test_lane_equals_single_run_bitwise(name: str, method: str, order: int, n: int) -> None:
+    """Ragged blocks, shares of threads, parameters that are folded into the code of the single run alone."""
+    lanes = 71
+    plan, rows, single, row = one_of_each(name, method, order, n, lanes)
+    together, alone = np.empty((3, *rows.shape)), np.empty((3, *row.shape))
+    kernel = Kernel(plan, rows)
+    assert "count = min" in kernel.source
+    kernel.advance(together, 7)
+    Kernel(single, row).advance(alone, 7)
+    assert np.isfinite(alone).all()
+    assert (together[:, -1] == alone[:, 0]).all()
+    threaded = np.empty_like(together)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cpu, "LEAST_WORK", 0)
+        other = Kernel(plan, rows)
+        other.advance(threaded, 7)
+    assert (threaded == together).all()
+    assert (other.z == together[-1]).all()
+
+
+def test_a_recorded_loop_is_the_same_in_every_lane() -> None:
+    """Loops stop where each lane has converged: such kernels take lane by lane."""
+    plan, rows, single, row = one_of_each("kirchhoff", "variational", 2, 4, 5)
+    together, alone = np.empty((2, *rows.shape)), np.empty((2, *row.shape))
+    Kernel(plan, rows).advance(together, 3)
+    Kernel(single, row).advance(alone, 3)
+    assert (together[:, -1] == alone[:, 0]).all()
+
+
+def test_zero_lanes_are_no_work() -> None:
+    model, x0 = random_start("lagrange-top", 3)
+    plan = scheme(model, "suris", 0.1, 1, False)
+    row = layout.flatten(x0, ["skew", "vector"])
+    kernel = Kernel(plan, row[None][:0])
+    kernel.advance(np.empty((2, 0, 6)), 3)
+    assert kernel.z.shape == (0, 6)
+
+
+@pytest.mark.parametrize(("lanes", "threads"), [(1, 2), (2, 2), (71, 2), (1000, 3), (64 * 64, 2)])
+def test_shares_are_all_the_lanes_once(lanes: int, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", threads)
+    shares = list(cpu._shares(lanes, cpu.LEAST_WORK))
+    assert [lane for first, last in shares for lane in range(first, last)] == list(range(lanes))
+    assert len(shares) >= min(threads, lanes)
+    assert len(list(cpu._shares(lanes, 1))) == 1
+
+
+def test_products_are_fused_into_the_sums_that_alone_need_them() -> None:
+    tape = Tape()
+    a, b, c, d = (Scalar(tape, name) for name in "abcd")
+    once, twice = a * b, c * d
+    values = [once + c, twice - a, twice + b, a / d, -b / d]
+    outputs = [v.name for v in values]
+    lines = arranged(tape.needed(outputs), outputs)
+    told = [line.text.partition(" = ")[2] for line in lines]
+    assert told == ["c * d", "fma(a, b, c)", "t1 - a", "b + t1", "1.0 / d", "a * rd", "b * rd"]
+    short, new = folded(lines, [text(v) for v in values], {"b": 1.0, "d": 0.0}, "f")
+    assert (short, new) == (lines, [text(v) for v in values])  # 1/0 stays for the run to find
+    short, new = folded(lines, [text(v) for v in values], {"b": 1.0, "c": 0.0}, "f")
+    assert new == ["a", "(-a)", "1.0", "tf1", "(-tf0)"]
+    assert [line.text for line in short] == ["tf0 = 1.0 / d", "tf1 = a * tf0"]
+
+
+def test_folding_leaves_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every value of a record with 0, 1 and -1 put in is that of the record without."""
+    _, _, single, row = one_of_each("lagrange-top-moving", "suris", 1, 3, 1)
+    special = replace(
+        single, constants={**single.constants, "A": np.array([[0.0, -1.0, 0.0]]), "alpha": np.array([1.0])}
+    )
+    short, long = Kernel(special, row), None
+    monkeypatch.setattr("kreisel.engines.recording._special", lambda constants: {})
+    long = Kernel(special, row)
+    assert len(short.source) < len(long.source)
+    one, two = np.empty((20, *row.shape)), np.empty((20, *row.shape))
+    short.advance(one, 1)
+    long.advance(two, 1)
+    assert (one == two).all()
 
 
 def test_source_is_kept_for_reading_and_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,3 +288,36 @@ def test_a_recorded_skew_matrix_is_not_exact() -> None:
     X = algebra.skew(np.array([Scalar(tape, name) for name in "xyz"], dtype=object), 3)
     assert not algebra.exact(X)
     assert algebra.exact(algebra.skew(np.array([1, 2, 3], dtype=object), 3))
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "oriented"),
+    [*((name, 3, True) for name in ("lagrange-top", "lagrange-top-moving", "clebsch")), ("lagrange-top", 4, False)],
+)
+def test_compiled_observe_equals_the_definition(name: str, n: int, oriented: bool) -> None:
+    """Every variable of a run, two lanes with parameters of their own, against NumPy."""
+    models, states = zip(*(random_start(name, n, seed) for seed in range(2)), strict=True)
+    model = REGISTRY[name](**{k: np.stack([m.params[k] for m in models]) for k in models[0].params})
+    start = dict(zip(REGISTRY[name].space.letters, map(np.stack, zip(*states, strict=True)), strict=True))
+    g = (-0.5, 0.5, -0.5, 0.5) if oriented else None
+    plan = make_plan(model, start, dt=0.1, steps=9, every=1, method="suris", order=2, orientation=g)
+    rows = np.empty((9, *plan.engine.z.shape))
+    plan.engine.advance(rows, 1)
+    compiled = cpu.compiled_observe(plan.scheme, plan._variables, 2)
+    assert compiled is not None
+    found, wanted = compiled(rows), plan._variables(layout.restore(rows, plan.kinds, n))
+    assert set(found) == set(wanted) == set(plan.scheme.outcomes)
+    for variable, value in wanted.items():
+        assert found[variable].shape == (9, 2, *np.shape(value)[2:])
+        assert abs(found[variable] - value).max() < FLOPS_TOLERANCE * (1 + abs(value).max())
+    assert oriented == ("g" in found)
+    assert not oriented or (found["g"][..., 0] >= 0).all()
+
+
+def test_what_is_too_long_to_compile_is_observed_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, x0 = random_start("lagrange-top", 3)
+    start = dict(zip("ma", x0, strict=True))
+    plan = make_plan(model, start, dt=0.1, steps=9, every=1, method="suris", order=2, orientation=None)
+    monkeypatch.setattr(cpu, "OBSERVED_LINES", 10)
+    assert cpu.compiled_observe(plan.scheme, plan._variables, 1) is None
+    assert set(plan.observe(np.zeros((2, 1, 6)) + plan.engine.z)) == set(plan.scheme.outcomes)

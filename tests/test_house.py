@@ -62,11 +62,33 @@ def test_import_is_light() -> None:
         "jax",
         "optimistix",
         "mpmath",
+        "sympy",
         "plotly",
     )
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.split() == []
+
+
+def test_the_first_step_waits_for_no_more_than_it_needs(tmp_path: Path) -> None:
+    """`kreisel run` to disk, up to the first call of the kernel: tables and figures are imported when they are made."""
+    heavy = ("xarray", "pandas", "matplotlib", "sympy", "jax", "optimistix", "flint", "dask", "IPython")
+    text = (Path(__file__).parent.parent / "examples" / "lagrange-top.toml").read_text(encoding="utf-8")
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    code = f"""
+import os, sys
+from kreisel.engines import cpu
+def first(self, out, every):
+    print("first step", *(m for m in {heavy} if m in sys.modules), flush=True)
+    os._exit(0)
+cpu.Kernel.advance = first
+sys.argv = ["kreisel", "run", "run.toml"]
+from kreisel.cli import main
+main()
+"""
+    run = [sys.executable, "-c", code]
+    out = subprocess.run(run, capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+    assert out.split() == ["first", "step"]
 
 
 def test_every_public_name_exists() -> None:

@@ -42,8 +42,10 @@ if TYPE_CHECKING:
     from kreisel.runs.at import at
     from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
+    from kreisel.runs.exporting import export
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
+    from kreisel.runs.sweep import failures, sweep
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
@@ -56,6 +58,9 @@ _LAZY = {
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.runs.archive",
     "drift": "kreisel.runs.drift",
+    "export": "kreisel.runs.exporting",
+    "failures": "kreisel.runs.sweep",
+    "sweep": "kreisel.runs.sweep",
     "plot": "kreisel.view.plots",
 }
 _PARTS = ("analysis", "physical", "units", "view")
@@ -82,12 +87,17 @@ __all__ = [
     "at",
     "cite",
     "drift",
+    "export",
+    "failures",
     "nutation",
     "open_run",
+    "physical",
     "plot",
     "resume",
     "simulate",
+    "sweep",
     "systems",
+    "units",
     "view",
 ]
 

@@ -188,6 +188,13 @@ def maximum(x: Array, y: Array) -> Array:
     return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
 
 
+def sign(x: Array) -> Array:
+    """-1 where an entry is negative, else 1; recorded numbers bring their own."""
+    if holds_objects(x):
+        return np.array([v.sign() for v in x.flat], dtype=object).reshape(x.shape)
+    return np.where(x < 0, -1, 1)
+
+
 def magnitude(x: Array) -> float:
     """The largest |entry| as a float, 0 for an empty array; for messages and tolerances."""
     return max((abs(_as_float(v)) for v in np.asarray(x).flat), default=0.0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import InputError, RunError, Stopped
+from kreisel.errors import InputError, Interrupted, RunError, Stopped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,6 +51,7 @@ def run(
         method=asked.run.method,
         order=asked.run.order,
         tol=asked.run.tol,
+        engine=asked.run.engine,
         orientation=asked.orientation,
         path=asked.path,
         overwrite=overwrite,
@@ -105,6 +106,48 @@ def resume(
 
 
 @app.command()
+def sweep(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a section [sweep]; see examples/sweep.toml.")],
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Processes here, by default one a core; 0: this one, without Dask.")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", help="The address of a Dask scheduler.")] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate many lanes that differ in parameters, states or settings; the same command goes on after a kill."""
+    from kreisel.runs.config import read_sweep
+    from kreisel.runs.sweep import carry_out, failures, open_sweep
+
+    description, file, path = read_sweep(config)
+    report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
+    result = open_sweep(report.path)
+    worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
+    largest = {name: _finite(value) for name, value in worst.items() if name.endswith("_drift")}
+    told = {
+        "archive": str(path),
+        "lanes": report.lanes,
+        "failed": report.failed,
+        "blocks": report.blocks,
+        "blocks_before": report.before,
+        "seconds": round(report.seconds, 3),
+        "peak_MiB": round(report.peak_MiB),
+        "largest": largest,
+    }
+    if as_json:
+        _print_json(told)
+        return
+    before = f", {report.before:,} of them done before" if report.before else ""
+    print(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
+    for name, value in largest.items():
+        print(f"    {name:32}{value:.2e}" if value is not None else f"    {name:32}none")
+    if report.failed:
+        print(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
+        for lane, row in failures(result).head(3).iterrows():
+            print(f"    lane {lane}: {row.message}")
+
+
+@app.command()
 def check(
     archive: Path,
     as_json: AsJson = False,
@@ -121,7 +164,7 @@ def check(
     if out is not None:
         kept, rows = recover(archive, out)
         print(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
-    table = drift(result) if result is not None else None
+    table = drift(result) if result is not None and "kreisel_sweep" not in result.attrs else None
     if as_json:
         _print_json({"archive": str(archive), "faults": faults, "drift": _records(table)})
     else:
@@ -129,11 +172,24 @@ def check(
             _print_drift(table)
         for fault in faults:
             print(f"FAULT: {fault}")
-        if result is not None and is_own(result.attrs):
+        if table is not None and result is not None and is_own(result.attrs):
             print(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
         print(f"{archive}: {'damaged' if faults else 'whole'}")
     if faults:
         raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    archive: Annotated[Path, typer.Argument(help="An archive of a run or a sweep.")],
+    out: Annotated[Path, typer.Argument(help="The file to write: .nc, .h5 or .parquet.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Write an archive as NetCDF (HDF5) or Parquet."""
+    from kreisel.runs.exporting import export as write
+
+    write(archive, out, overwrite=overwrite)
+    print(f"{archive} -> {out}")
 
 
 @app.command()
@@ -332,7 +388,7 @@ def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
     try:
         app()
-    except Stopped as stopped:
+    except (Stopped, Interrupted) as stopped:
         print(f"kreisel: {stopped}", file=sys.stderr)
         sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:

@@ -228,7 +228,7 @@ class Relation:
     """The same motion in another system: (state, params, g) -> (state, params) of `target`.
 
     A law compares the flows and, where `map` names "step" or "adjoint" of the target, the maps; in floats
-    only where `exact` is False.
+    only where `exact` is False.  `back` takes the state of the target back, where the image tells it.
     """
 
     target: str
@@ -236,6 +236,7 @@ class Relation:
     map: str | None = None
     meaning: str = ""
     exact: bool = True
+    back: Function | None = None
 
 
 @dataclass(frozen=True)

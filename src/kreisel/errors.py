@@ -28,6 +28,17 @@ class Stopped(RunError):
         )
 
 
+class Interrupted(RunError):
+    """A sweep that was told to stop by a signal; the blocks that were done are kept."""
+
+    def __init__(self, number: int, done: int, total: int, part: object):
+        self.number = number
+        super().__init__(
+            f"stopped by {signal.Signals(number).name} after {done:,} of {total:,} blocks, which are kept in {part}; "
+            "the same command goes on."
+        )
+
+
 def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError:
     """What the file system says, as one message with the fix."""
     fix = {

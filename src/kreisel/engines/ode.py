@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.engines.cpu import compiled_rate, flat_constants
+from kreisel.engines.cpu import compiled_rate
 from kreisel.engines.layout import Floats
+from kreisel.engines.recording import flat_constants
 from kreisel.errors import RunError
 from kreisel.methods.scheme import Scheme
 

@@ -1,24 +1,18 @@
 """Recording: run a definition once on recording scalars or arrays, print straight-line Python.
 
 A `Tape` holds each value once.  `Scalar` is a recorded number, for small n; `Matrix` a recorded array,
-for n beyond straight-line code.  Foldings are exact in floating point (0, 1, signs, x - x), so a kernel
-with some parameters folded in computes the same numbers as one without.
+for n beyond straight-line code.  Foldings are exact in floating point (0, 1, signs, x - x), so a record with numbers
+put in for some parameters (`kreisel.engines.folding`) computes the same as one without.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
-
-class Line(NamedTuple):
-    """`names` = what the source `text` computes from `needs`; a loop computes several."""
-
-    names: tuple[str, ...]
-    text: str
-    needs: tuple[str, ...]
+from kreisel.engines.lines import Line, arranged, needed
 
 
 class Tape:
@@ -67,7 +61,7 @@ class Tape:
             del self._names[expression]
         last = self._fresh("d")
         wanted = [v.name for v in (*new, defect) if not _is_plain(v)]
-        block = [line.text for line in _needed(inner, wanted)]
+        block = [line.text for line in arranged(needed(inner, wanted), wanted)]
         block += [f"{', '.join(names)}, = {', '.join(map(text, new))},", f"{last} = {text(defect)}"]
         lines = [f"{', '.join(names)}, = {', '.join(map(text, start))},", f"for _ in range({most}):"]
         lines += [f"    {line}" for line in (*block, f"if {last} <= {small!r}:", "    break")]
@@ -78,16 +72,7 @@ class Tape:
 
     def needed(self, outputs: list[str]) -> list[Line]:
         """The lines that the outputs depend on, in order."""
-        return _needed(self.lines, outputs)
-
-
-def _needed(lines: list[Line], outputs: list[str]) -> list[Line]:
-    wanted, kept = set(outputs), []
-    for line in reversed(lines):
-        if not wanted.isdisjoint(line.names):
-            wanted.update(line.needs)
-            kept.append(line)
-    return kept[::-1]
+        return needed(self.lines, outputs)
 
 
 def _is_plain(x: Any) -> bool:
@@ -180,6 +165,9 @@ class Scalar:
     def sqrt(self) -> Scalar:
         return self._new(f"sqrt({self.signed})", self.name)
 
+    def sign(self) -> Scalar:
+        return self._new(f"(-1.0 if {self.signed} < 0.0 else 1.0)", self.name)
+
     def maximum(self, other: Any) -> Scalar:
         needs = (self.name,) if _is_plain(other) else (self.name, other.name)
         return self._new(f"max({self.signed}, {text(other)})", *needs)
@@ -198,6 +186,18 @@ class Scalar:
 
     def _array(self, names: list[str]) -> Any:
         return np.array([Scalar(self.tape, name) for name in names], dtype=object)
+
+    def record_fma(self, other: Any, addend: Any) -> Any:
+        """Self * other + addend, rounded once."""
+        if not isinstance(other, Scalar) and other in (0, 1, -1):
+            return self * other + addend
+        if not isinstance(addend, Scalar) and addend == 0:
+            return self * other
+        return self._new(f"fma({self.signed}, {text(other)}, {text(addend)})", *_names(self, other, addend))
+
+    def record_sum_with(self, x: float, y: float) -> Any:
+        """X * y + self for plain x, y, rounded once."""
+        return self._new(f"fma({x!r}, {y!r}, {self.signed})", self.name)
 
     def record_two_sum(self, other: Any) -> tuple[Any, Any]:
         if not isinstance(other, Scalar):
@@ -223,6 +223,10 @@ class Scalar:
 def _two_sum(x: Scalar, y: Any) -> tuple[Scalar, Scalar]:
     needs = (x.name, y.name) if isinstance(y, Scalar) else (x.name,)
     return x._new(f"plain_sum({text(x)}, {text(y)})", *needs), x._new(f"sum_error({text(x)}, {text(y)})", *needs)
+
+
+def _names(*numbers: Any) -> tuple[str, ...]:
+    return tuple(x.name for x in numbers if isinstance(x, Scalar))
 
 
 def _is_number(x: Any) -> bool:

@@ -1,5 +1,6 @@
-"""The Lagrange top, n = 3, by Taylor series and by quadrature of its equations, in many digits: independent references.
+"""Taylor series and quadrature of the equations of motion, in many digits: independent references.
 
+`series` is for the Lagrange top and Clebsch's case of any n; the others for the Lagrange top, n = 3, with orientation:
 m' = p x b, b' = m x b, q' = omega q / 2 with omega = m + (1/alpha - 1) (m.b) b/|b|^2; nothing of a method's formulas
 enters.  Needs python-flint.
 """
@@ -33,6 +34,53 @@ def taylor(m: Array, b: Array, p: Array, time: Any, *, alpha: float = 1.0, digit
         return _march(flint.arb, m, b, p, time, Fraction(alpha), digits)
     finally:
         flint.ctx.prec = before
+
+
+def series(
+    X: Array, v: Array, fixed: Array, time: float, *, clebsch: bool = False, digits: int = 24
+) -> tuple[Array, Array]:
+    """(X, v) at `time` >= 0, of flint.arb: X' = v ^ p, v' = X v, or X' = v ^ Bv, v' = -X v with `clebsch`.
+
+    `fixed` is p, or b with B = diag(b).  Each step is as long as the last two terms of its series allow, 10^-digits;
+    rounding is 14 digits below.  Raises `InputError` without python-flint.
+    """
+    try:
+        import flint
+    except ImportError as error:
+        raise InputError("The reference in many digits needs python-flint: pip install 'kreisel[exact]'.") from error
+    before, flint.ctx.prec = flint.ctx.prec, int((digits + 14) * 3.33)
+    try:
+        return _march_matrices(flint, X, v, fixed, time, clebsch, digits)
+    finally:
+        flint.ctx.prec = before
+
+
+def _march_matrices(
+    flint: Any, X: Array, v: Array, fixed: Array, time: float, clebsch: bool, digits: int
+) -> tuple[Array, Array]:
+    n, mat, arb, order = len(v), flint.arb_mat, flint.arb, int(1.3 * digits) + 7
+    X, v = mat(n, n, [float(x) for x in X.flat]), mat(n, 1, [float(x) for x in v])
+    B, p = mat(n, n, [float(x) for x in np.diag(fixed).flat]), mat(n, 1, [float(x) for x in fixed])
+    done, end, sign = arb(0), arb(time), -1 if clebsch else 1
+    while not done == end:
+        Xs, vs, ws = [X], [v], [B * v]
+        for k in range(order):
+            outer = _cauchy(vs, [w.transpose() for w in ws], k) if clebsch else vs[k] * p.transpose()
+            move = _cauchy(Xs, vs, k)
+            Xs.append((outer - outer.transpose()) * (arb(1) / (k + 1)))
+            vs.append(move * (arb(sign) / (k + 1)))
+            ws.append(B * vs[-1])
+        last = max(float(abs(x).mid()) for terms in (Xs, vs) for term in terms[-2:] for x in term.entries())
+        h = arb(min(1.0, (10.0**-digits / last) ** (1 / order)) if last > 0 else 1.0)
+        final = bool(end - done <= h)
+        h = end - done if final else h
+        X, v = (mat(t.nrows(), t.ncols(), [x.mid() for x in t.entries()]) for t in (_sum(Xs, h), _sum(vs, h)))
+        done = end if final else (done + h).mid()
+    return np.array(X.entries(), dtype=object).reshape(n, n), np.array(v.entries(), dtype=object)
+
+
+def _cauchy(f: list[Any], g: list[Any], k: int) -> Any:
+    return sum((f[i] * g[k - i] for i in range(1, k + 1)), f[0] * g[k])
 
 
 def _march(arb: Any, m: Array, b: Array, p: Array, time: Any, alpha: Fraction, digits: int) -> tuple[Array, ...]:

@@ -27,6 +27,15 @@ MOST_ORDER = 24
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
 
+def pade_denominator(k: int) -> list[Any]:
+    """Coefficients of 1, z, ... z^k in the denominator of the diagonal Padé approximant of exp, of mpmath's digits."""
+    import mpmath
+
+    return [
+        (-1) ** j * mpmath.binomial(k, j) * mpmath.factorial(2 * k - j) / mpmath.factorial(2 * k) for j in range(k + 1)
+    ]
+
+
 @cache
 def pade_zeros(stages: int) -> tuple[Any, ...]:
     """Zeros, Im >= 0, of the denominator of the diagonal Padé approximant of exp, as mpmath numbers.
@@ -37,11 +46,7 @@ def pade_zeros(stages: int) -> tuple[Any, ...]:
 
     with mpmath.workdps(DIGITS):
         k = stages
-        coefficients = [
-            (-1) ** j * mpmath.binomial(k, j) * mpmath.factorial(2 * k - j) / mpmath.factorial(2 * k)
-            for j in range(k + 1)
-        ]
-        zeros = mpmath.polyroots(coefficients[::-1], maxsteps=500, extraprec=4 * DIGITS)
+        zeros = mpmath.polyroots(pade_denominator(k)[::-1], maxsteps=500, extraprec=4 * DIGITS)
         for power in range(1, 2 * k, 2):
             total = sum((2 / zeta) ** power for zeta in zeros)
             if abs(total - (power == 1)) > mpmath.mpf(10) ** (-DIGITS // 2):

@@ -12,6 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame
 from kreisel.errors import InputError
+from kreisel.methods.exact_pair import exact_pair
 from kreisel.methods.motion import Motion
 from kreisel.methods.nutation import Number, number, rationals
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
@@ -67,10 +68,10 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     all integrals are kept.  Raises `InputError` for other systems, n > 3 and an order.
     """
     system, frame = model.system, model.system.frame
-    if system.name not in KNOWN:
+    if system.baecklund is None and system.name not in KNOWN:
         raise InputError(
-            f"No exact flow of {system.name} is known here: method='exact' is for {', '.join(KNOWN)} with n = 3. "
-            "Use another method, such as method='suris' or 'dop853'."
+            f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case and "
+            "Neumann's system with n = 3. Use another method, such as method='suris' or 'dop853'."
         )
     if model.n != 3:
         raise InputError(
@@ -78,6 +79,12 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         )
     if order is not None:
         raise InputError(f"method='exact' has no order, it is the flow itself; order={order!r} came. Leave order out.")
+    if system.name not in KNOWN:
+        if oriented:
+            raise InputError(
+                f"method='exact' of {system.name} does not carry the orientation. Use method='baecklund' with order=24."
+            )
+        return exact_pair(model, dt)
     observe, outcomes = observer(model, None, None)
     outcomes = {k: replace(o, kept=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     if oriented:

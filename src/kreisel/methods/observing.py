@@ -45,7 +45,7 @@ def functions(
     if system.space.casimirs is not None:
         meaning = f"Casimirs of {system.space.name}"
         stays = by_map or "casimir" in kept
-        out["casimir"] = (Outcome("casimir", meaning, kept=stays), system.space.casimirs, False)
+        out["casimir"] = (Outcome("casimir", meaning, kept=stays), _bind(model, system.space.casimirs), False)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():
         deforms = by_map and "eps" in keywords(function) and system.map is not None
@@ -63,7 +63,7 @@ def functions(
 
 
 def _bind(model: Model, function: Callable[..., Array], **extra: Any) -> Callable[..., Array]:
-    return lambda *state: model.call(function, *state, **extra)
+    return lambda *state, **known: model.call(function, *state, **extra, **known)
 
 
 def observer(
@@ -72,20 +72,21 @@ def observer(
     to_user: Callable[..., tuple[Array, ...]] | None,
     kept: Collection[str] = (),
     told: Mapping[str, str] | None = None,
-) -> tuple[Callable[[tuple[Array, ...]], dict[str, Array]], dict[str, Outcome]]:
+) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
     """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
     space = model.system.space
     table = functions(model, eps, 1 if to_user is None else 2, kept, told)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
 
-    def observe(z: tuple[Array, ...]) -> dict[str, Array]:
+    def observe(z: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
         batch = np.ndim(own[0]) - component_axes(space.kinds[0])
-        user = to_user(*own) if to_user is not None else own
+        known = {k: v for k, v in constants.items() if k in model.constants}
+        user = to_user(*own, **known) if to_user is not None else own
         out = dict(zip(space.letters, user, strict=True))
         for name, (_, function, takes_own) in table.items():
-            value = function(*(own if takes_own else user))
+            value = function(*(own if takes_own else user), **known)
             out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
         if len(z) > count:
             out[ORIENTATION] = _one_of_two(z[count]) if model.n == 3 and z[count].shape[-1] == 4 else z[count]
@@ -96,7 +97,7 @@ def observer(
 
 def _one_of_two(q: Array) -> Array:
     """Of q and -q, which are the same rotation, the one with w >= 0."""
-    return np.where(q[..., :1] < 0, -1, 1) * q
+    return algebra.sign(q[..., :1]) * q
 
 
 def _entries(X: Array) -> Array:

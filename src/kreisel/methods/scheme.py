@@ -53,7 +53,8 @@ class Scheme:
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane; a map, which
                                         also states its step, has whole times and counts steps
-    observe(z)             -> outputs   at saved steps; batch axes (time, lane) in front
+    observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; constants other than the
+                                        model's own are for an engine that records it
     reopen(x)              -> z         from an observed state back to the method's own variables
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
 
@@ -67,7 +68,7 @@ class Scheme:
     axes: Mapping[str, int]  # of each constant, without the axes of lane and stage
     n: int
     prepare: Callable[[tuple[Array, ...]], tuple[Array, ...]]
-    observe: Callable[[tuple[Array, ...]], dict[str, Array]]
+    observe: Callable[..., dict[str, Array]]
     outcomes: Mapping[str, Outcome]
     reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     step: Callable[..., tuple[Array, ...]] | None = None

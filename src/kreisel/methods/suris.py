@@ -29,7 +29,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         raise InputError(f"{model.system.name} has no map for method='suris'. Use method='lagrangian'.")
     eps = {"eps": dt}
     observe, outcomes = observer(
-        model, dt, (lambda *z: model.call(phi.to_symmetric, *z, **eps)) if order == 2 else None
+        model, dt, (lambda *z, **known: model.call(phi.to_symmetric, *z, **eps, **known)) if order == 2 else None
     )
     components = with_orientation(model, oriented)
     letters = model.system.space.letters

@@ -1,9 +1,9 @@
 """Datasets in memory and Zarr archives on disk, both described from the record.
 
 An archive is written beside its final name, as NAME.part, block by block; it takes its name only when it is
-whole.  Its arrays have their full length from the beginning, each block is one chunk or shard, and a checkpoint says
-how far the run is: a process killed at any instant leaves an archive that opens and can go on.  Every chunk carries a
-CRC-32C, and checksums.json the hash of the metadata.  Archives are data: arrays and JSON, nothing that runs.
+whole.  Its arrays have their full length from the beginning, each block is a shard of eight chunks, and a checkpoint
+says how far the run is: a process killed at any instant leaves an archive that opens and can go on.  Every chunk
+carries a CRC-32C, and checksums.json the hash of the metadata.  Archives are data: arrays and JSON, nothing that runs.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import shutil
 import warnings
@@ -31,7 +32,7 @@ from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 from kreisel.runs import checkpoint
 from kreisel.runs.drift import KINDS
-from kreisel.runs.march import March, Snapshot, block_rows
+from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ NEEDED = {  # attributes and their types
     **{"dt": float, "complete": bool},
 }
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
+MOST_INDEXED = 10**7  # times that are held in memory
+LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -89,6 +92,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "parameters": json.dumps({k: v.tolist() for k, v in model.params.items()}),
         "method": plan.scheme.name,
         "options": json.dumps(dict(plan.scheme.options or {})),
+        "engine": plan.where,
         "dt": plan.dt,
         "steps": plan.steps,
         "every": plan.every,
@@ -164,9 +168,9 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     return out
 
 
-def saved_times(plan: Plan) -> Floats:
-    """Times of the saved rows, k dt."""
-    rows = np.arange(plan.rows, dtype=np.float64)
+def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
+    """Times of the saved rows first to stop - 1, k dt."""
+    rows = np.arange(first, plan.rows if stop is None else stop, dtype=np.float64)
     steps = np.minimum(rows * plan.every, plan.steps)
     return np.asarray(steps * plan.dt)
 
@@ -192,10 +196,14 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
 
 
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A run on disk, opened lazily as `kr.simulate` returns it; of an interrupted one what it has done.
+    """A run on disk, opened lazily as `kr.simulate` returns it, or a sweep; of an interrupted one what it has done.
 
     Raises `InputError` for what is not an archive of Kreisel, or is damaged (`kreisel check` says how).
     """
+    if is_sweep(Path(path)):
+        from kreisel.runs.sweep import open_sweep
+
+        return open_sweep(Path(path))
     return open_archive(Path(path))
 
 
@@ -213,19 +221,25 @@ class Archive:
     `begun` continues a store that is there: rows up to the checkpoint are in it.
     """
 
-    def __init__(self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False):
+    def __init__(
+        self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False, rows_in_block: int | None = None
+    ):
         self.path, self.part, self.plan = path, path.with_name(path.name + ".part"), plan
         self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
-        self._times = saved_times(plan)
         self._start: dict[str, Floats] = dict(plan.start)
+        self._rows_in_block = rows_in_block or block_rows(plan)
 
     def __enter__(self) -> Archive:
         import zarr
 
         with self._disk("be opened again" if self._begun else "be created"):
             if self._begun:
-                self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
-                self._fit()
+                try:
+                    self._fit()
+                except OSError:
+                    raise
+                except Exception as error:  # whatever a damaged store makes the libraries raise
+                    raise InputError(f"{self.part} is damaged: {error}. `kreisel check {self.part}`.") from error
             else:
                 self._make_room()
                 told = {**describe(self.plan), "complete": False}
@@ -249,12 +263,18 @@ class Archive:
 
     def _fit(self) -> None:
         """Give every array the length of the plan, which may be longer; remove what a kill left half written."""
+        import zarr
+
+        self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
         for pattern in (".checkpoint-*", "*.partial", "*.new"):
             for scratch in self.part.rglob(pattern):
                 scratch.unlink()
-        for name in self._group.array_keys():
-            array: Any = self._group[name]
-            if name != "lane" and array.shape[0] != self.plan.rows:
+        with warnings.catch_warnings():  # of what is no array
+            warnings.simplefilter("ignore")
+            arrays = list(self._group.arrays())
+        for _, found in arrays:
+            array: Any = found
+            if (array.metadata.dimension_names or ("",))[0] == "time" and array.shape[0] != self.plan.rows:
                 array.resize((self.plan.rows, *array.shape[1:]))
 
     def _disk(self, what: str) -> _DiskTrouble:
@@ -263,7 +283,7 @@ class Archive:
     def append(self, block: Mapping[str, Array], start: int) -> None:
         """Write a block of rows that begins at row `start`, a chunk or the last rows."""
         stop = start + len(next(iter(block.values())))
-        values = {"time": self._times[start:stop], **block}
+        values = {"time": saved_times(self.plan, start, stop), **block}
         with self._disk("be written"):
             if "time" not in self._group:
                 self._create(values, {"time": TIME, **attributes(self.plan, block)})
@@ -276,7 +296,8 @@ class Archive:
         """Every array at its full length; `time` last, because it says that all are there."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
-        whole, rows = block_rows(self.plan), self.plan.rows
+        block, rows = self._rows_in_block, self.plan.rows
+        chunk = chunk_rows(block)
         codecs = [ZstdCodec(level=1), Crc32cCodec()]
         if self.plan.batched:
             lanes = np.arange(self.plan.lanes)
@@ -289,7 +310,8 @@ class Archive:
             self._group.create_array(
                 name,
                 shape=(rows, *value.shape[1:]),
-                chunks=(whole, *value.shape[1:]),
+                chunks=(chunk, *value.shape[1:]),
+                shards=(block, *value.shape[1:]) if chunk < block else None,
                 dtype=value.dtype,
                 dimension_names=("time",) if name == "time" else dimensions(self.plan, name, value.shape),
                 compressors=codecs,
@@ -337,6 +359,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     part = path.with_name(path.name + ".part")
     store = part if part.exists() else path
     attrs = read_attributes(store)
+    confined(store)
     if store == path and extend is None:
         raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
     steps = attrs["steps"] if extend is None else extend
@@ -344,16 +367,37 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
         raise InputError(f"{path} has {attrs['steps']:,} steps; --extend needs more, but {extend:,} came.")
     snapshot, start = checkpoint.read(store)
     plan = _plan(attrs, start, steps)
-    if snapshot.rows.shape[1:] != plan.engine.z.shape:
-        raise InputError(
-            f"The checkpoint of {store} does not belong to its attributes. Run it again from its TOML file."
-        )
-    march = March(plan, rows_in_block=attrs["rows_in_block"])
+    march = _march(plan, attrs)
     march.restore(snapshot)
-    if store == path:
-        os.replace(path, part)
-    _mark(part, steps)
-    return Archive(path, plan, begun=True), march
+    _require_arrays(store, plan, attrs)
+    archive = Archive(path, plan, begun=True, rows_in_block=attrs["rows_in_block"])
+    with _DiskTrouble(archive, "be opened again"):
+        if store == path:
+            os.replace(path, part)
+        _mark(part, steps)
+    return archive, march
+
+
+def _march(plan: Plan, attrs: Mapping[str, Any]) -> March:
+    if attrs["rows_in_block"] * plan.engine.z.nbytes > LARGEST_CHUNK:
+        raise InputError(
+            f"The attribute rows_in_block = {attrs['rows_in_block']:,} is damaged: no run has such blocks."
+        )
+    return March(plan, rows_in_block=attrs["rows_in_block"])
+
+
+def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any]) -> None:
+    """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
+    run = open_archive(store, indexed=False, until_checkpoint=False)
+    if "time" not in run.variables:
+        return  # killed before the first block: they are made then
+    outputs = {"time": np.zeros(1), **plan.observe(plan.engine.z[None])}
+    for name, value in outputs.items():
+        variable = run.variables.get(name)
+        good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
+        whole = None if variable is None else variable.encoding.get("shards") or variable.encoding["chunks"]
+        if not good or whole != (attrs["rows_in_block"], *value.shape[1:]):
+            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
 
 
 def _mark(part: Path, steps: int) -> None:
@@ -412,8 +456,8 @@ class _DiskTrouble:
             raise disk_trouble(error, archive.path, self._what, kept) from error
 
 
-def read_attributes(store: Path) -> dict[str, Any]:
-    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+def metadata(store: Path) -> dict[str, Any]:
+    """The attributes of a Zarr store, not yet checked.  Raises `InputError` where there is none."""
     if not store.exists():
         raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.")
     try:
@@ -423,7 +467,39 @@ def read_attributes(store: Path) -> dict[str, Any]:
         attrs = json.loads((store / "zarr.json").read_text(encoding="utf-8"))["attributes"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
-    if not isinstance(attrs, dict) or attrs.get("kreisel_format") != FORMAT:
+    return attrs if isinstance(attrs, dict) else {}
+
+
+def confined(store: Path) -> None:
+    """Raises `InputError` where a store holds links: what is read and written through them is not in the store."""
+    for folder, folders, files in os.walk(store):
+        for name in (*folders, *files):
+            if os.path.islink(os.path.join(folder, name)):
+                raise InputError(f"{store} holds a link, {os.path.join(folder, name)}. An archive has no use for one.")
+
+
+def too_large(run: xr.Dataset) -> list[str]:
+    """The variables whose chunks claim to be too large to be read, each in one sentence."""
+    found = []
+    for name, variable in run.variables.items():
+        shapes = [variable.encoding.get(key) for key in ("shards", "chunks")]
+        size = max((math.prod(shape) for shape in shapes if shape), default=0) * variable.dtype.itemsize
+        if size > LARGEST_CHUNK:
+            found.append(f"{name} claims to have chunks of {size:,} bytes: not read")
+    return found
+
+
+def is_sweep(store: Path) -> bool:
+    """Whether a store says of itself that it is a sweep."""
+    return "kreisel_sweep" in metadata(store)
+
+
+def read_attributes(store: Path) -> dict[str, Any]:
+    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+    attrs = metadata(store)
+    if "kreisel_sweep" in attrs:
+        raise InputError(f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane.")
+    if attrs.get("kreisel_format") != FORMAT:
         raise InputError(f"{store} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
     missing = [key for key in NEEDED if key not in attrs]
     wrong = [key for key, kind in NEEDED.items() if key not in missing and not isinstance(attrs[key], kind)]
@@ -434,17 +510,18 @@ def read_attributes(store: Path) -> dict[str, Any]:
     return attrs
 
 
-def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
+def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True) -> xr.Dataset:
     """A run on disk, opened lazily; of an interrupted one all rows until its last checkpoint.
 
-    With `indexed` the times are read, so that rows can be chosen by time.  Raises `InputError` for what is not a
-    Kreisel archive.
+    With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
+    `InputError` for what is not a Kreisel archive.
     """
     import xarray as xr
 
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = read_attributes(path)
+    confined(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -458,10 +535,13 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
             )
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
-    if not attrs["complete"]:
+    if indexed and too_large(run):
+        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
+    if not attrs["complete"] and until_checkpoint:
         run = _until_checkpoint(path, attrs, run)
     for name in ("time", "lane"):
-        if indexed and name in run.dims and name in run.variables and name not in run.xindexes:
+        known = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
+        if indexed and known and name not in run.xindexes:
             try:
                 run = run.set_xindex(name)
             except Exception as error:  # whatever a damaged chunk makes the libraries raise
@@ -482,20 +562,25 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> 
     if len(snapshot.rows) == 0 or is_own(attrs):
         return whole
     plan = _plan(attrs, start, attrs["steps"])
+    _march(plan, attrs).restore(snapshot)  # which looks at it
+    _require_arrays(path, plan, attrs)
     first = snapshot.flushed
-    times = saved_times(plan)[first : first + len(snapshot.rows)]
+    times = saved_times(plan, first, first + len(snapshot.rows))
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
     if first:
         for name in rest.variables:
             rest[name].attrs = whole[name].attrs
-        rest = xr.concat(
-            [whole, rest.drop_indexes(list(rest.xindexes))],
-            dim="time",
-            data_vars="minimal",
-            coords="minimal",
-            compat="override",
-            join="override",
-        )
+        try:
+            rest = xr.concat(
+                [whole, rest.drop_indexes(list(rest.xindexes))],
+                dim="time",
+                data_vars="minimal",
+                coords="minimal",
+                compat="override",
+                join="override",
+            )
+        except Exception:  # whatever a damaged chunk makes the libraries raise: it is found when it is read
+            return whole
     return rest.assign_attrs(run.attrs)
 
 
@@ -524,11 +609,18 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
             f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
             "run its TOML file or kr.simulate again with more steps."
         )
+    return find(attrs["system"])(**_object(attrs, "parameters"))
+
+
+def _object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """An attribute that holds a JSON object."""
     try:
-        parameters = json.loads(attrs["parameters"])
-    except ValueError as error:
-        raise InputError(f"The parameters among the attributes are damaged: {error}") from error
-    return find(attrs["system"])(**parameters)
+        told = json.loads(attrs[name])
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"The attribute {name} is damaged: {error}") from error
+    if not isinstance(told, dict):
+        raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")
+    return told
 
 
 def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
@@ -540,6 +632,7 @@ def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> 
         steps=steps,
         every=attrs["every"],
         method=attrs["method"],
-        order=json.loads(attrs["options"]).get("order"),
+        order=_object(attrs, "options").get("order"),
         orientation=start.get(ORIENTATION),
+        engine=attrs.get("engine", "cpu"),
     )

@@ -16,13 +16,16 @@ from kreisel.methods import scheme
 from kreisel.runs.archive import (
     CHECKSUMS,
     is_own,
+    is_sweep,
     metadata_hashes,
     model_of,
     open_archive,
-    read_attributes,
+    too_large,
     write_checksums,
 )
+from kreisel.runs.blocks import COMPUTED, MISSING
 from kreisel.runs.drift import KINDS
+from kreisel.runs.sweep import open_sweep
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,9 +40,11 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     the integrals that are functions of the saved state alone are computed again from it.  Raises `InputError` if
     there is no archive at all.
     """
+    if is_sweep(path):
+        return check_sweep(path)
     run = open_archive(path, indexed=False)
-    faults = _metadata_faults(path) + _size_faults(run)
-    if faults and not _fits(run):
+    faults = _metadata_faults(path, run.attrs["complete"]) + _size_faults(run)
+    if faults and (too_large(run) or not _fits(run)):
         return None, faults
     damaged = damaged_rows(run)
     for name, (first, last, why) in damaged:
@@ -58,7 +63,48 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     return (run.set_xindex("time") if "time" in run.coords else None), faults
 
 
-def _metadata_faults(path: Path) -> list[str]:
+def check_sweep(path: Path) -> tuple[xr.Dataset, list[str]]:
+    """A sweep, not yet read, and what is wrong with it.
+
+    The metadata are compared with their hashes; every chunk is read, which verifies its checksum; lanes that did not
+    fail must have finite values.
+    """
+    run = open_sweep(path)
+    attrs = run.attrs
+    faults = _metadata_faults(path, attrs["complete"]) + too_large(run)
+    if run.sizes.get("lane") != attrs["lanes"] or "failed" not in run:
+        faults.append(f"{attrs['lanes']:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
+    if faults:
+        return run, faults
+    width, missing = attrs["block_lanes"], 0
+    for first in range(0, attrs["lanes"], width):
+        lanes = run.isel(lane=slice(first, first + width))
+        last = first + lanes.sizes["lane"] - 1
+        try:
+            state = lanes["failed"].values
+        except Exception as error:  # whatever a damaged chunk makes the libraries raise
+            faults.append(f"failed cannot be read in lanes {first} to {last}: {error or type(error).__name__}")
+            continue
+        if (state == MISSING).all():
+            missing += 1
+            continue
+        for name, variable in lanes.data_vars.items():
+            try:
+                values = variable.transpose("lane", ...).values if "lane" in variable.dims else variable.values
+            except Exception as error:  # the same
+                faults.append(f"{name} cannot be read in lanes {first} to {last}: {error or type(error).__name__}")
+                continue
+            if values.dtype.kind == "f" and not np.isfinite(values[state == COMPUTED]).all():
+                faults.append(f"{name} is not finite in lanes {first} to {last}, although they did not fail")
+    blocks = -(-attrs["lanes"] // width)
+    if missing and attrs["complete"]:
+        faults.append(f"{missing:,} of {blocks:,} blocks are missing")
+    elif not attrs["complete"]:
+        faults.insert(0, f"the sweep was interrupted: {missing:,} of {blocks:,} blocks are to do")
+    return run, faults
+
+
+def _metadata_faults(path: Path, complete: bool) -> list[str]:
     """Metadata that are not as they were written; of an interrupted run they still change."""
     try:
         written = json.loads((path / CHECKSUMS).read_text(encoding="utf-8"))
@@ -66,7 +112,7 @@ def _metadata_faults(path: Path) -> list[str]:
         faults = [f"{name.removesuffix('/zarr.json')} is missing" for name in written if name not in here]
         changed = [name for name, value in written.items() if here.get(name, value) != value]
     except FileNotFoundError:
-        return [] if not read_attributes(path)["complete"] else [f"{CHECKSUMS} is missing"]
+        return [f"{CHECKSUMS} is missing"] if complete else []
     except (OSError, ValueError, AttributeError) as error:
         return [f"{CHECKSUMS} cannot be read: {error}"]
     return faults + [f"{name} was changed after the run" for name in changed]
@@ -77,6 +123,7 @@ def _size_faults(run: xr.Dataset) -> list[str]:
     expected = 1 + attrs["steps"] // attrs["every"] + (attrs["steps"] % attrs["every"] > 0)
     rows = run.sizes.get("time", 0)
     faults = [f"{expected} rows were expected, {rows} are there"] if attrs["complete"] and rows != expected else []
+    faults += too_large(run)
     if not _fits(run):
         faults.append(f"it claims to hold {run.nbytes:,} bytes, more than this machine's memory: not read")
     return faults
@@ -87,19 +134,29 @@ def _fits(run: xr.Dataset) -> bool:
 
 
 def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
-    """The blocks of rows of each variable that cannot be read: its name, first and last row, and why."""
-    block, rows = run.attrs["rows_in_block"], run.sizes.get("time", 0)
-    found = []
+    """The rows of each variable that cannot be read, in whole chunks: its name, first and last row, and why."""
+    rows = run.sizes.get("time", 0)
+    found: list[tuple[str, tuple[int, int, str]]] = []
     for name, variable in run.variables.items():
-        for first in range(0, rows, block) if "time" in variable.dims else [0]:
-            last = min(first + block, rows) - 1
-            try:
-                part = variable[first : last + 1] if "time" in variable.dims else variable
-                if part.dtype.kind == "f" and np.isnan(part.values).all() and part.size:
-                    found.append((str(name), (first, last, "nothing is there")))
-            except Exception as error:  # whatever a damaged chunk makes the libraries raise
-                found.append((str(name), (first, last, str(error) or type(error).__name__)))
+        chunk = (variable.encoding.get("chunks") or (run.attrs["rows_in_block"],))[0]
+        for first in range(0, rows, chunk) if "time" in variable.dims else [0]:
+            last = min(first + chunk, rows) - 1
+            why = _trouble(variable[first : last + 1] if "time" in variable.dims else variable)
+            if why is None:
+                continue
+            if found and found[-1][0] == name and found[-1][1][1:] == (first - 1, why):
+                first = found.pop()[1][0]  # the same goes on
+            found.append((str(name), (first, last, why)))
     return found
+
+
+def _trouble(part: xr.Variable) -> str | None:
+    """Why a part cannot be read, if so."""
+    try:
+        lost = part.dtype.kind == "f" and part.size > 0 and bool(np.isnan(part.values).all())
+    except Exception as error:  # whatever a damaged chunk makes the libraries raise
+        return str(error) or type(error).__name__
+    return "nothing is there" if lost else None
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import io
 import json
+import math
 import os
 import signal
 import socket
@@ -56,14 +58,32 @@ def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
     if not path.exists():
         raise InputError(f"{store} has no checkpoint to go on from. Run it again from its TOML file.")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = _arrays(path)
         engine, start = (
             {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(p)} for p in ("engine/", "start/")
         )
         return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError, NotImplementedError) as error:
         raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    """The arrays of an .npz file, each as long as the file has bytes for it.  Raises `ValueError` for others."""
+    out = {}
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            if member.compress_type != zipfile.ZIP_STORED or member.file_size > path.stat().st_size:
+                raise ValueError(f"{member.filename} claims {member.file_size:,} bytes")
+            data = io.BytesIO(archive.read(member))  # this verifies the CRC
+            version = np.lib.format.read_magic(data)
+            if version != (1, 0):
+                raise ValueError(f"{member.filename} is no array")
+            shape, _, dtype = np.lib.format.read_array_header_1_0(data)
+            if dtype.kind not in "iuf" or math.prod(shape) * dtype.itemsize != member.file_size - data.tell():
+                raise ValueError(f"{member.filename} claims to hold {shape} of {dtype}")
+            data.seek(0)
+            out[member.filename.removesuffix(".npy")] = np.lib.format.read_array(data, allow_pickle=False)
+    return out
 
 
 class Lock:

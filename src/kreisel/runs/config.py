@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import msgspec
 
 from kreisel.errors import InputError, nearest
 
+SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
 LARGEST_FILE = 16 << 20
 FIGURES = (".png", ".pdf", ".svg")
@@ -26,6 +27,7 @@ class Run(msgspec.Struct, forbid_unknown_fields=True):
     method: str | None = None
     order: int | str | None = None
     tol: float | None = None
+    engine: str = "cpu"
 
 
 class Output(msgspec.Struct, forbid_unknown_fields=True):
@@ -57,10 +59,14 @@ def read(path: Path) -> Config:
 
     Relative output paths are relative to the current folder, the file of [system] to the TOML file.
     """
+    return parse(_load(path), str(path), path.parent)
+
+
+def _load(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{path} is larger than {LARGEST_FILE >> 20} MiB: that is no configuration.")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"There is no file {path}. Examples are in the folder examples/.") from None
     except IsADirectoryError:
@@ -71,27 +77,38 @@ def read(path: Path) -> Config:
         raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}") from None
-    return parse(data, str(path), path.parent)
+
+
+def read_sweep(path: Path) -> tuple[dict[str, Any], Path | None, Path]:
+    """The description of a sweep in a TOML file, the file of a system of the user's own, and where the sweep goes.
+
+    What [sweep] says is checked when the sweep begins.  Raises `InputError`.
+    """
+    return parse_sweep(_load(path), str(path), path.parent)
+
+
+def parse_sweep(
+    data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()
+) -> tuple[dict[str, Any], Path | None, Path]:
+    """The same of a configuration that is already a dict."""
+    _check_sections(data, (*SECTIONS, "sweep"), source)
+    tables = {section: _table(data, section, source) for section in (*SECTIONS, "sweep")}
+    _check_keys(tables["sweep"], SWEEP, "sweep", source)
+    _check_keys(tables["run"], [field.name for field in msgspec.structs.fields(Run)], "run", source)
+    _, file, system = _system(tables["system"], source, folder)
+    output = _convert(tables["output"], Output, "output", source)
+    if output.figure is not None:
+        raise InputError(f"{source}: a sweep draws no figure; leave figure out of [output].")
+    description = {**{k: dict(tables[k]) for k in ("state", "run", "sweep")}, "system": system}
+    return description, file, _named(output.path, "path", source)
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
     """Check a configuration that is already a dict; `folder` is where a file named in [system] is looked for."""
-    for section in data:
-        if section not in SECTIONS:
-            raise InputError(
-                f"{source} has a section or key {section!r}; expected are {', '.join(SECTIONS)}."
-                f"{nearest(section, SECTIONS)}"
-            )
+    _check_sections(data, SECTIONS, source)
     tables = {section: _table(data, section, source) for section in SECTIONS}
-    system = dict(tables["system"])
-    name = system.pop("name", None)
-    if not isinstance(name, str):
-        raise InputError(
-            f'{source} needs `name = "..."` in [system]; {name!r} came. `kreisel systems` lists the names.'
-        )
-    file = system.pop("file", None)
-    if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
-        raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py"; {file!r} came.')
+    name, file, system = _system(tables["system"], source, folder)
+    del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
     run = _convert(tables["run"], Run, "run", source)
@@ -100,7 +117,29 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
     if figure.suffix.lower() not in FIGURES:
         raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {str(figure)!r} came.")
-    return Config(name, folder / file if file else None, system, state, orientation, run, path, figure)
+    return Config(name, file, system, state, orientation, run, path, figure)
+
+
+def _check_sections(data: Mapping[str, Any], known: Sequence[str], source: str) -> None:
+    for section in data:
+        if section not in known:
+            raise InputError(
+                f"{source} has a section or key {section!r}; expected are {', '.join(known)}.{nearest(section, known)}"
+            )
+
+
+def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, Path | None, dict[str, Any]]:
+    """The name of the system, the file that defines it, and the section without that file."""
+    system = dict(table)
+    name = system.get("name")
+    if not isinstance(name, str):
+        raise InputError(
+            f'{source} needs `name = "..."` in [system]; {name!r} came. `kreisel systems` lists the names.'
+        )
+    file = system.pop("file", None)
+    if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
+        raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py"; {file!r} came.')
+    return name, folder / file if file else None, system
 
 
 def _named(text: str, key: str, source: str) -> Path:
@@ -118,14 +157,17 @@ def _table(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, A
     return table
 
 
-def _convert(table: Mapping[str, Any], kind: Any, section: str, source: str) -> Any:
-    fields = msgspec.structs.fields(kind)
-    names = [field.name for field in fields]
+def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, source: str) -> None:
     for key in table:
         if key not in names:
             raise InputError(
                 f"{source}: [{section}] has the key {key!r}; expected are {', '.join(names)}.{nearest(key, names)}"
             )
+
+
+def _convert(table: Mapping[str, Any], kind: Any, section: str, source: str) -> Any:
+    fields = msgspec.structs.fields(kind)
+    _check_keys(table, [field.name for field in fields], section, source)
     for field in fields:
         if field.required and field.name not in table:
             raise InputError(f"{source}: [{section}] needs {field.name}; nothing came.")

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+from kreisel.errors import InputError
+
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -21,6 +23,16 @@ KINDS = ("casimir", "integral")
 def _place(variable: xr.DataArray) -> tuple[bool, int]:
     attrs = variable.attrs
     return not attrs.get("kept", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
+
+
+def read(variable: xr.DataArray) -> np.ndarray:
+    """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
+    try:
+        return np.asarray(variable.values)
+    except Exception as error:  # whatever a damaged chunk makes the libraries raise
+        raise InputError(
+            f"{variable.name} cannot be read: {error or type(error).__name__}. `kreisel check` says what is damaged."
+        ) from error
 
 
 def drift(run: xr.Dataset) -> pd.DataFrame:
@@ -40,8 +52,10 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
+    if "kreisel_sweep" in run.attrs:
+        raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
     run = run if "time" in run.dims else run.expand_dims("time")
-    time = run["time"].values
+    time = read(run["time"])
     # those that are there: a run may be cut short; `kr.at` makes none
     steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
     rows = {
@@ -74,7 +88,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
         scales = zip(np.atleast_1d(attrs["roundoff_scale"]), np.atleast_1d(attrs["evaluation_scale"]), strict=True)
         for part, (step_scale, value_scale) in enumerate(scales):
             # one part at a time: an archive may be longer than memory
-            series = np.asarray((variable[..., part] if family else variable).values)
+            series = read(variable[..., part] if family else variable)
             series = series.reshape(len(series), -1)
             worst = int(abs(series - series[0]).max(0).argmax()) if series.shape[1] > 1 else 0
             label = f"{name}[{part}]" if family else str(name)

@@ -15,10 +15,12 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.errors import RunError
+from kreisel.errors import InputError, RunError
 from kreisel.runs.plan import Plan
 
-BLOCK_BYTES = 1 << 20  # of states, held at once
+BLOCK_BYTES = 1 << 23  # of states, held at once
+CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
+SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
 
 
@@ -33,20 +35,34 @@ class Snapshot:
 
 
 def block_rows(plan: Plan) -> int:
-    """Rows held at once, and rows in a chunk of an archive."""
-    return int(max(1, min(plan.rows, BLOCK_BYTES // (8 * plan.engine.z.size))))
+    """Rows held at once, and rows in a shard of an archive."""
+    rows = int(max(1, min(plan.rows, BLOCK_BYTES // (8 * plan.engine.z.size))))
+    return rows if rows < SHARDED else rows + -rows % CHUNKS
+
+
+def chunk_rows(block: int) -> int:
+    """Rows in a chunk of a block of so many rows."""
+    return block if block < SHARDED or block % CHUNKS else block // CHUNKS
 
 
 class March:
     """Fills rows 0, every, 2 every, ... and the last step.
 
     `between` is called between two calls of the engine, about every tenth of a second; what it raises stops the run.
+    A lane that fails ends the run, unless `faults` is given: there the lane and the reason are noted, its outputs are
+    NaN from then on, and the others go on.
     """
 
     def __init__(
-        self, plan: Plan, tick: Callable[[int], None] = lambda steps: None, rows_in_block: int | None = None
+        self,
+        plan: Plan,
+        tick: Callable[[int], None] = lambda steps: None,
+        rows_in_block: int | None = None,
+        faults: dict[int, str] | None = None,
     ) -> None:
         self.plan, self.tick, self.most = plan, tick, rows_in_block or block_rows(plan)
+        self.faults, self._ends = faults, np.full(plan.lanes, np.iinfo(np.int64).max)  # the first row that is lost
+        self._first = plan.engine.z.copy()
         self.buffer = np.empty((self.most, *plan.engine.z.shape))
         self.buffer[0] = plan.engine.z
         self.filled, self.flushed, self.into = 1, 0, 0
@@ -77,7 +93,22 @@ class March:
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of a run with the same plan, or of a shorter one."""
+        """Go on from a snapshot of a run with the same plan, or of a shorter one.
+
+        Raises `InputError` for a snapshot of something else.
+        """
+        mine, rows = self.plan.engine.snapshot(), len(snapshot.rows)
+        shapes = {name: value.shape for name, value in snapshot.engine.items()}
+        fits = (
+            snapshot.rows.dtype == np.float64
+            and snapshot.rows.shape == (rows, *self.buffer.shape[1:])
+            and shapes == {name: np.shape(value) for name, value in mine.items()}
+            and rows <= self.most
+            and 0 <= snapshot.flushed <= self.plan.rows - rows
+            and 0 <= snapshot.into < max(1, self.plan.every)
+        )
+        if not fits or snapshot.flushed + rows < 1:
+            raise InputError("The checkpoint does not belong to the attributes of its archive; one of them is damaged.")
         self.flushed, self.into, self.filled = snapshot.flushed, snapshot.into, len(snapshot.rows)
         self.buffer[: self.filled] = snapshot.rows
         self.plan.engine.restore(snapshot.engine)
@@ -135,21 +166,49 @@ class March:
             self._require(within, guard.fault, guard.cause)
 
     def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
-        """Raise `RunError` with the first row for which it does not hold, or the row after them."""
-        rows = holds(self.buffer[: self.filled])
-        rows = rows.all(axis=tuple(range(1, rows.ndim)))
-        if not (rows.all() and np.all(holds(self.plan.engine.z))):
-            step = self._step_of(self.flushed + int(np.argmin(np.append(rows, False))))
-            raise RunError(f"{fault} at or before step {step} (time {step * self.plan.dt:g}). Usual cause: {cause}")
+        """Note or raise the first row for which it does not hold, or the row after them."""
+        good = np.append(holds(self.buffer[: self.filled]), holds(self.plan.engine.z[None]), axis=0)
+        good = good.reshape((self.filled + 1, self.plan.lanes, -1)).all(-1)
+        if not good.all():
+            self._lose(good, lambda step: f"{fault} at or before step {step} (time {step * self.plan.dt:g})", cause)
+
+    def _lose(self, good: Array, fault: Callable[[int], str], cause: str) -> None:
+        """Lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""
+        if self.faults is None:
+            step = self._step_of(self.flushed + int(np.argmin(good.all(1))))
+            raise RunError(f"{fault(step)}. Usual cause: {cause}")
+        for lane in np.flatnonzero(~good.all(0)).tolist():
+            row = self.flushed + int(np.argmin(good[:, lane]))
+            self._ends[lane] = min(self._ends[lane], row)
+            self.faults.setdefault(lane, f"{fault(self._step_of(row))}. Usual cause: {cause}")
+
+    def _observed(self, rows: Floats) -> dict[str, Array]:
+        """The outputs of rows, a chunk at a time: temporary arrays stay small."""
+        step = chunk_rows(self.most)
+        with np.errstate(all="ignore"):
+            parts = [self.plan.observe(rows[first : first + step]) for first in range(0, len(rows), step)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _finished(self) -> dict[str, Array]:
         self._check()
-        with np.errstate(all="ignore"):
-            block = self.plan.observe(self.buffer[: self.filled].copy())  # the buffer is filled again
+        rows = self.buffer[: self.filled].copy()  # the buffer is filled again
+        lost = np.arange(self.flushed, self.flushed + self.filled)[:, None] >= self._ends
+        if lost.any():
+            rows = np.where(lost[..., None], self._first, rows)
+        block = self._observed(rows)
         for name, value in block.items():
-            if not np.isfinite(value).all():
-                raise RunError(
-                    f"{name} is not finite, although the state is, in the rows before step {self._step_of(self.rows)}. "
-                    "Usual cause: a state so large that its powers overflow. Use smaller units."
+            finite = np.isfinite(value).reshape((self.filled, self.plan.lanes, -1)).all(-1)
+            if not finite.all():
+                self._lose(
+                    finite,
+                    lambda step, name=name: f"{name} is not finite, although the state is, at step {step}",  # type: ignore[misc]
+                    "a state so large that its powers overflow. Use smaller units.",
+                )
+                lost = lost | ~finite
+        if lost.any():
+            for name, value in block.items():
+                apart = value.reshape((self.filled, self.plan.lanes, *value.shape[1 + self.plan.batched :]))
+                block[name] = np.where(lost.reshape(lost.shape + (1,) * (apart.ndim - 2)), np.nan, apart).reshape(
+                    value.shape
                 )
         return block

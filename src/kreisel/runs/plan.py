@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from kreisel.algebra import Array
 from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.errors import InputError
+from kreisel.errors import InputError, nearest
 from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
@@ -22,6 +23,7 @@ from kreisel.model import Model, State
 if TYPE_CHECKING:
     from kreisel.engines.closed import ClosedForm
 
+ENGINES = ("cpu", "cuda", "cuda-float32")
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
@@ -55,6 +57,7 @@ class Plan:
     lanes: int
     batched: bool
     start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
+    where: str = "cpu"  # the engine's name
 
     @property
     def rows(self) -> int:
@@ -68,14 +71,31 @@ class Plan:
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
-        outputs = self.scheme.observe(layout.restore(z, self.kinds, self.model.n))
+        if self._compiled is not None:
+            outputs = self._compiled(z)
+        else:
+            outputs = self._variables(layout.restore(z, self.kinds, self.model.n))
         out = {}
         for name, value in outputs.items():
-            kind = self.scheme.outcomes[name].axes
-            value = algebra.axial(value) if kind == "skew" and self.model.n == 3 else value
             value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
             out[name] = value if self.batched else value[:, 0]
         return out
+
+    def _variables(self, parts: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
+        outputs = self.scheme.observe(parts, **constants)
+        return {
+            name: algebra.axial(value) if self.scheme.outcomes[name].axes == "skew" and self.model.n == 3 else value
+            for name, value in outputs.items()
+        }
+
+    @cached_property
+    def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
+        """`_variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
+        if self.scheme.step is None or self.scheme.numbers != "any":
+            return None
+        from kreisel.engines.cpu import compiled_observe
+
+        return compiled_observe(self.scheme, self._variables, self.engine.z.shape[0])
 
 
 def make_plan(
@@ -89,6 +109,7 @@ def make_plan(
     order: int | str | None,
     orientation: Any,
     tol: Any = None,
+    engine: str = "cpu",
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
@@ -101,7 +122,7 @@ def make_plan(
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
     state = checked_state(model, x0)
     if order == "auto":
-        return _chosen(model, state, dt, steps, every, method, orientation, tol)
+        return _chosen(model, state, dt, steps, every, method, orientation, tol, engine)
     if isinstance(order, str):
         raise InputError(f"order must be a whole number, or 'auto' with method='baecklund'; {order!r} came.")
     if tol is not None:
@@ -112,18 +133,27 @@ def make_plan(
     return Plan(
         model=model,
         scheme=plan,
-        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps),
+        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, engine),
         dt=dt,
         steps=steps,
         every=every,
         lanes=math.prod(start.shape[:-1]),
         batched=start.ndim > 1,
         start=_named(model, parts),
+        where=engine,
     )
 
 
 def _chosen(
-    model: Model, state: State, dt: float, steps: int, every: int, method: str | None, orientation: Any, tol: Any
+    model: Model,
+    state: State,
+    dt: float,
+    steps: int,
+    every: int,
+    method: str | None,
+    orientation: Any,
+    tol: Any,
+    engine: str,
 ) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.methods.auto import choose
@@ -143,6 +173,7 @@ def _chosen(
         method="baecklund",
         order=choice.order,
         orientation=orientation,
+        engine=engine,
     )
     told = {"tol": float(tol), "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **told}))
@@ -187,7 +218,19 @@ def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
     return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
 
 
-def _engine(plan: Scheme, start: Floats, dt: float, steps: int) -> Marcher:
+def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str) -> Marcher:
+    if name not in ENGINES:
+        raise InputError(f"No engine is called {name!r}.{nearest(name, ENGINES)} There are: {', '.join(ENGINES)}.")
+    if name != "cpu":
+        if plan.numbers != "any" or plan.step is None:
+            raise InputError(f"engine={name!r} runs maps, not method={plan.name!r} for this system. Use engine='cpu'.")
+        if plan.guard is not None and name == "cuda-float32":
+            raise InputError(
+                f"method={plan.name!r} is implicit and is solved to float64's round-off. Use engine='cuda'."
+            )
+        from kreisel.engines.cuda import Kernel as OnGpu
+
+        return OnGpu(plan, start, name)
     if plan.numbers == "jax" and plan.step is not None:
         from kreisel.engines.xla import Compiled
 

@@ -11,9 +11,10 @@ SHOW_AFTER_SECONDS = 0.5
 
 
 class Progress:
-    """Counts steps; a bar on stderr appears once the run has taken half a second."""
+    """Counts steps, or lanes; a bar on stderr appears once the run has taken half a second."""
 
-    def __init__(self, total: int, show: bool | None, done: int = 0):
+    def __init__(self, total: int, show: bool | None, done: int = 0, unit: str = "steps"):
+        self._unit = unit
         self.total, self.done, self._before = total, done, done
         self._show = sys.stderr.isatty() if show is None else show
         self._begun, self._bar, self._task = time.perf_counter(), None, None
@@ -22,13 +23,13 @@ class Progress:
         return self
 
     def advance(self, steps: int) -> None:
-        """Count steps that are done."""
+        """Count what is done."""
         self.done += steps
         if self._bar is None and self._show and time.perf_counter() - self._begun > SHOW_AFTER_SECONDS:
             self._bar, self._task = _bar(self.total)
         if self._bar is not None:
             rate = (self.done - self._before) / (time.perf_counter() - self._begun)
-            self._bar.update(self._task, completed=self.done, rate=f"{_short(rate)} steps/s")
+            self._bar.update(self._task, completed=self.done, rate=f"{_short(rate)} {self._unit}/s")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

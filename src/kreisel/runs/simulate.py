@@ -32,6 +32,7 @@ def simulate(
     order: int | str | None = None,
     tol: float | None = None,
     orientation: Any = None,
+    engine: str = "cpu",
     path: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     progress: bool | None = None,
@@ -43,9 +44,9 @@ def simulate(
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
     method       "baecklund" (keeps all integrals of the flow; default where known), "suris" (the paper's map),
-                 "variational" (symplectic, any system; default elsewhere), "exact" (the flow; Lagrange top with
-                 n = 3), "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its default) or "dop853"
-                 (SciPy, preserves nothing)
+                 "variational" (symplectic, any system; default elsewhere), "exact" (the flow; tops, Clebsch's
+                 case and Neumann with n = 3), "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its
+                 default) or "dop853" (SciPy, preserves nothing)
     order        "baecklund": 2 (default), 4, ... 24; "variational": 2 (default), 4, 6, 8; "suris": 1 is the paper's
                  map, 2 (default) its half-kick conjugate.  "auto" (baecklund): the order and the number of steps
                  between two saved states that reach `tol` at the least cost, chosen before the run and told in the
@@ -53,6 +54,8 @@ def simulate(
     tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
+    engine       "cpu" (compiled, all cores; default), "cuda" (an NVIDIA GPU, float64) or "cuda-float32": the same step,
+                 one thread a lane, for ensembles of many lanes and n <= 8
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
@@ -62,7 +65,16 @@ def simulate(
     a state is no longer finite, an implicit step is not solved or the archive cannot be written.
     """
     plan = make_plan(
-        system, x0, dt=dt, steps=steps, every=every, method=method, order=order, orientation=orientation, tol=tol
+        system,
+        x0,
+        dt=dt,
+        steps=steps,
+        every=every,
+        method=method,
+        order=order,
+        orientation=orientation,
+        tol=tol,
+        engine=engine,
     )
     from kreisel.runs.archive import Archive, in_memory, target
 

@@ -194,6 +194,10 @@ SYSTEM = System(
         source="the smallest leaf of clebsch",
     ),
     derive=clebsch.shifted_diagonal,
-    relations=(Relation("clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x"),),
+    relations=(
+        Relation(
+            "clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x", back=on_sphere
+        ),
+    ),
     notes="On the sphere the spectrum has rank n - 1, which is complete.",
 )

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.errors import InputError
 from kreisel.runs.archive import is_own, model_of
-from kreisel.runs.drift import MACHINE_EPSILON, all_series
+from kreisel.runs.drift import MACHINE_EPSILON, all_series, read
 from kreisel.runs.geometry import carried_letter, kinds_of
 from kreisel.view.style import Theme, theme_of
 
@@ -73,7 +73,7 @@ def _vector_letter(run: xr.Dataset) -> str:
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    xyz = np.asarray(run[letter][:MOST_ROWS].values)
+    xyz = read(run[letter][:MOST_ROWS])
     radius = float(np.linalg.norm(xyz[:1], axis=-1).max()) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
@@ -97,10 +97,10 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
     if is_own(run.attrs):  # the flow is not at hand
-        return float(np.linalg.norm(np.diff(run[letter][:2].values, axis=0)))
+        return float(np.linalg.norm(np.diff(read(run[letter][:2]), axis=0)))
     model = model_of(run.attrs)
     kinds = dict(model.system.space.components)
-    start = {k: run[k][0].values for k in kinds}
+    start = {k: read(run[k][0]) for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
     return float(speed * run.attrs["dt"] * run.attrs["every"])
 
@@ -113,7 +113,7 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
 
 
 def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    time, values = run["time"][:STATES_SHOWN].values, run[letter][:STATES_SHOWN].values
+    time, values = read(run["time"][:STATES_SHOWN]), read(run[letter][:STATES_SHOWN])
     for i, series in enumerate(values.T):
         axes.plot(time, series, color=theme.colours[i % len(theme.colours)], label=f"${letter}_{{{i + 1}}}$")
     axes.set(xlabel="time", title=f"components of ${letter}$, first {len(time)} saved states")
@@ -157,4 +157,4 @@ def _edges(rows: int) -> np.ndarray:
 
 
 def _thinned_time(run: xr.Dataset) -> np.ndarray:
-    return np.asarray(run["time"].values[_edges(run.sizes["time"])])
+    return np.asarray(read(run["time"])[_edges(run.sizes["time"])])

@@ -1,0 +1,159 @@
+"""The long faults: kills, fuzzed input, a sweep of a million lanes that loses a worker, memory over 10^9 steps.
+
+python benchmarks/soak.py [--part NAME ...] [--share 1.0]      writes benchmarks/results/soak.json
+
+Each part stands in the result with what was asked, what was done, the seconds and whether it passed; the other parts
+stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+RESULT = HERE / "results" / "soak.json"
+LANES, BLOCKS_BEFORE_THE_KILL = 10**6, 20
+SWEEP = """
+[system]
+name = "lagrange-top"
+p = [0.0, 0.0, 1.0]
+[state]
+m = [0.0, 0.0, 2.0]
+a = [0.6, 0.0, 0.8]
+[run]
+dt = 0.05
+steps = 100
+every = 10
+[sweep]
+rng = 1
+draws = {lanes}
+[sweep.random]
+system.alpha = {{ uniform = [0.2, 1.8] }}
+state.a = {{ sphere = 1.0 }}
+[output]
+path = "sweep.zarr"
+"""
+
+
+def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
+    """Tests with larger numbers in their environment."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files.split(), "-k", chosen]
+    env = {**os.environ, "KREISEL_FULL": "1", **{k: str(v) for k, v in counts.items()}}
+    done = subprocess.run(command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False)
+    last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-200:]
+    if done.returncode:
+        print(done.stdout[-6000:], file=sys.stderr)
+    return {"passed": done.returncode == 0, "pytest": last.strip("= "), **{k.lower(): v for k, v in counts.items()}}
+
+
+def million(share: float) -> dict[str, Any]:
+    """A sweep on two local workers, one of them killed on the way; the same without faults on one worker."""
+    lanes = max(1000, int(LANES * share))
+    with tempfile.TemporaryDirectory() as name:
+        folders = [Path(name) / "killed", Path(name) / "whole"]
+        told = []
+        for folder, workers in zip(folders, (2, 1), strict=True):
+            folder.mkdir()
+            (folder / "sweep.toml").write_text(SWEEP.format(lanes=lanes), encoding="utf-8")
+            command = [sys.executable, "-m", "kreisel", "sweep", "sweep.toml", "--json", "--workers", str(workers)]
+            client = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            killed = workers == 2 and kill_a_worker(client, folder)
+            out, err = client.communicate()
+            if client.returncode:
+                return {"passed": False, "error": err[-500:]}
+            told.append({**json.loads(out), "workers": workers, "killed": bool(killed)})
+        same = contents(folders[0] / "sweep.zarr") == contents(folders[1] / "sweep.zarr")
+        size = sum(p.stat().st_size for p in (folders[0] / "sweep.zarr").rglob("*") if p.is_file())
+    keys = ("workers", "killed", "lanes", "failed", "blocks", "seconds", "peak_MiB")
+    runs = [{k: t[k] for k in keys} for t in told]
+    passed = same and runs[0]["killed"] and not runs[0]["failed"]
+    return {"passed": passed, "same_bytes": same, "store_MB": round(size / 1e6), "runs": runs}
+
+
+def kill_a_worker(client: subprocess.Popen[str], folder: Path) -> int:
+    """Kill one of the two workers with SIGKILL after some blocks; its process id."""
+    done = folder / "sweep.zarr.part" / "failed" / "c"
+    while client.poll() is None and (not done.exists() or len(os.listdir(done)) < BLOCKS_BEFORE_THE_KILL):
+        time.sleep(0.05)
+    for place in Path("/proc").iterdir():
+        try:
+            parent = int((place / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == client.pid and b"spawn_main" in (place / "cmdline").read_bytes():
+                os.kill(int(place.name), signal.SIGKILL)
+                return int(place.name)
+        except (OSError, IndexError, ValueError):
+            continue
+    return 0
+
+
+def contents(store: Path) -> dict[str, Any]:
+    """Every file of a store; without the time of its creation, and the hash of that."""
+    out: dict[str, Any] = {}
+    for path in sorted(p for p in store.rglob("*") if p.is_file()):
+        name = path.relative_to(store).as_posix()
+        out[name] = path.read_bytes()
+        if name == "zarr.json":
+            told = json.loads(path.read_text())
+            told["attributes"].pop("created")
+            out[name] = told
+        elif name == "engine/checksums.json":
+            out[name] = {k: v for k, v in json.loads(path.read_text()).items() if k != "zarr.json"}
+    return out
+
+
+def memory(share: float) -> dict[str, Any]:
+    """benchmarks/memory.py: the memory of a run at each tenth of its way."""
+    done = subprocess.run([sys.executable, str(HERE / "memory.py"), str(int(10**9 * share))], check=False)
+    told = json.loads((HERE / "results" / "memory.json").read_text(encoding="utf-8"))
+    return {"passed": done.returncode == 0 and told["growth_MiB"] < 32, **told}
+
+
+PARTS: dict[str, Callable[[float], dict[str, Any]]] = {
+    "kills of a run": lambda share: tests("tests/test_resume.py", "killed", KREISEL_KILLS=int(200 * share)),
+    "kills of a sweep": lambda share: tests("tests/test_sweep.py", "killed_at_random", KREISEL_KILLS=int(200 * share)),
+    "killed schedulers and workers": lambda share: tests("tests/test_sweep.py", "scheduler or two_workers or own"),
+    "faults": lambda share: tests("tests/test_faults.py", ""),
+    "fuzzed configurations": lambda share: tests(
+        "tests/test_fuzz.py", "mutated or anything", KREISEL_FUZZ=int(67_000 * share)
+    ),  # and half as many made by Hypothesis: 10^5 together
+    "fuzzed archives": lambda share: tests("tests/test_fuzz.py", "archives", KREISEL_FUZZ_ARCHIVES=int(10_000 * share)),
+    "a million lanes": million,
+    "memory": memory,
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--part", action="append", choices=list(PARTS))
+    parser.add_argument("--share", type=float, default=1.0)
+    asked = parser.parse_args()
+    result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
+    good = True
+    for name in asked.part or PARTS:
+        begun = time.perf_counter()
+        told = PARTS[name](asked.share)
+        seconds = round(time.perf_counter() - begun, 1)
+        when = datetime.now(UTC).isoformat(timespec="seconds")
+        made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
+        result[name] = {"share": asked.share, **told, "seconds": seconds, "when": when, **made}
+        RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        print(f"{name}: {json.dumps(result[name])}", flush=True)
+        good = good and told["passed"]
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,402 @@
+"""Work and precision: error at T = 100 and 1000 against time of computing, for every method here and four peers.
+
+    make work-precision            installs the peers of peers.txt, measures, writes results and figures
+
+One trajectory on one core, from time 0 to T, only the end state kept; compiling and set-up are not counted.  Time is
+that of the processor, so that other work on the machine does not count.  All run in one process and take turns; a
+figure is the median over the turns, and `ratio` the median of the ratios, in each turn, to heyoka at its full
+precision.  `error` is the largest error of a component of the state, relative to the largest component, against Taylor
+series in 24 digits (problems.py).  Peers that are not installed are left out, and the result says so.
+
+    kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, or a jump to T
+    heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
+    diffrax    Dopri8 and Tsit5 with a PID controller, compiled by JAX
+    scipy      DOP853, the right-hand side compiled by Numba
+    mujoco     RK4 on the engine's own model of the top, n = 3
+
+Batches: 64 lanes of kreisel, and heyoka's batch of the width of the machine's vectors, time of a trajectory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from cases import RESULTS, machine
+from problems import Problem, problems
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.engines import layout
+from kreisel.engines.cpu import compiled_rate, flat_constants
+from kreisel.methods import scheme
+from kreisel.runs.plan import make_plan, plan_of_times
+
+TIMES = (100.0, 1000.0)
+TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
+ORDERS = {"suris": (1, 2), "variational": (2, 4, 6, 8), "baecklund": (2, 4, 6, 8, 12, 16, 20, 24)}
+LANES = 64
+FLOOR = 1e-9  # below it a ladder ends where a finer step no longer halves the error
+LEAST = 2e-3  # seconds of one measurement
+TURNS = 5
+PEERS = ("heyoka", "diffrax", "mujoco", "scipy")
+BASE = ("heyoka", 1e-16)  # its full precision, whatever it calls that
+
+
+@dataclass
+class Run:
+    """`go()` computes the end state, for one trajectory in `lanes` of them."""
+
+    method: str
+    setting: float
+    go: Callable[[], np.ndarray]
+    lanes: int = 1
+    error: float = 0.0
+    seconds: list[float] = field(default_factory=list)
+
+    def once(self) -> float:
+        """Seconds of one run."""
+        begun = time.process_time()
+        self.go()
+        return time.process_time() - begun
+
+    def prime(self) -> float:
+        """The first time, which tells how often to repeat; the shorter of two."""
+        self.seconds = [max(min(self.once(), self.once()), 1e-7)]
+        return self.seconds[0]
+
+    def measure(self) -> None:
+        """Seconds of one trajectory, over as many runs as fill LEAST."""
+        count = max(1, int(LEAST / self.seconds[0]))
+        begun = time.process_time()
+        for _ in range(count):
+            self.go()
+        self.seconds.append((time.process_time() - begun) / count / self.lanes)
+
+
+def kernel(problem: Problem, method: str, order: int | None, end: float, steps: int, lanes: int = 1) -> Run:
+    """A compiled map of kreisel, `steps` steps to the end; no order for the exact flow."""
+    state = {k: np.repeat(v[None], lanes, 0) for k, v in problem.state.items()} if lanes > 1 else problem.state
+    plan = make_plan(
+        problem.model,
+        problem.model.state(**state),
+        dt=end / steps,
+        steps=steps,
+        every=steps,
+        method=method,
+        order=order,
+        orientation=None,
+    )
+    engine, start = plan.engine, plan.engine.z.copy()
+    out = np.empty((1, *start.shape))
+    letters = problem.model.system.space.letters
+
+    def go() -> np.ndarray:
+        engine.z[:] = start
+        engine.advance(out, steps)
+        return out
+
+    def end_state() -> np.ndarray:
+        seen = plan.scheme.observe(layout.restore(go(), plan.kinds, problem.n))
+        return layout.flatten([seen[k] for k in letters], problem.model.system.space.kinds)[0, 0]
+
+    run = Run(method if order is None else f"{method} {order}", end / steps, go, lanes)
+    run.error = off(end_state(), problem.end(end))
+    return run
+
+
+def jump(problem: Problem, end: float) -> Run:
+    """The end state from the closed form."""
+    _, engine = plan_of_times(
+        problem.model, problem.state, reach=end, method="exact", dt=1.0, order=None, orientation=None
+    )
+    return _with_error(Run("exact jump", end, lambda: engine.at(np.array([end]))[0, 0]), problem, end)
+
+
+def heyoka_field(problem: Problem) -> tuple[Any, Any]:
+    """The equations for heyoka, all entries in order."""
+    import heyoka as hy
+
+    count = len(problem.start)
+    names = hy.make_vars(*[f"z{i}" for i in range(count)])
+    size = count - problem.n
+    rows, columns = algebra.triangle(problem.n)
+    X = {}
+    for x, i, j in zip(names[:size], rows, columns, strict=True):
+        X[i, j], X[j, i] = x, -x
+    v, w = names[size:], problem.fixed
+    if problem.kind == "lagrange-top":
+        turn = [v[i] * w[j] - v[j] * w[i] for i, j in zip(rows, columns, strict=True)]
+    else:
+        turn = [(w[j] - w[i]) * v[i] * v[j] for i, j in zip(rows, columns, strict=True)]
+    sign = 1.0 if problem.kind == "lagrange-top" else -1.0
+    move = [sign * hy.sum([X[i, j] * v[j] for j in range(problem.n) if j != i]) for i in range(problem.n)]
+    return names, list(zip(names, [*turn, *move], strict=True))
+
+
+def heyoka_single(problem: Problem, tolerance: float) -> Callable[[float], Run]:
+    import heyoka as hy
+
+    _, equations = heyoka_field(problem)
+    option = {} if tolerance == BASE[1] else {"tol": tolerance}
+    engine = hy.taylor_adaptive(equations, problem.start.tolist(), **option)
+
+    def to(end: float) -> Run:
+        def go() -> np.ndarray:
+            engine.time = 0.0
+            engine.state[:] = problem.start
+            engine.propagate_until(end)
+            return engine.state
+
+        return _with_error(Run("heyoka", tolerance, go), problem, end)
+
+    return to
+
+
+def heyoka_batch(problem: Problem, tolerance: float) -> Callable[[float], Run]:
+    import heyoka as hy
+
+    lanes = hy.recommended_simd_size()
+    _, equations = heyoka_field(problem)
+    option = {} if tolerance == BASE[1] else {"tol": tolerance}
+    start = np.repeat(problem.start[:, None], lanes, 1)
+    engine = hy.taylor_adaptive_batch(equations, start.copy(), **option)
+
+    def to(end: float) -> Run:
+        def go() -> np.ndarray:
+            engine.set_time(0.0)
+            engine.state[:] = start
+            engine.propagate_until(end)
+            return engine.state[:, 0]
+
+        return _with_error(Run("heyoka batch", tolerance, go, lanes), problem, end)
+
+    return to
+
+
+def diffrax_solver(problem: Problem, name: str, tolerance: float) -> Callable[[float], Run]:
+    import diffrax
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+
+    @jax.jit
+    def solve(y0: Any, end: Any) -> Any:
+        return diffrax.diffeqsolve(
+            diffrax.ODETerm(lambda t, y, args: problem.rate(y, jax.numpy)),
+            getattr(diffrax, name)(),
+            t0=0.0,
+            t1=end,
+            dt0=None,
+            y0=y0,
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+            saveat=diffrax.SaveAt(t1=True),
+            max_steps=10**8,
+            throw=False,
+        ).ys[0]
+
+    def to(end: float) -> Run:
+        return _with_error(
+            Run(f"diffrax {name}", tolerance, lambda: np.asarray(solve(problem.start, end))), problem, end
+        )
+
+    return to
+
+
+def scipy_solver(problem: Problem, tolerance: float) -> Callable[[float], Run]:
+    from scipy.integrate import solve_ivp
+
+    plan = scheme(problem.model, "dop853", 1.0, None, False)
+    rate, (constants,) = compiled_rate(plan), flat_constants(plan, 1)[0]
+
+    def to(end: float) -> Run:
+        def go() -> np.ndarray:
+            options = {"method": "DOP853", "rtol": tolerance, "atol": tolerance}
+            return solve_ivp(lambda t, y: rate(t, y, constants), (0, end), problem.start, **options).y[:, -1]
+
+        return _with_error(Run("scipy DOP853", tolerance, go), problem, end)
+
+    return to
+
+
+def mujoco_top(problem: Problem, end: float, steps: int) -> Run:
+    """A body on a ball joint: mass 0.1 at distance 1 from the pivot, gravity 10, unit moments about the pivot."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{end / steps!r}" gravity="0 0 -10" integrator="RK4"/><worldbody><body>
+        <joint type="ball" damping="0" armature="0"/>
+        <inertial pos="0 0 1" mass="0.1" diaginertia="0.9 0.9 1"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    a, m = problem.vector, algebra.axial(problem.skew)
+    half = np.arctan2(np.hypot(a[0], a[1]), a[2]) / 2
+    turn = np.array([np.cos(half), *(np.sin(half) * np.cross([0, 0, 1], a / np.hypot(a[0], a[1])))])
+
+    def go() -> np.ndarray:
+        data.time, data.qpos[:] = 0.0, turn
+        data.qvel[:] = algebra.rotation_matrix(turn).T @ m  # in the frame of the body; the inertia is 1
+        mujoco.mj_step(model, data, nstep=steps)
+        R = algebra.rotation_matrix(data.qpos)
+        return np.concatenate([algebra.coordinates(algebra.hat(R @ data.qvel)), R[:, 2]])
+
+    return _with_error(Run("mujoco RK4", end / steps, go), problem, end)
+
+
+def off(got: np.ndarray, want: np.ndarray) -> float:
+    """The largest error of a component, relative to the largest component."""
+    return float(abs(got - want).max() / abs(want).max())
+
+
+def _with_error(run: Run, problem: Problem, end: float) -> Run:
+    run.error = off(run.go(), problem.end(end))
+    return run
+
+
+def ladder(make: Callable[[int], Run], first: int, factor: float, limit: float) -> Iterator[Run]:
+    """Finer and finer steps, until round-off or the limit of time."""
+    steps, last = float(first), np.inf
+    while True:
+        try:
+            run = make(int(steps))
+        except (kr.InputError, kr.RunError):  # beyond the domain, or not solved
+            steps *= factor
+            if steps > 1e9:
+                return
+            continue
+        if run.prime() > limit or (run.error < FLOOR and run.error > last / 2):
+            return
+        if np.isfinite(run.error) and run.error < 0.1:
+            yield run
+        steps, last = steps * factor, run.error
+
+
+def contenders(problem: Problem, end: float, limit: float) -> Iterator[Run]:
+    """Everything there is for a problem, each run once."""
+    for method, orders in ORDERS.items():
+        for order in orders:
+            longest = 0.25 if order < 4 or method == "variational" else 0.25 * order
+            factor = 2.0 if order < 8 or method == "variational" else 2**0.5
+            yield from ladder(
+                lambda steps, m=method, o=order: kernel(problem, m, o, end, steps), int(end / longest), factor, limit
+            )
+    for order in (8, 16, 24):
+        for run in ladder(
+            lambda steps, o=order: kernel(problem, "baecklund", o, end, steps, LANES),
+            int(end / (0.25 * order)),
+            2**0.5,
+            limit * LANES,
+        ):
+            run.method += " batch"
+            yield run
+    if problem.kind == "clebsch" and problem.n == 3:
+        for dt in (2.0, 1.0, 0.5):
+            run = kernel(problem, "exact", None, end, int(end / dt))
+            run.prime()
+            yield run
+    if problem.kind == "lagrange-top" and problem.n == 3:
+        exact = jump(problem, end)
+        exact.prime()
+        yield exact
+        if find_spec("mujoco"):
+            yield from ladder(lambda steps: mujoco_top(problem, end, steps), int(end / 0.1), 2.0, limit * 10)
+
+
+def adaptive(problem: Problem) -> Iterator[Callable[[float], Run]]:
+    """The peers that take a tolerance; each is compiled once for all times."""
+    if find_spec("heyoka"):
+        for tolerance in (*TOLERANCES, BASE[1]):
+            yield heyoka_single(problem, tolerance)
+            yield heyoka_batch(problem, tolerance)
+    for tolerance in TOLERANCES[1:]:
+        yield scipy_solver(problem, max(tolerance, 3e-14))
+        if find_spec("diffrax"):
+            yield diffrax_solver(problem, "Dopri8", tolerance)
+            if tolerance >= 1e-10:
+                yield diffrax_solver(problem, "Tsit5", tolerance)
+
+
+def measure(problem: Problem, makers: list[Callable[[float], Run]], end: float, turns: int) -> list[dict[str, Any]]:
+    """All runs to one time, in turns."""
+    runs = [*contenders(problem, end, 0.05 * (end / 100) ** 0.7)]
+    for make in makers:
+        runs.append(make(end))
+        runs[-1].prime()
+    for _ in range(turns):
+        for run in runs:
+            run.measure()
+    base = next((np.array(r.seconds[1:]) for r in runs if (r.method, r.setting) == BASE), None)
+    rows = []
+    for run in runs:
+        seconds = np.array(run.seconds[1:])
+        row = {"method": run.method, "setting": run.setting, "error": run.error, "us": np.median(seconds) / end * 1e6}
+        rows.append(row | ({} if base is None else {"ratio": np.median(seconds / base)}))
+    return [{k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in row.items()} for row in rows]
+
+
+def cheapest(rows: list[dict[str, Any]], ours: bool, error: float, batch: bool) -> dict[str, Any] | None:
+    """The cheapest run at or below an error, of kreisel's steps or of the peers."""
+    own = ("suris", "variational", "baecklund", "exact")
+    fit = [
+        r
+        for r in rows
+        if r["error"] <= error and r["method"].startswith(own) is ours and r["method"].endswith("batch") is batch
+    ]
+    fit = [r for r in fit if r["method"] != "exact jump"]
+    return min(fit, key=lambda r: r["us"], default=None)
+
+
+def verdict(result: dict[str, Any]) -> list[str]:
+    """For each problem, time and error: the best of each side, and who wins."""
+    lines = []
+    for key, rows in result.items():
+        for batch in (False, True):
+            for error in (1e-6, 1e-9, 1e-12, 1e-13, 1e-14):
+                ours, theirs = (cheapest(rows, side, error, batch) for side in (True, False))
+                if ours is None and theirs is None:
+                    continue
+                told = f"{key}{', batch' * batch}, error {error:g}: "
+                for run in (ours, theirs):
+                    told += f"{run['method']} {run['us']:.3g} us; " if run else "not reached; "
+                told += "" if not (ours and theirs) else f"kreisel {theirs['us'] / ours['us']:.2f} times as fast"
+                lines.append(told)
+    return lines
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure, print the verdict, write JSON and figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--turns", type=int, default=TURNS)
+    parser.add_argument(
+        "--only", default="", help="only problems whose name contains this; the others keep their results"
+    )
+    options = parser.parse_args(arguments)
+    target = RESULTS / "work_precision.json"
+    result: dict[str, Any] = json.loads(target.read_text())["runs"] if target.exists() else {}
+    there = {p: version(p) if find_spec(p) else "not installed: left out" for p in PEERS}
+    for problem in problems():
+        if options.only not in problem.name:
+            continue
+        begun = time.perf_counter()
+        makers = list(adaptive(problem))
+        for end in TIMES:
+            result[f"{problem.name}, T = {end:g}"] = measure(problem, makers, end, options.turns)
+        text = {"machine": machine(), "peers": there, "turns": options.turns, "verdict": verdict(result)}
+        target.write_text(json.dumps(text | {"runs": result}, indent=1) + "\n")
+        print(f"{problem.name}: {time.perf_counter() - begun:.0f} s", flush=True)
+    print(*verdict(result), sep="\n")
+    if len(result) == len(TIMES) * len(problems()):
+        import work_precision_figures
+
+        work_precision_figures.main()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""kr.export: an archive as NetCDF (HDF5) or as Parquet, by the libraries that write them, block by block."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.runs.archive import open_run, target, too_large
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NUMBERS_AT_ONCE = 1 << 20
+
+
+def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet where in .parquet.
+
+    run    the path of an archive, or a Dataset such as `kr.simulate` returns
+    out    the file; it takes its name when it is whole
+
+    NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
+    and lane, a column for each component, such as "m[2]", and the attributes as JSON in the metadata under "kreisel".
+    Needs the extra `export`.  Raises `InputError` for what cannot be exported, and `RunError` where it cannot be
+    written.
+    """
+    where = target(out)
+    write = WRITERS.get(where.suffix.lower())
+    if write is None:
+        raise InputError(f"The export must end in {', '.join(WRITERS)}; {str(out)!r} came.")
+    if where.exists() and not overwrite:
+        raise InputError(f"{where} exists already and is left as it is. Choose another name, or --overwrite.")
+    data = open_run(run) if isinstance(run, str | os.PathLike) else run
+    if too_large(data):
+        raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
+    scratch = where.with_name(f".{where.name}.part")
+    try:
+        where.parent.mkdir(parents=True, exist_ok=True)
+        write(data, scratch)
+        os.replace(scratch, where)
+    except ImportError as error:
+        raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
+    except OSError as error:
+        raise disk_trouble(error, where, "be written", "") from error
+    except (ValueError, RuntimeError) as error:  # a damaged chunk, or what HDF5 makes of a full disk
+        raise RunError(
+            f"{where} could not be written: {error}. Usual cause: a damaged archive or a full disk."
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+
+
+def _netcdf(run: xr.Dataset, out: Path) -> None:
+    import h5netcdf
+
+    with h5netcdf.File(out, "w") as file:
+        file.dimensions = {str(k): v for k, v in run.sizes.items()}
+        file.attrs.update({k: _plain(v) for k, v in run.attrs.items()})
+        for name, variable in run.variables.items():
+            made = file.create_variable(
+                str(name),
+                variable.dims,
+                variable.dtype,
+                **({"chunks": _chunks(variable), "compression": "gzip", "shuffle": True} if variable.size else {}),
+            )
+            made.attrs.update({k: _plain(v) for k, v in variable.attrs.items()})
+            for part in _parts(variable):
+                made[part] = variable[part].values
+
+
+def _plain(value: Any) -> Any:
+    """NetCDF has no booleans."""
+    return int(value) if isinstance(value, bool) else np.asarray(value) if isinstance(value, list) else value
+
+
+def _chunks(variable: xr.Variable) -> tuple[int, ...]:
+    rest = max(1, math.prod(variable.shape[1:]))
+    return (min(variable.shape[0], max(1, NUMBERS_AT_ONCE // 8 // rest)), *variable.shape[1:]) if variable.ndim else ()
+
+
+def _parts(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
+    """Slices along the first axis, of about a million numbers."""
+    if not variable.ndim:
+        yield ()
+        return
+    step = max(1, NUMBERS_AT_ONCE // max(1, math.prod(variable.shape[1:])))
+    for first in range(0, variable.shape[0], step):
+        yield (slice(first, min(first + step, variable.shape[0])),)
+
+
+def _parquet(run: xr.Dataset, out: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    lead = "time" if "time" in run.dims else "lane"
+    width = run.sizes[lead] if lead in run.sizes else 1
+    numbers = max(1, sum(v.size for v in run.variables.values()) // max(1, width))
+    step = max(1, NUMBERS_AT_ONCE // numbers)
+    told = {b"kreisel": json.dumps(dict(run.attrs), default=str).encode()}
+    writer = None
+    try:
+        for first in range(0, width, step):
+            block = run.isel({lead: slice(first, first + step)}) if lead in run.sizes else run
+            table = pa.table(dict(_columns(block.load()))).replace_schema_metadata(told)
+            writer = writer or pq.ParquetWriter(out, table.schema)
+            writer.write_table(table)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
+    """Columns with a row for each time and lane."""
+    lead = [d for d in ("time", "lane") if d in block.sizes]
+    sizes = [block.sizes[d] for d in lead]
+    if "lane" in lead and "lane" not in block.variables:
+        yield "lane", np.broadcast_to(np.arange(block.sizes["lane"]), sizes).ravel()
+    variables: dict[Any, Any] = dict(block.variables)
+    for name, variable in variables.items():
+        if name == "message":
+            texts = [bytes(row.tolist()).rstrip(b"\0").decode(errors="replace") for row in variable.values]
+            yield "message", np.broadcast_to(np.array(texts, dtype=object), sizes).ravel()
+            continue
+        if not set(lead) & set(variable.dims):
+            continue
+        rest = [d for d in variable.dims if d not in lead]
+        full = variable.set_dims({**dict(zip(lead, sizes, strict=True)), **{d: variable.sizes[d] for d in rest}})
+        values = full.transpose(*lead, *rest).values.reshape(math.prod(sizes), -1)
+        shape = [variable.sizes[d] for d in rest]
+        for place in range(values.shape[1]):
+            index = ",".join(str(i) for i in np.unravel_index(place, shape)) if rest else ""
+            yield f"{name}[{index}]" if rest else str(name), values[:, place]
+
+
+WRITERS: dict[str, Callable[[Any, Path], None]] = {".nc": _netcdf, ".h5": _netcdf, ".parquet": _parquet}

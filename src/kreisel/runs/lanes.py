@@ -1,0 +1,329 @@
+"""The lanes of a sweep: a grid, a list and random draws over the numbers of a configuration.
+
+A quantity is named as it stands in the TOML file: `system.alpha`, `state.m`, `run.dt`, or one entry, `state.m[2]`.
+The values of a lane depend on the description and the number of the lane alone, not on how lanes are cut into blocks.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, nearest
+
+MOST_LANES = 10**7
+LARGEST_DESCRIPTION = 32 << 20  # bytes of JSON
+DRAWN_AT_ONCE = 1024  # lanes that share a generator
+SECTIONS = ("system", "state", "run")
+RANGES = {
+    "linear": lambda a, b, count: np.linspace(a, b, count),
+    "log": lambda a, b, count: np.geomspace(a, b, count),
+}
+KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What varies: `section`.`letter`, or its entry at `index`."""
+
+    section: str
+    letter: str
+    index: tuple[int, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """As the user writes it."""
+        entry = f"[{','.join(map(str, self.index))}]" if self.index else ""
+        return f"{self.section}.{self.letter}{entry}"
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Random values: the kind of distribution, its bounds, and the shape of one value."""
+
+    kind: str
+    bounds: tuple[Array, ...]
+    shape: tuple[int, ...]
+
+    def sample(self, rng: np.random.Generator, count: int) -> Array:
+        """So many values (count, ...)."""
+        shape = (count, *self.shape)
+        if self.kind == "uniform":
+            low, high = self.bounds
+            return np.asarray(low + (high - low) * rng.random(shape))
+        if self.kind == "loguniform":
+            low, high = (np.log(b) for b in self.bounds)
+            return np.asarray(np.exp(low + (high - low) * rng.random(shape)))
+        normal = rng.standard_normal(shape)
+        if self.kind == "normal":
+            mean, deviation = self.bounds
+            return np.asarray(mean + deviation * normal)
+        return np.asarray(self.bounds[0] * normal / np.sqrt((normal * normal).sum(-1, keepdims=True)))
+
+
+DRAWS = {"uniform": 2, "loguniform": 2, "normal": 2, "sphere": 1}  # and how many bounds they take
+
+
+class Lanes:
+    """All lanes of a sweep.
+
+    base    the sections system, state and run that every lane starts from
+    told    the section sweep: grid, list, random, draws, rng
+
+    The lanes are the product of the grid, the list and the draws, the last one running fastest; every lane draws its
+    own random values.  Raises `InputError`.
+    """
+
+    def __init__(self, base: Mapping[str, Mapping[str, Any]], told: Mapping[str, Any]):
+        self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
+        grid = {k: _table(k, v) for k, v in _quantities(told.get("grid", {}), "grid")}
+        self.listed = {k: _table(k, v) for k, v in _quantities(told.get("list", {}), "list")}
+        self.draws = {k: self._draw(k, v) for k, v in _quantities(told.get("random", {}), "random")}
+        self.grid = grid
+        self._check_names(told)
+        lengths = {k.name: len(v) for k, v in self.listed.items()}
+        if len(set(lengths.values())) > 1:
+            raise InputError(f"All quantities of [sweep.list] need the same number of values; {lengths} came.")
+        self.seed = _seed(told.get("rng"), bool(self.draws))
+        count = _count(told.get("draws"), bool(self.draws))
+        self.axes: list[tuple[tuple[Quantity, ...], int]] = [((k,), len(v)) for k, v in grid.items()]
+        if self.listed:
+            self.axes.append((tuple(self.listed), next(iter(lengths.values()))))
+        self.axes.append(((), count))
+        self.total = math.prod(size for _, size in self.axes)
+        if self.total > MOST_LANES:
+            raise InputError(f"The sweep has {self.total:,} lanes; at most {MOST_LANES:,} are possible.")
+        if not self.quantities:
+            raise InputError(
+                "Nothing varies in the sweep. Name a quantity in [sweep.grid], [sweep.list] or [sweep.random], such as "
+                'system.alpha = { from = 0.5, to = 2.0, count = 10 } or state."m[2]" = [1.0, 1.5].'
+            )
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Everything that varies."""
+        return (*self.grid, *self.listed, *self.draws)
+
+    def _check_names(self, told: Mapping[str, Any]) -> None:
+        names = [k.name for k in (*self.grid, *self.listed, *self.draws)]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise InputError(f"{', '.join(sorted(twice))} varies twice; name each quantity once in [sweep].")
+        for quantity in self.quantities:
+            if quantity.index:
+                shape = np.shape(self._base(quantity))
+                if len(quantity.index) != len(shape) or any(i >= k for i, k in zip(quantity.index, shape, strict=True)):
+                    raise InputError(
+                        f"{quantity.name} names no entry of {quantity.section}.{quantity.letter}, which has the shape "
+                        f"{shape}; entries count from 0."
+                    )
+            if quantity.section == "run" and quantity in self.draws:
+                raise InputError(f"{quantity.name} cannot be drawn at random; vary it in [sweep.grid] or [sweep.list].")
+
+    def _base(self, quantity: Quantity) -> Array:
+        value = self.base[quantity.section].get(quantity.letter)
+        if value is None:
+            raise InputError(
+                f"{quantity.name} varies, but [{quantity.section}] has no {quantity.letter} to start from."
+            )
+        return _numbers(value, f"{quantity.section}.{quantity.letter}")
+
+    def _draw(self, quantity: Quantity, told: Any) -> Draw:
+        if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in DRAWS:
+            raise InputError(
+                f"{quantity.name} in [sweep.random] must be one of {{ uniform = [a, b] }}, {{ loguniform = [a, b] }}, "
+                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}; {told!r} came."
+            )
+        ((kind, values),) = told.items()
+        listed = list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
+        if len(listed) != DRAWS[kind]:
+            raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values; {values!r} came.")
+        bounds = tuple(_numbers(v, quantity.name) for v in listed)
+        given = self.base[quantity.section].get(quantity.letter)
+        try:
+            shape = np.broadcast_shapes(*(b.shape for b in bounds))
+            if quantity.index:
+                shape = np.broadcast_shapes(shape, ())
+            elif given is not None:
+                shape = np.broadcast_shapes(shape, _numbers(given, quantity.name).shape)
+        except ValueError:
+            raise InputError(f"{quantity.name}: the shapes of its value and of the bounds do not fit.") from None
+        if kind == "sphere" and len(shape) != 1:
+            raise InputError(f"{quantity.name}: sphere draws a vector; give the vector in [{quantity.section}] too.")
+        if kind == "loguniform" and not all((b > 0).all() for b in bounds):
+            raise InputError(f"{quantity.name}: loguniform needs positive bounds; {values!r} came.")
+        if quantity.index and shape:
+            raise InputError(f"{quantity.name} is one number; bounds of shape {shape} came.")
+        return Draw(kind, bounds, shape)
+
+    def values(self, first: int, stop: int) -> dict[Quantity, Array]:
+        """The values of lanes first to stop - 1 (lanes, ...), for every quantity that varies."""
+        places = np.unravel_index(np.arange(first, stop), [size for _, size in self.axes])
+        tables = {**self.grid, **self.listed}
+        out = {
+            quantity: tables[quantity][place]
+            for (quantities, _), place in zip(self.axes, places, strict=True)
+            for quantity in quantities
+        }
+        return out | {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
+
+    def _drawn(self, quantity: Quantity, draw: Draw, first: int, stop: int) -> Array:
+        """By its own generator for each quantity and each 1024 lanes: what else varies does not matter."""
+        chunks = range(first // DRAWN_AT_ONCE, -(-stop // DRAWN_AT_ONCE))
+        name, pieces = zlib.crc32(quantity.name.encode()), []
+        for chunk in chunks:
+            sequence = np.random.SeedSequence(self.seed, spawn_key=(name, chunk))
+            pieces.append(draw.sample(np.random.Generator(np.random.PCG64(sequence)), DRAWN_AT_ONCE))
+        begin = chunks.start * DRAWN_AT_ONCE
+        return np.concatenate(pieces)[first - begin : stop - begin]
+
+    def filled(self, values: Mapping[Quantity, Array]) -> dict[str, dict[str, Any]]:
+        """The sections with these values in place: arrays with an axis of lanes where something varies."""
+        out: dict[str, dict[str, Any]] = {section: dict(table) for section, table in self.base.items()}
+        varied: set[tuple[str, str]] = set()
+        for quantity in sorted(values, key=lambda q: len(q.index)):  # an entry goes into what varies as a whole
+            value, table = values[quantity], out[quantity.section]
+            if quantity.index:
+                whole = table[quantity.letter]
+                if (quantity.section, quantity.letter) not in varied:
+                    whole = np.broadcast_to(_numbers(whole, quantity.name), (len(value), *np.shape(whole)))
+                array: Any = np.array(whole, dtype=np.float64)
+                array[(slice(None), *quantity.index)] = value
+                value = array
+            table[quantity.letter] = value
+            varied.add((quantity.section, quantity.letter))
+        return out
+
+
+def _quantities(told: Any, where: str) -> list[tuple[Quantity, Any]]:
+    """Pairs of [sweep.grid] and the others, where `system.p`, `[sweep.grid.system]` and `"system.p"` are the same."""
+    if not isinstance(told, Mapping):
+        raise InputError(f"[sweep.{where}] must be a table of quantities and their values; {told!r} came.")
+    flat: list[tuple[str, Any]] = []
+    for key, value in told.items():
+        if "." not in key and isinstance(value, Mapping) and key in SECTIONS:
+            flat += [(f"{key}.{letter}", v) for letter, v in value.items()]
+        else:
+            flat.append((key, value))
+    return [(_quantity(key, where), value) for key, value in flat]
+
+
+def _quantity(key: str, where: str) -> Quantity:
+    section, _, rest = key.partition(".")
+    told = KEY.fullmatch(rest)
+    if section not in SECTIONS or told is None:
+        raise InputError(
+            f"[sweep.{where}] names {key!r}; expected are names such as system.alpha, state.m, state.m[2] or run.dt."
+            f"{nearest(section, SECTIONS)}"
+        )
+    index = tuple(int(i) for i in told[2].split(",")) if told[2] else ()
+    return Quantity(section, told[1], index)
+
+
+def _table(quantity: Quantity, told: Any) -> Array:
+    """The values of a grid axis or a list (count, ...)."""
+    if isinstance(told, Mapping):
+        return _range(quantity, told)
+    if isinstance(told, str) or not isinstance(told, Sequence | np.ndarray) or len(told) == 0:
+        raise InputError(f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}; {told!r} came.")
+    if all(isinstance(v, str) for v in told):
+        if quantity.section != "run" or quantity.index:
+            raise InputError(f"{quantity.name} must be numbers; {told!r} came.")
+        return np.array(told)
+    table = _numbers(told, quantity.name)
+    if quantity.index and table.ndim != 1:
+        raise InputError(f"{quantity.name} is one number; values of shape {table.shape[1:]} came.")
+    return table
+
+
+def _range(quantity: Quantity, told: Mapping[str, Any]) -> Array:
+    known = {"from", "to", "count", "spacing"}
+    if not {"from", "to", "count"} <= set(told) <= known:
+        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'); {dict(told)!r} came.")
+    count, spacing = told["count"], told.get("spacing", "linear")
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_LANES:
+        raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}; {count!r} came.")
+    if spacing not in RANGES:
+        raise InputError(f"{quantity.name}: spacing is 'linear' or 'log'; {spacing!r} came.")
+    low, high = _numbers(told["from"], quantity.name), _numbers(told["to"], quantity.name)
+    if spacing == "log" and not ((low > 0).all() and (high > 0).all()):
+        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends; {dict(told)!r} came.")
+    if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
+        raise InputError(f"{quantity.name}: from and to need the same shape, and not that many numbers.")
+    return np.asarray(RANGES[spacing](low, high, count))
+
+
+def _numbers(value: Any, name: str) -> Array:
+    try:
+        array = np.asarray(value)
+    except (ValueError, OverflowError):
+        raise InputError(f"{name}: all values need the same shape; {_short(value)} came.") from None
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} must be numbers; {_short(value)} came.")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite; {_short(value)} came.")
+    return array if array.dtype.kind != "f" else array.astype(np.float64)
+
+
+def _short(value: Any) -> str:
+    told = repr(value)
+    return told if len(told) < 200 else told[:200] + "..."
+
+
+def _seed(rng: Any, random: bool) -> int:
+    if rng is None and not random:
+        return 0
+    if isinstance(rng, bool) or not isinstance(rng, int) or not 0 <= rng < 2**128:
+        raise InputError(f"Random draws need a seed, rng = 1 or another whole number below 2^128; {rng!r} came.")
+    if not random:
+        raise InputError("rng is given, but nothing is drawn in [sweep.random].")
+    return rng
+
+
+def _count(draws: Any, random: bool) -> int:
+    if draws is None and not random:
+        return 1
+    if not random:
+        raise InputError("draws is given, but nothing is drawn in [sweep.random].")
+    if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= MOST_LANES:
+        raise InputError(f"draws must be the number of random draws, 1 to {MOST_LANES:,}; {draws!r} came.")
+    return draws
+
+
+def described(value: Any) -> Any:
+    """The description as plain data, which JSON gives back bit for bit.  Raises `InputError`."""
+    if isinstance(value, Mapping):
+        return {str(k): described(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, list | tuple):
+        return [described(v) for v in value]
+    if isinstance(value, range):
+        return list(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise InputError(f"A sweep is described by numbers, words and lists; {_short(value)} came.")
+
+
+def as_json(description: Mapping[str, Any]) -> str:
+    """The description as text, in its own order, which is that of the lanes.
+
+    Raises `InputError` where it is too long for the attributes of an archive.
+    """
+    text = json.dumps(description)
+    if len(text) > LARGEST_DESCRIPTION:
+        raise InputError(
+            f"The description of the sweep has {len(text):,} characters, more than {LARGEST_DESCRIPTION >> 20} MiB. "
+            "Use ranges or random draws, or several sweeps."
+        )
+    return text

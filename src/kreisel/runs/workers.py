@@ -1,0 +1,142 @@
+"""Who computes the blocks of a sweep: this process, or Dask's workers."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kreisel.errors import InputError, RunError
+from kreisel.runs.blocks import compute
+from kreisel.runs.checkpoint import Stop
+
+LOSSES = 5  # workers that a block may lose before it is blamed
+LOST = "The blocks that were done are kept: the same command goes on."
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """Blocks to compute."""
+
+    part: str
+    file: str | None
+    digest: str
+    todo: Sequence[int]
+
+    def arguments(self, block: int) -> tuple[str, int, str | None, str]:
+        """Of `blocks.compute`."""
+        return self.part, block, self.file, self.digest
+
+
+class Here:
+    """The process itself, one block after the other."""
+
+    def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
+        """What each block took."""
+        for block in tasks.todo:
+            if stop.signal is not None:
+                return
+            yield compute(*tasks.arguments(block))
+
+
+class Pool:
+    """Dask's workers."""
+
+    def __init__(self, client: Any, address: str | None):
+        self._client, self._address = client, address
+
+    def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
+        """What each block took, in the order in which they end.  Only a few are with the workers at a time."""
+        import distributed
+
+        waiting, losses = iter(tasks.todo), dict.fromkeys(tasks.todo, 0)
+        at_work: dict[Any, int] = {}
+        try:
+            while stop.signal is None:
+                room = 2 * max(2, sum(self._client.ncores().values())) - len(at_work)
+                for block in itertools.islice(waiting, max(0, room)):
+                    at_work[self._submit(tasks, block, 0)] = block
+                if not at_work:
+                    return
+                try:
+                    ready, _ = distributed.wait(list(at_work), timeout=0.5, return_when="FIRST_COMPLETED")
+                except TimeoutError:
+                    self._require_scheduler()
+                    continue
+                for future in ready:
+                    block = at_work.pop(future)
+                    try:
+                        yield future.result()
+                    except distributed.KilledWorker:
+                        losses[block] += 1
+                        if losses[block] >= LOSSES:
+                            raise RunError(
+                                f"Block {block} lost its worker again and again. Usual cause: too little memory for "
+                                f"it. Use a smaller block or memory in [sweep]. {LOST}"
+                            ) from None
+                        at_work[self._submit(tasks, block, losses[block])] = block
+        except (OSError, distributed.CancelledError) as error:
+            raise RunError(f"The scheduler {self._address or 'here'} went away: {error}. {LOST}") from error
+        finally:
+            with contextlib.suppress(Exception):
+                self._client.cancel(list(at_work), force=True)
+
+    def _submit(self, tasks: Tasks, block: int, trial: int) -> Any:
+        key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
+        return self._client.submit(compute, *tasks.arguments(block), key=key, pure=False)
+
+    def _require_scheduler(self) -> None:
+        if self._client.status not in ("running", "connecting"):
+            raise RunError(f"The scheduler {self._address or 'here'} went away. {LOST}")
+
+
+def check_workers(workers: Any, scheduler: str | None) -> None:
+    """Raises `InputError` where the two do not say who computes."""
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or not 0 <= workers <= 4096):
+        raise InputError(f"workers must be a number of processes, 0 or more; {workers!r} came.")
+    if scheduler is not None and workers is not None:
+        raise InputError("A scheduler has its own workers: give either scheduler or workers.")
+
+
+@contextlib.contextmanager
+def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> Iterator[Here | Pool]:
+    """Who computes the blocks.  Raises `InputError` without Dask, and where no scheduler answers."""
+    if workers == 0:
+        yield Here()
+        return
+    try:
+        import distributed
+        from distributed.utils import silence_logging_cmgr
+    except ImportError:
+        raise InputError(
+            "Sweeps on several processes need Dask: pip install 'kreisel[sweep]'. --workers 0 needs none."
+        ) from None
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(silence_logging_cmgr(logging.CRITICAL))  # errors come as exceptions
+        if scheduler is None:
+            count = workers or os.cpu_count() or 1
+            address = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=count,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        else:
+            address = scheduler
+        try:
+            client = stack.enter_context(distributed.Client(address, timeout=20))
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(
+                f"No Dask scheduler answers at {scheduler}: {error}. Is `dask scheduler` running?"
+            ) from None
+        if sys.stderr.isatty() if progress is None else progress:
+            print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
+        yield Pool(client, scheduler)

@@ -1,0 +1,96 @@
+"""engine="cuda": on the CUDA simulator, in a process of its own; without a GPU a plain word."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.engines import cuda
+from kreisel.engines.recording import flat_constants, flat_stages
+from kreisel.methods import scheme
+
+SIMULATED = """
+import numpy as np
+import kreisel as kr
+from kreisel.engines import layout
+from kreisel.runs.plan import make_plan
+
+draw = np.random.default_rng(3)
+lanes = 5
+top = kr.LagrangeTop(p=draw.normal(size=(lanes, 3)), alpha=0.7)
+x0 = top.state(m=draw.normal(size=(lanes, 3)), a=draw.normal(size=(lanes, 3)))
+body = kr.Clebsch(b=(0.3, 0.7, 1.9, 1.1))
+X = draw.normal(size=(2, 4, 4))
+y0 = body.state(M=X - X.mT, P=draw.normal(size=(2, 4)))
+for model, start, method, order, g in (
+    (top, x0, "suris", 1, (1, 0, 0, 0)), (top, x0, "baecklund", 6, None), (body, y0, "variational", 2, None)
+):
+    for engine in ("cuda", "cuda-float32"):
+        if method == "variational" and engine == "cuda-float32":
+            continue
+        more = {"method": method, "order": order, "orientation": g, "engine": engine}
+        plan = make_plan(model, start, dt=0.1, steps=4, every=2, **more)
+        z, out = layout.restore(plan.engine.z.copy(), plan.kinds, model.n), np.empty((2, *plan.engine.z.shape))
+        plan.engine.advance(out, 2)
+        for _ in range(4):
+            z = plan.scheme.advance(*z)
+        assert (plan.engine.z == out[-1]).all()
+        print(engine, abs(out[-1] - layout.flatten(z, plan.kinds)).max(), flush=True)
+one = kr.LagrangeTop(p=(0, 0, 1))
+start = one.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+run = kr.simulate(one, start, dt=0.1, steps=4, engine="cuda", progress=False, method="suris", path="run.zarr")
+print(run.attrs["engine"], 0.0)
+more = kr.resume("run.zarr", extend=6, progress=False)
+whole = kr.simulate(one, start, dt=0.1, steps=6, engine="cuda", progress=False, method="suris")
+assert (more.a.values == whole.a.values).all()
+"""
+
+
+def test_the_kernel_of_the_gpu_is_the_definition(tmp_path: Path) -> None:
+    """Per-lane parameters, orientation, stages and `close`, a recorded loop; the simulator does not fuse products."""
+    told = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
+    run = [sys.executable, "-c", SIMULATED]
+    out = subprocess.run(run, capture_output=True, text=True, env=told, check=False, cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    apart = [line.split() for line in out.stdout.splitlines()]
+    assert [name for name, _ in apart] == ["cuda", "cuda-float32"] * 2 + ["cuda"] * 2
+    for name, value in apart:
+        assert float(value) < (1e-12 if name == "cuda" else 1e-3)
+        assert name == "cuda" or float(value) > 1e-9  # float32 it is
+
+
+def test_without_a_gpu_it_says_so(top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "numba.cuda", None)
+    with pytest.raises(kr.InputError, match=r"needs an NVIDIA GPU.*engine='cpu'"):
+        kr.simulate(top, x0, dt=0.1, steps=3, engine="cuda")
+
+
+def test_what_no_gpu_runs(top: object, x0: object) -> None:
+    with pytest.raises(kr.InputError, match="Did you mean 'cuda'"):
+        kr.simulate(top, x0, dt=0.1, steps=3, engine="cude")
+    with pytest.raises(kr.InputError, match="runs maps, not method='dop853'"):
+        kr.simulate(top, x0, dt=0.1, steps=3, engine="cuda", method="dop853")
+    with pytest.raises(kr.InputError, match="implicit"):
+        kr.simulate(top, x0, dt=0.1, steps=3, engine="cuda-float32", method="variational")
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_products_are_rounded_and_literals_are_of_the_precision(top: object, precision: str) -> None:
+    plan = scheme(top, "suris", 0.1, 1, False)
+    (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
+    text = cuda.source(plan, constants, columns, stages, precision)
+    body = text.partition("def kernel(")[2]
+    assert " * " not in body
+    assert "cuda.fma(" in body
+    assert ("real(2.0)" in body) == (precision == "float32")
+    big = kr.LagrangeTop(p=np.eye(9)[0])
+    plan = scheme(big, "suris", 0.1, 1, False)
+    (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
+    with pytest.raises(kr.InputError, match="n = 9"):
+        cuda.source(plan, constants, columns, stages, precision)

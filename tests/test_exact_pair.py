@@ -1,0 +1,183 @@
+"""method="exact" for Clebsch's case and Neumann's system: against Taylor series, its own steps, and mutants."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.engines import layout
+from kreisel.lab.taylor import series
+from kreisel.methods import exact_pair, scheme
+from kreisel.runs.plan import make_plan
+
+B = (0.3, 0.7, 1.9)
+
+
+def bodies(seed: int) -> list[tuple[Any, dict[str, np.ndarray]]]:
+    draw = np.random.default_rng(seed)
+    x, q = draw.normal(size=(2, 3))
+    x = x / np.linalg.norm(x)
+    body, particle = kr.Clebsch(b=np.sort(draw.normal(size=3))), kr.Neumann(b=np.sort(draw.normal(size=3)))
+    return [
+        (body, {"M": draw.normal(size=3), "P": draw.normal(size=3)}),
+        (particle, {"x": x, "q": q - x * (x @ q)}),
+    ]
+
+
+def truth(model: Any, state: dict[str, np.ndarray], time: float) -> np.ndarray:
+    """The state at that time by Taylor series, axial for n = 3."""
+    b = np.broadcast_to(model.params["b"], 3)
+    if "M" in state:
+        X, v = series(algebra.hat(np.asarray(state["M"], float)), np.asarray(state["P"]), b, time, clebsch=True)
+        return np.concatenate([algebra.axial(X.astype(float)), v.astype(float)])
+    x, q = state["x"], state["q"]
+    X, v = series(algebra.wedge(x, q), x, b, time, clebsch=True)
+    return np.concatenate([v.astype(float), -(X @ v).astype(float)])
+
+
+def off(run: Any, want: np.ndarray) -> float:
+    letters = [name for name in ("M", "P", "x", "q") if name in run]
+    return float(abs(np.concatenate([run[k].values[-1] for k in letters]) - want).max() / abs(want).max())
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("dt", "steps"), [(0.125, 8), (1.0, 10), (7.0, 2)])
+def test_against_taylor(seed: int, dt: float, steps: int) -> None:
+    for model, state in bodies(seed):
+        run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, method="exact")
+        assert off(run, truth(model, state, dt * steps)) < 1e-14 * max(1, steps * dt)
+
+
+@pytest.mark.parametrize(
+    ("M", "P", "b"),
+    [
+        ((0, 0, 1), (0, 0, 1), B),  # at rest but for a turn
+        ((1e-6, 0, 1), (0, 1e-6, 1), B),
+        ((0, 0, 0), (0.6, 0, 0.8), B),
+        ((0.4, 0.2, 0.1), (0.6, 0, 0.8), (1.1, 1.1, 2.3)),  # symmetric
+        ((0.4, 0.2, 0.1), (0.6, 0, 0.8), (1.1, 1.1, 1.1)),  # free
+        ((3, 5, 8), (0.6, 0, 0.8), B),
+        ((1e-3, 2e-3, 5e-4), (0.06, 0, 0.08), B),
+    ],
+)
+def test_special_motions(M: tuple[float, ...], P: tuple[float, ...], b: tuple[float, ...]) -> None:
+    model, state = kr.Clebsch(b=b), {"M": np.array(M, float), "P": np.array(P, float)}
+    run = kr.simulate(model, state, dt=0.75, steps=20, every=20, method="exact")
+    assert off(run, truth(model, state, 15.0)) < 1e-13
+
+
+def growth(steps: int) -> float:
+    """Between steps of two lengths to the same time; each has its own rounding and its own mu."""
+    body = kr.Clebsch(b=B)
+    state = {"M": np.array([0.1, 0.2, 1.5]), "P": np.array([0.6, 0, 0.8])}
+    ends = []
+    for dt, count in ((0.25, steps), (0.3125, steps * 4 // 5)):
+        plan = make_plan(body, state, dt=dt, steps=count, every=count, method="exact", order=None, orientation=None)
+        out = np.empty((1, *plan.engine.z.shape))
+        plan.engine.advance(out, count)
+        ends.append(out[0, 0])
+    return float(abs(ends[0] - ends[1]).max())
+
+
+def test_errors_grow_like_the_steps() -> None:
+    assert growth(10**6) < 1e-16 * 10**6
+
+
+def test_without_putting_back_they_grow_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exact_pair, "put_back", lambda M, P, **consts: (M, P))
+    assert growth(10**6) > 1e-16 * 10**6
+
+
+@pytest.mark.parametrize("wrong", ["mu", "level"])
+def test_mutants_are_caught(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, state = bodies(1)[0]
+    want = truth(model, state, 10.0)
+    if wrong == "mu":
+        parameter = exact_pair.parameter
+        monkeypatch.setattr(exact_pair, "parameter", lambda *a: (lambda n, mu: (n, mu * (1 + 1e-12)))(*parameter(*a)))
+    else:
+        levels = exact_pair._levels
+        monkeypatch.setattr(
+            exact_pair,
+            "_levels",
+            lambda *a: {k: v * (1 + 1e-12 * k.startswith("level")) for k, v in levels(*a).items()},
+        )
+    run = kr.simulate(model, state, dt=1.0, steps=10, every=10, method="exact")
+    assert off(run, want) > 1e-13
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_kernel_equals_definition_and_lanes_equal_single_runs(which: int) -> None:
+    model, state = bodies(3)[which]
+    other = bodies(4)[which][1]
+    both = {k: np.stack([v, other[k]]) for k, v in state.items()}
+    run = kr.simulate(model, both, dt=0.25, steps=5, method="exact")
+    for lane, start in enumerate((state, other)):
+        alone = kr.simulate(model, start, dt=0.25, steps=5, method="exact")
+        for k in start:
+            assert abs(run[k].values[:, lane] - alone[k].values).max() < 1e-14
+    parts = model.state(**state)
+    z = tuple(parts[k] for k in model.system.space.letters)
+    plan = scheme(model, "exact", 0.25, None, False).on(z)
+    z = plan.prepare(z)
+    for _ in range(5):
+        z = plan.advance(*z)
+    seen = plan.observe(tuple(x[None, None] for x in z))
+    for k in state:
+        got = algebra.axial(seen[k]) if k == "M" else seen[k]
+        assert abs(got[0, 0] - alone_values(model, state, k)).max() < 1e-13
+
+
+def alone_values(model: Any, state: dict[str, np.ndarray], name: str) -> np.ndarray:
+    return kr.simulate(model, state, dt=0.25, steps=5, method="exact")[name].values[-1]
+
+
+def test_integrals_stay_and_runs_go_on(tmp_path: Any) -> None:
+    model, state = bodies(2)[1]
+    path = tmp_path / "neumann.zarr"
+    kr.simulate(model, state, dt=0.5, steps=1000, every=10, method="exact", path=path)
+    whole = kr.simulate(model, state, dt=0.5, steps=2000, every=10, method="exact")
+    longer = kr.resume(path, extend=2000)
+    assert (longer.x.values == whole.x.values).all()
+    table = kr.drift(whole)
+    assert table.kept.all()
+    assert (table.max_change < 1e-14).all()
+
+
+def test_parameters_with_lanes() -> None:
+    b = np.array([B, (-0.5, 0.2, 1.1)])
+    state = {"M": np.array([0.1, 0.2, 1.5]), "P": np.array([0.6, 0, 0.8])}
+    run = kr.simulate(kr.Clebsch(b=b), state, dt=0.5, steps=20, every=20, method="exact")
+    for lane in (0, 1):
+        model = kr.Clebsch(b=b[lane])
+        got = np.concatenate([run[k].values[-1, lane] for k in ("M", "P")])
+        assert abs(got - truth(model, state, 10.0)).max() < 1e-13
+
+
+def test_what_there_is_not() -> None:
+    body = kr.Clebsch(b=B)
+    state = {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}
+    with pytest.raises(kr.InputError, match="does not carry the orientation"):
+        kr.simulate(body, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
+    with pytest.raises(kr.InputError, match="for n = 3 only"):
+        four = kr.Clebsch(b=(1, 2, 3, 4))
+        kr.simulate(four, {"M": np.zeros((4, 4)), "P": (1, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
+    with pytest.raises(kr.InputError, match="state that is zero"):
+        kr.simulate(body, {"M": (0, 0, 1), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
+
+
+def test_layout_of_the_forms() -> None:
+    """The four forms are independent, and their values are the integrals of the state."""
+    body = kr.Clebsch(b=B)
+    forms = exact_pair._forms(body).astype(float)
+    assert forms.shape == (4, 6, 6)
+    assert np.linalg.matrix_rank(forms.reshape(4, 36)) == 4
+    z = (algebra.hat(np.array([0.1, 0.2, 1.5])), np.array([0.6, 0, 0.8]))
+    flat = layout.flatten(z, ["skew", "vector"])
+    rate = layout.flatten(body.flow(*z), ["skew", "vector"])
+    slopes = forms @ flat + flat @ forms
+    assert abs(slopes @ rate).max() < 1e-15

@@ -1,0 +1,99 @@
+"""Exports hold the same numbers, and take their name when they are whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+import xarray as xr
+
+import kreisel as kr
+from kreisel.runs import exporting
+from kreisel.runs import march as runs
+
+OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
+
+
+@pytest.fixture
+def archive(top: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(runs, "BLOCK_BYTES", 6 * 8 * 14)
+    monkeypatch.setattr(exporting, "NUMBERS_AT_ONCE", 100)  # several blocks
+    state = top.state(m=[[0.1, 0.2, 1.5], [0.3, 0.2, 1.5]], a=(0.6, 0, 0.8))
+    kr.simulate(top, state, orientation=(1, 0, 0, 0), path=tmp_path / "run.zarr", **OPTIONS)
+    return tmp_path / "run.zarr"
+
+
+@pytest.mark.parametrize("name", ["run.nc", "run.h5"])
+def test_netcdf_is_the_dataset(name: str, archive: Path, tmp_path: Path) -> None:
+    kr.export(archive, tmp_path / name)
+    run = kr.open_run(archive)
+    with xr.open_dataset(tmp_path / name, engine="h5netcdf") as back:
+        assert set(back.variables) == set(run.variables)
+        for key in run.variables:
+            assert (back[key].values == run[key].values).all()
+            assert back[key].dims == run[key].dims
+            assert all(np.all(back[key].attrs[k] == v) for k, v in run[key].attrs.items())
+        assert all(back.attrs[k] == v for k, v in run.attrs.items())
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_parquet_has_a_row_for_each_time_and_lane(archive: Path, tmp_path: Path) -> None:
+    kr.export(archive, tmp_path / "run.parquet")
+    run, table = kr.open_run(archive), pd.read_parquet(tmp_path / "run.parquet")
+    assert len(table) == run.sizes["time"] * 2
+    assert (table["m[2]"].values.reshape(-1, 2) == run.m.values[..., 2]).all()
+    assert (table["time"].values.reshape(-1, 2)[:, 1] == run.time.values).all()
+    assert (table["lane"].values.reshape(-1, 2) == [0, 1]).all()
+    assert (table["energy"].values.reshape(-1, 2) == run.energy.values).all()
+    told = json.loads(pq.read_schema(tmp_path / "run.parquet").metadata[b"kreisel"])
+    assert told["dt"] == 0.1
+
+
+@pytest.mark.parametrize("save", [["drift", "extremes"], ["drift", "trajectories"]])
+def test_a_sweep(save: list[str], top: object, x0: object, tmp_path: Path) -> None:
+    told = {"list": {"system.alpha": [1.0, 0.0, 1.2], "state.m[2]": [1.0, 1.5, 2.0]}, "save": save}
+    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, **OPTIONS, **told)
+    kr.export(tmp_path / "s.zarr", tmp_path / "s.nc")
+    kr.export(run, tmp_path / "s.parquet")
+    with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf", mask_and_scale=False) as back:
+        for key in run.variables:
+            assert np.array_equal(back[key].values, run[key].values, equal_nan=True)
+    table = pd.read_parquet(tmp_path / "s.parquet")
+    first = table[table.lane == 1]
+    assert first["message"].str.contains("must not be 0").all()
+    assert (first["failed"] == 1).all()
+    assert (table[table.lane == 2]["state.m[2]"] == 2.0).all()
+    assert (table[table.lane == 2]["energy_drift"] == float(run.energy_drift[2])).all()
+
+
+def test_one_state_without_lanes(top: object, x0: object, tmp_path: Path) -> None:
+    run = kr.simulate(top, x0, **OPTIONS)
+    kr.export(run, tmp_path / "run.parquet")
+    assert (pd.read_parquet(tmp_path / "run.parquet")["a[0]"].values == run.a.values[:, 0]).all()
+
+
+def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
+    with pytest.raises(kr.InputError, match="must end in"):
+        kr.export(archive, tmp_path / "run.csv")
+    (tmp_path / "run.nc").write_text("mine")
+    with pytest.raises(kr.InputError, match="exists already"):
+        kr.export(archive, tmp_path / "run.nc")
+    kr.export(archive, tmp_path / "run.nc", overwrite=True)
+    with pytest.raises(kr.InputError, match="no archive"):
+        kr.export(tmp_path / "none.zarr", tmp_path / "none.nc")
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(kr.RunError, match="could not be written"):
+        kr.export(archive, tmp_path / "file" / "run.nc")
+    chunk = next(p for p in (archive / "a" / "c").rglob("*") if p.is_file())
+    data = bytearray(chunk.read_bytes())
+    data[len(data) // 2] ^= 1
+    chunk.write_bytes(bytes(data))
+    for name in ("broken.nc", "broken.parquet"):
+        with pytest.raises(kr.RunError, match="damaged archive"):
+            kr.export(archive, tmp_path / name)
+        assert not (tmp_path / name).exists()
+    assert not list(tmp_path.glob(".*"))
