@@ -234,3 +234,17 @@ def test_clebsch_pole_is_refused_with_the_largest_step() -> None:
 def test_a_run_that_blows_up_says_where(top: object) -> None:
     with np.errstate(all="ignore"), pytest.raises(kr.RunError, match="no longer finite"):
         kr.simulate(top, top.state(m=(1e200, 0, 0), a=(0.6, 0, 0.8)), dt=1.0, steps=10)
+
+
+def test_tops_that_make_no_sense() -> None:
+    with pytest.raises(kr.InputError, match="positive"):
+        kr.EulerTop(J=(1, 2, -0.5))
+    with pytest.raises(kr.InputError, match="whole number from 3 on"):
+        kr.KovalevskayaTop(n=2.5)
+    with pytest.raises(kr.InputError, match="whole number from 3 on"):
+        kr.RatiuTop(n=2, a=1, b=1, chi=1)
+    with pytest.raises(kr.InputError, match="must be symmetric"):
+        kr.QuadraticPotential(J=(1, 2, 3)).state(M=(1, 0, 0), P=np.triu(np.ones((3, 3))))
+    body = kr.QuadraticPotential(J=(1, 2, 3))
+    with pytest.raises(kr.InputError, match=r"steps up to 0\.5 have one"):  # eps^2 P < 1
+        kr.simulate(body, body.state(M=(0, 0, 0), P=4 * np.eye(3)), dt=0.6, steps=1)

@@ -22,7 +22,7 @@ from kreisel.model import Model
 from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
 
-MAPS = [name for name, system in REGISTRY.items() if system.map is not None]
+MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
 FLOPS_TOLERANCE = 2.0**12 * float(np.finfo(float).eps)
 
 
@@ -32,13 +32,19 @@ def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndar
     return model, exact.random_state(REGISTRY[name].space, n, draw)
 
 
+def first_scheme(model: Model, oriented: bool) -> Scheme:
+    """The system's map itself."""
+    symmetric = model.map.symmetric
+    return scheme(model, "veselov" if symmetric else "suris", 0.1, 2 if symmetric else 1, oriented)
+
+
 @pytest.mark.parametrize(("n", "oriented"), [(3, False), (3, True), (4, True), (5, False), (9, True)])
 @pytest.mark.parametrize("name", MAPS)
 def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
     model, x0 = random_start(name, n)
     if oriented:
         x0 += (np.array([1.0, 0, 0, 0]) if n == 3 else np.eye(n),)
-    plan = scheme(model, "suris", 0.1, 1, oriented)
+    plan = first_scheme(model, oriented)
     kinds = [kind for _, kind in plan.components]
     kernel = Kernel(plan, layout.flatten(plan.prepare(x0), kinds)[None])
     out = np.empty((4, 1, kernel.z.shape[1]))
@@ -46,7 +52,7 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
     z = plan.prepare(x0)
     for row in out:
         for _ in range(2):
-            z = plan.step(*z, **plan.constants)
+            z = plan.advance(*z)
         flat = layout.flatten(z, kinds)
         assert abs(row[0] - flat).max() < FLOPS_TOLERANCE * (1 + abs(flat).max())
 
@@ -91,7 +97,15 @@ def one_of_each(
 
 @pytest.mark.parametrize(
     ("name", "method", "order", "n"),
-    [*((name, "suris", 1, 3) for name in MAPS), ("lagrange-top", "suris", 1, 4), ("clebsch", "baecklund", 6, 3)],
+    [
+        *(
+            (name, *(("veselov", 2) if phi.symmetric else ("suris", 1)), 3)
+            for name, phi in MAPS.items()
+            if phi.turn is None
+        ),
+        ("lagrange-top", "suris", 1, 4),
+        ("clebsch", "baecklund", 6, 3),
+    ],
 )
 def test_lane_equals_single_run_bitwise(name: str, method: str, order: int, n: int) -> None:
     """Ragged blocks, shares of threads, parameters that are folded into the code of the single run alone."""

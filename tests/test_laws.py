@@ -15,8 +15,7 @@ CLAIMS = [
     for law, stated in laws.LAWS.items()
     if stated.needs(system)
     for n in (3, 4, 5, 6)
-    for numbers in ("exact", "float")
-    if stated.exact or numbers == "float"
+    for numbers in stated.numbers(system)
 ]
 SEEDS = {3: (0, 1, 2, 3), 4: (0, 1), 5: (0,), 6: (0,)}
 

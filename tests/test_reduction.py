@@ -54,7 +54,7 @@ def test_conventions_on_so_n(n: int) -> None:
         assert np.allclose(algebra.skew(np.asarray(group.Ad_star(g, M)), n), g.T @ skew_M @ g)
         assert np.allclose(group.unretract(group.retract(jnp.asarray(x))), x)
         assert np.allclose(group.retract(jnp.asarray(x)), algebra.cayley(X / 2))
-    assert np.allclose(rep.tensor(M, v), invariants.lie_poisson(skew_M, v))
+    assert np.allclose(rep.tensor(M, v), invariants.lie_poisson(("skew", "vector"), skew_M, v))
     assert red.casimir_count(rep) == (n + 1) // 2
     known = exact.jacobian(invariants.casimirs, (skew_M, v), ("skew", "vector"), n)[1].astype(float)
     kernel = red.casimir_gradients(rep, M, v)

@@ -20,6 +20,7 @@ from kreisel.methods import composition, scheme
 from kreisel.model import Model
 from kreisel.systems import REGISTRY
 
+SYSTEMS = [name for name, system in REGISTRY.items() if system.inverse_inertia is not None]
 variational = sys.modules["kreisel.methods.variational"]
 ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 
@@ -73,7 +74,7 @@ def off_order(name: str, n: int, order: int = 2) -> float:
 
 
 @pytest.mark.parametrize("n", [3, 4, 5])
-@pytest.mark.parametrize("name", list(REGISTRY))
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_step_by_the_definition(name: str, n: int) -> None:
     assert off_symmetry(name, n) < ROUNDOFF
     assert off_casimirs(name, n) < ROUNDOFF
@@ -89,7 +90,7 @@ def test_compositions_are_poisson_and_symmetric(order: int) -> None:
 
 
 @pytest.mark.parametrize("order", composition.ORDERS)
-@pytest.mark.parametrize("name", list(REGISTRY))
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_order_of_state_and_orientation(name: str, order: int) -> None:
     model, z = random_start(name, 3, seed=1 if name == "kirchhoff" else 0)  # at seed 0 its order 8 sets in late
     for slope in scheme_orders(model, z, "variational", order):
@@ -106,7 +107,7 @@ def test_order_conditions(order: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "n", "order"), [(name, 3, 4) for name in REGISTRY] + [("heavy-top", 4, 2), ("heavy-top", 9, 2)]
+    ("name", "n", "order"), [(name, 3, 4) for name in SYSTEMS] + [("heavy-top", 4, 2), ("heavy-top", 9, 2)]
 )
 def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
     model, x0 = random_start(name, n)
@@ -123,7 +124,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
         assert abs(row[0] - flat).max() < ROUNDOFF * (1 + abs(flat).max())
 
 
-@pytest.mark.parametrize("name", list(REGISTRY))
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_casimirs_and_noether_stand_still_and_energy_has_no_trend(name: str) -> None:
     model, z = random_start(name, 3)
     steps, dt = 200_000, 0.05

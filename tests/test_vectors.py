@@ -56,3 +56,39 @@ def test_inverse_legendre_transform() -> None:
     W = algebra.cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=ALPHA, eps=HALF))
     rows = ("5906/11271 8834/11271 -1/3", "742/11271 19889/56355 14/15", "563/663 -1694/3315 2/15")
     assert [list(row) for row in W] == [list(rationals(*row.split())) for row in rows]
+
+
+def test_moser_veselov() -> None:
+    """Given to 15 digits, from the ordered Schur form of the companion matrix."""
+    top = kr.EulerTop(J=(1, 2, 3))
+    M = algebra.hat(np.array([1, -0.5, 0.75]))
+    expected = [0.996848217545192, -0.509970400987312, 0.747478308242998]
+    assert abs(algebra.axial(top.step(M, eps=0.1)[0]) - expected).max() < 1e-14
+    W = algebra.cayley(top.call(top.map.turn, M, eps=0.1)[0])
+    assert abs(W[0] - [0.999608743625522, -0.0250840563919, -0.012375369987659]).max() < 1e-14
+    top = kr.EulerTop(J=(1, 1.5, 2, 3))
+    M = algebra.skew(np.array([0.3, -0.2, 0.5, 0.7, -0.4, 0.6]), 4)
+    expected = [
+        0.298773435194367,
+        -0.20089139773977,
+        0.503733498131275,
+        0.699066643846292,
+        -0.40133628939591,
+        0.597381497765167,
+    ]
+    assert abs(algebra.coordinates(top.step(M, eps=0.1)[0]) - expected).max() < 1e-14
+
+
+def test_quadratic_potential() -> None:
+    """Suris's map of 2000, a general P and P = p p^T; the same source."""
+    body, M = kr.QuadraticPotential(J=(1, 2, 3)), algebra.hat(np.array([1, -0.5, 0.75]))
+    P = np.array([[0.5, 0.1, -0.2], [0.1, -0.3, 0.4], [-0.2, 0.4, 0.9]])
+    M1, P1 = body.step(M, P, eps=0.1)
+    assert abs(algebra.axial(M1) - [0.955325856866463, -0.548490674487455, 0.738356459938834]).max() < 1e-13
+    expected = [0.499421326855566, 0.081934312959024, -0.186301985342634]
+    expected += [-0.288306077915057, 0.426906617591963, 0.88888475105949]
+    assert abs(P1[np.triu_indices(3)] - expected).max() < 1e-13
+    p, p1 = np.array([0.6, 0, 0.8]), np.array([0.60913034164218, 0.000819121635865, 0.79306970433287])
+    M1, P1 = body.step(M, np.outer(p, p), eps=0.1)
+    assert abs(algebra.axial(M1) - [0.997109270097409, -0.413416754646482, 0.747688538623685]).max() < 1e-13
+    assert abs(P1 - np.outer(p1, p1)).max() < 1e-13

@@ -355,6 +355,34 @@ def skew(x: Array, n: int) -> Array:
     return concatenate([x, -x, 0 * x[..., :1]], -1)[..., _unfolding(n)]
 
 
+@cache
+def triangle_with_diagonal(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the independent components of a symmetric matrix, i <= j, row by row."""
+    return np.triu_indices(n)
+
+
+@cache
+def _symmetric_unfolding(n: int) -> np.ndarray:
+    place = np.zeros((n, n), dtype=int)
+    place[triangle_with_diagonal(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(place, place.T)
+
+
+def symmetric(x: Array, n: int) -> Array:
+    """The symmetric matrix (..., n, n) with the given components (..., n(n+1)/2), i <= j."""
+    return x[..., _symmetric_unfolding(n)]
+
+
+def coordinates_of(kind: str, z: Array) -> Array:
+    """The independent coordinates (..., d) of a component of the state."""
+    if kind == "skew":
+        return coordinates(z)
+    if kind == "symmetric":
+        rows, columns = triangle_with_diagonal(z.shape[-1])
+        return z[..., rows, columns]
+    return z
+
+
 def hat(v: Array) -> Array:
     """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
     return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)
@@ -368,7 +396,8 @@ def axial(X: Array) -> Array:
 def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: float, most: int) -> tuple[Array, Array]:
     """X, defect = improve(X) from a skew matrix X until defect <= small, at most `most` times.
 
-    Recorded numbers make a loop of it.  Numbers without an order, such as dual numbers, go all the way.
+    Recorded numbers make a loop of it.  Dual numbers go on, for their slopes, twice as long as their values need.
+    Numbers without an order go all the way.
     """
     n = X.shape[-1]
     if hasattr(X, "record_loop"):
@@ -382,9 +411,14 @@ def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: flo
 
         x, defect = recorded[0].record_loop(on_coordinates, coordinates(X), small, most)
         return skew(x, n), defect
-    for _ in range(most):
+    last = most
+    for k in range(most):
         X, defect = improve(X)
         if not holds_objects(X) and (defect <= small).all():
+            break
+        if last == most and holds_objects(X) and getattr(defect, "value", 1) <= small:
+            last = 2 * k + 2
+        if k == last:
             break
     return X, defect
 
@@ -558,6 +592,18 @@ def cayley_conjugate(X: Array, M: Array) -> Array:
     if X.shape[-1] == 3:
         return hat(cayley_act(X, axial(M)))
     return cayley_columns(X, cayley_columns(X, M).mT).mT
+
+
+def rate(kind: str, X: Array, z: Array) -> Array:
+    """How a component changes that turns with the velocity X: X z for vectors, [X, z] for matrices."""
+    return act(X, z) if kind == "vector" else bracket(X, z)
+
+
+def turned(kind: str, X: Array, z: Array) -> Array:
+    """A component turned by cay(X): cay(X) z for vectors, cay(X) z cay(X)^T for matrices."""
+    if kind == "vector":
+        return cayley_act(X, z)
+    return cayley_conjugate(X, z) if kind == "skew" else cayley_columns(X, cayley_columns(X, z).mT).mT
 
 
 def cayley_plane(x: Array, y: Array, v: Array) -> Array:

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from kreisel.model import Model
 
 Function = Callable[..., Any]
-COMPONENT_AXES = {"skew": 2, "vector": 1, "matrix": 2, "quaternion": 1}
-PARAMETER_AXES = {"scalar": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
+COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
+PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
 SKEW_TOLERANCE = 1e-12
 
 
@@ -45,9 +45,10 @@ class PhaseSpace:
     """A Poisson manifold in coordinates: components, Poisson tensor, Casimirs.
 
     `tensor(*state)` is the matrix of brackets of the independent coordinates (skew matrices count by
-    their entries i < j); the field of H is F' = {H, F}.  `momentum(*state)` is the M in so(n) that
-    generates the turns of the state.  `constraints` names functions that vanish on the phase space when it
-    is a submanifold of its coordinate space.
+    their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
+    in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
+    body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
+    vanish on the phase space when it is a submanifold of its coordinate space.
     """
 
     name: str
@@ -57,6 +58,7 @@ class PhaseSpace:
     sign: int
     constraints: Mapping[str, Function] = field(default_factory=dict)
     momentum: Function | None = None
+    carried: tuple[int, ...] = (1,)
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -65,29 +67,45 @@ class PhaseSpace:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of the components: "skew", "vector", or "R^k" for k numbers whatever n is."""
+        """The kinds of the components: "skew", "symmetric", "vector", or "R^k" for k numbers whatever n is."""
         return tuple(kind for _, kind in self.components)
 
     @property
-    def carried(self) -> int:
-        """The place of the vector that turns with the body: a, P or x.  The others are momenta."""
-        return self.kinds.index("vector")
+    def leading(self) -> int:
+        """The place of the component that pictures and angles are about: the first that is carried, if any."""
+        return self.carried[0] if self.carried else 0
 
 
-def dual_euclidean(skew: str, vector: str, sign: int) -> PhaseSpace:
-    """e*(n) with the plus (moving frame) or minus (rest frame) Lie-Poisson bracket."""
+def semidirect(name: str, components: tuple[tuple[str, str], ...], casimirs: Function, sign: int = +1) -> PhaseSpace:
+    """The dual of so(n) <x V: M in so(n), then what it turns, of the kinds "vector", "symmetric" and "skew".
+
+    V = R^n, several of it, the symmetric matrices or so(n) itself; without more components so(n) alone.  The plus
+    bracket (moving frame) or the minus bracket (rest frame) follows from how the components turn.
+    """
+    kinds = tuple(kind for _, kind in components)
     return PhaseSpace(
-        name="e*(n)",
-        components=((skew, "skew"), (vector, "vector")),
-        tensor=lambda M, P: sign * invariants.lie_poisson(M, P),
-        casimirs=invariants.casimirs,
-        momentum=lambda M, P: M,
+        name=name,
+        components=components,
+        tensor=lambda *state: sign * invariants.lie_poisson(kinds, *state),
+        casimirs=casimirs,
+        momentum=lambda M, *carried: M,
         sign=sign,
+        carried=tuple(range(1, len(components))),
     )
 
 
-REST_SPACE = dual_euclidean("m", "a", -1)
-MOVING_SPACE = dual_euclidean("M", "P", +1)
+REST_SPACE = semidirect("e*(n)", (("m", "skew"), ("a", "vector")), invariants.casimirs, -1)
+MOVING_SPACE = semidirect("e*(n)", (("M", "skew"), ("P", "vector")), invariants.casimirs)
+FREE_SPACE = semidirect("so*(n)", (("M", "skew"),), invariants.casimirs_free)
+QUADRATIC_SPACE = semidirect(
+    "(so(n) <x Sym(n))*", (("M", "skew"), ("P", "symmetric")), lambda M, P: invariants.power_traces(P)
+)
+ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
+    semidirect("(so(n) <x so(n))*", (("M", "skew"), (letter, "skew")), invariants.casimirs_adjoint) for letter in "GP"
+)
+TWO_FIELDS_SPACE = semidirect(
+    "(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), lambda M, P, Q: invariants.gram(P, Q)
+)
 SPHERE_SPACE = PhaseSpace(
     name="T*S^(n-1)",
     components=(("x", "vector"), ("q", "vector")),
@@ -95,14 +113,16 @@ SPHERE_SPACE = PhaseSpace(
     casimirs=lambda x, q: invariants.stack([algebra.dot(x, x), algebra.dot(x, q)]),
     momentum=algebra.wedge,
     sign=+1,
+    carried=(0,),
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
 )
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter: its letter, kind ("scalar", "vector", "symmetric" or "array"), meaning and valid range.
+    """A parameter: its letter, kind ("scalar", "vector", "symmetric", "array" or "dimension"), meaning and valid range.
 
+    A dimension is n itself, for systems whose other parameters do not tell it.
     A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
     `check(value, name)` raises `InputError`.  `fixed` says where a vector of a top with a fixed point rests: "space"
     (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).
@@ -115,6 +135,7 @@ class Parameter:
     default: Any = None
     exact_diagonal: bool = False  # in exact numbers the matrix must be diagonal
     distinct: bool = False  # the entries must be distinct
+    positive: bool = False  # the entries must be positive
     fixed: str = ""
 
 
@@ -128,9 +149,11 @@ class Map:
     involution               R with R step R = inverse, anti-Poisson
     to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; from_symmetric is chi^-1
     generator                X(*old, *new, eps) with the turn of the body w = cay(X)
-    lagrangian               (q0, q1, carried, eps): q = g in SO(n) and the carried vector A (rest frame) or
+    lagrangian               (q0, q1, *carried, eps): q = g in SO(n) and what is carried, such as A (rest frame) or
                              p (moving frame), or q = x on the sphere; only its differences matter
     lax                      L(*state, lam, eps);  conjugator V(*state, lam, eps) with V L_(k+1) = L_k V
+    turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: of implicit
+                             maps, whose step is then move(*state, X, eps)
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
     keeps                    names of the integrals that the map keeps; None: all of the record
@@ -146,12 +169,19 @@ class Map:
     lagrangian: Function | None = None
     lax: Function | None = None
     conjugator: Function | None = None
+    turn: Function | None = None
+    move: Function | None = None
     largest_step: Function | None = None
     second_order: Function | None = None
     regularity: Function | None = None
     keeps: tuple[str, ...] | None = None
     order: int = 1
     source: str = ""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the map is its own adjoint."""
+        return self.adjoint is self.step
 
 
 @dataclass(frozen=True)

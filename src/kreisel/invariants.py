@@ -1,13 +1,26 @@
-"""Characteristic polynomials, Casimirs and Poisson tensors on e*(n) and T*S^(n-1), for any kind of number.
+"""Characteristic polynomials, Casimirs and Poisson tensors on duals of so(n) <x V and T*S^(n-1), for any number.
 
 Batch axes in front; conventions as in `kreisel.algebra`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from kreisel.algebra import Array, act, dot, holds_objects, identity, mat, triangle, wedge
+from kreisel.algebra import (
+    Array,
+    act,
+    coordinates_of,
+    dot,
+    holds_objects,
+    identity,
+    mat,
+    rate,
+    triangle,
+    wedge,
+)
 
 
 def faddeev_leverrier(N: Array) -> tuple[list[Array], list[Array]]:
@@ -17,13 +30,14 @@ def faddeev_leverrier(N: Array) -> tuple[list[Array], list[Array]]:
     c: list[Array] = [1]
     for k in range(1, n + 1):
         NB = N @ B[-1]
-        c.append(-_trace(NB) / k)
+        c.append(-trace(NB) / k)
         if k < n:
             B.append(NB + mat(c[-1]) * identity(n))
     return c, B
 
 
-def _trace(A: Array) -> Array:
+def trace(A: Array) -> Array:
+    """The trace of A (..., n, n)."""
     return (A * identity(A.shape[-1])).sum(-1).sum(-1)
 
 
@@ -35,7 +49,7 @@ def faddeev_leverrier_pencil(M: Array, B: Array) -> tuple[list[list[Array]], lis
     for k in range(1, n + 1):
         previous = adj[-1]
         product = [(M @ previous[i] if i < k else 0) + (B @ previous[i - 1] if i > 0 else 0) for i in range(k + 1)]
-        c.append([-_trace(term) / k for term in product])
+        c.append([-trace(term) / k for term in product])
         if k < n:
             adj.append([term + mat(ck) * identity(n) for term, ck in zip(product, c[-1], strict=True)])
     return c, adj
@@ -99,20 +113,76 @@ def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = Fa
     return stack(out)
 
 
-def lie_poisson(M: Array, P: Array) -> Array:
-    """The plus Lie-Poisson tensor of e*(n) in the coordinates (M_ij, i < j; P_k).
+def casimirs_free(M: Array, most: int = 4) -> Array:
+    """Casimirs of so(n): the coefficients c_2, c_4, ... of det(mu - M), the first `most`.  The first is <M, M>."""
+    c = faddeev_leverrier(M)[0]
+    return stack([c[k] for k in range(2, min(M.shape[-1] + 1, 2 * most + 1), 2)])
 
-    {M_ij, M_kl} = M_il d_jk - M_kj d_li - M_ik d_jl + M_lj d_ki,  {M_ij, P_k} = P_i d_jk - P_j d_ik,
-    {P_i, P_j} = 0; the field of H is F' = {H, F}.  [Suris 2001, section 4]
+
+def casimirs_adjoint(M: Array, G: Array, most: int = 4) -> Array:
+    """Casimirs of so(n) <x so(n): the coefficients of nu^k and nu^(k-1), k even, of mu^(n-k) in det(mu - nu G - M)."""
+    c = faddeev_leverrier_pencil(M, G)[0]
+    ks = range(2, min(M.shape[-1] + 1, 2 * most + 1), 2)
+    return stack([c[k][i] for k in ks for i in (k, k - 1)])
+
+
+def power_traces(P: Array, most: int = 8) -> Array:
+    """Tr P^k, k = 1, 2, ..., n: Casimirs of so(n) <x Sym(n); the first `most`."""
+    powers = [P]
+    while len(powers) < min(P.shape[-1], most):
+        powers.append(powers[-1] @ P)
+    return stack([trace(power) for power in powers])
+
+
+def gram(*vectors: Array) -> Array:
+    """<f_i, f_j>, i <= j: Casimirs of so(n) <x q R^n."""
+    return stack([dot(f, g) for i, f in enumerate(vectors) for g in vectors[i:]])
+
+
+def metric_spectrum(M: Array, A: Array) -> Array:
+    """Coefficients of nu^i mu^(n-k), i > 0, in det(mu - nu A - M), those that depend on M: k - i = 2, 4, ..."""
+    c = faddeev_leverrier_pencil(M, A)[0]
+    return stack([c[k][i] for k in range(3, M.shape[-1] + 1) for i in range(k - 2, 0, -2)])
+
+
+def laurent_spectrum(M: Array, A: Array, P: Array, odd: bool = True, step: int = 2) -> Array:
+    """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: of lambda^i mu^(n-k), |i| < k.
+
+    For symmetric A and P and skew M those of i - k odd vanish, and with step 2 are left out; for skew A, P and M those
+    of odd k do, and without `odd` are left out.  By the method of Faddeev and Leverrier in Laurent polynomials.
     """
     n = M.shape[-1]
-    i, j = (index[:, None] for index in triangle(n))
-    k, l = (index[None, :] for index in triangle(n))  # noqa: E741 - the formula's own letter
-    MM = M[..., i, l] * (j == k) - M[..., k, j] * (l == i) - M[..., i, k] * (j == l) + M[..., l, j] * (k == i)
-    k = np.arange(n)[None, :]
-    MP = P[..., i + 0 * k] * (j == k) - P[..., j + 0 * k] * (i == k)
-    PP = 0 * (P[..., :, None] * P[..., None, :])
-    return np.concatenate([np.concatenate([MM, MP], -1), np.concatenate([-MP.mT, PP], -1)], -2)
+    adj, out = {0: identity(n) + 0 * M}, []
+    for k in range(1, n + 1):
+        product: dict[int, Array] = {}
+        for i, B in adj.items():
+            for shift, term in ((1, A), (0, M), (-1, P)):
+                product[i + shift] = product.get(i + shift, 0) + term @ B
+        c = {i: -trace(B) / k for i, B in product.items()}
+        out += [c[i] for i in range(k - step, -k, -step)] if odd or k % 2 == 0 else []
+        adj = {i: B + mat(c[i]) * identity(n) for i, B in product.items()}
+    return stack(out)
+
+
+def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
+    """The plus Lie-Poisson tensor of so(n) <x V in the coordinates of M (i < j) and of the components of V.
+
+    {M_ij, z} is how z turns with the velocity E_ij = e_i ^ e_j: [z, E_ij] for matrices and M itself, -E_ij z for
+    vectors; components of V commute.  F' = {H, F}.  [Suris 2001, sections 2 and 4]
+    """
+    n = M.shape[-1]
+    i, j = triangle(n)
+    one = identity(n)
+    E = one[i][:, :, None] * one[j][:, None, :] - one[j][:, :, None] * one[i][:, None, :]
+    state = [
+        z[..., None, :, :] if kind != "vector" else z[..., None, :]
+        for kind, z in zip(kinds, (M, *carried), strict=True)
+    ]
+    moved = [coordinates_of(kind, rate(kind, -E, z)) for kind, z in zip(kinds, state, strict=True)]
+    MM = moved[0]
+    MV = np.concatenate([MM[..., :0], *moved[1:]], -1)
+    VV = 0 * (MV.mT @ MV)
+    return np.concatenate([np.concatenate([MM, MV], -1), np.concatenate([-MV.mT, VV], -1)], -2)
 
 
 def sphere_poisson(x: Array, q: Array) -> Array:

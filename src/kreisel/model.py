@@ -123,6 +123,9 @@ class Model:
     def _dimension(self) -> int:
         if self.system.n is not None:
             return self.system.n
+        stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
+        if stated:
+            return _whole_dimension(self.params[stated[0]], stated[0], self.system.name)
         sizes = {p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"}
         if len(set(sizes.values())) != 1:
             told = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
@@ -204,6 +207,16 @@ class Model:
         return self.system.map
 
 
+def _whole_dimension(value: Array, letter: str, system: str) -> int:
+    found = np.unique(value)
+    n = int(found[0])
+    if len(found) != 1 or n != found[0] or n < 3:
+        raise InputError(
+            f"{system}'s parameter {letter} is the dimension, a whole number from 3 on; {value.tolist()} came."
+        )
+    return n
+
+
 def _array(value: Any, name: str) -> Array:
     try:
         array = np.asarray(value)
@@ -230,7 +243,12 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
     if p.kind == "symmetric" and array.ndim == 1:
         array = array[..., None] * np.eye(array.shape[-1], dtype=np.int8)
     if array.ndim < axes or array.ndim > axes + 1:
-        shapes = {"scalar": "a number", "vector": "n numbers", "symmetric": "an n x n matrix or its diagonal"}
+        shapes = {
+            "scalar": "a number",
+            "dimension": "a whole number",
+            "vector": "n numbers",
+            "symmetric": "an n x n matrix or its diagonal",
+        }
         raise InputError(
             f"{name} must be {shapes[p.kind]} (a batch axis may stand in front); shape {array.shape} came."
         )
@@ -244,12 +262,17 @@ def _check_symmetric(array: Array, name: str) -> None:
         raise InputError(f"{name} must be square; shape {array.shape} came.")
     worst = algebra.magnitude(array - array.mT)
     if worst > SKEW_TOLERANCE * algebra.magnitude(array):
-        raise InputError(f"{name} must be symmetric; {name[-1]} - {name[-1]}^T is up to {worst:.3g}.")
+        raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
 
 
 def _component(letter: str, kind: str, value: Any, n: int) -> Array:
     name = f"state component {letter}"
     array = _array(value, name)
+    if kind == "symmetric":
+        if array.ndim < 2 or array.shape[-2:] != (n, n):
+            raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}); shape {array.shape} came.")
+        _check_symmetric(array, name)
+        return array / 2 + array.mT / 2
     if kind != "skew":
         count, told = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
         if array.ndim < 1 or array.shape[-1] != count:

@@ -89,7 +89,7 @@ def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
     try:
         model = model_for(run, system)
         state, g = components(run, model), orientation_of(run).reshape(-1, 4)[:1]
-        carried = state[model.system.space.carried]
+        carried = state[model.system.space.leading]
         first = carried.reshape(-1, 3)[:1]
         up, axis = (v.reshape(-1, 3)[0] for v in vertical_and_axis(model, first))
     except InputError:
@@ -138,7 +138,7 @@ def rates(run: xr.Dataset, system: Any = None) -> xr.Dataset:
 
 
 def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
-    e, k = vertical_and_axis(model, state[model.system.space.carried])
+    e, k = vertical_and_axis(model, state[model.system.space.leading])
     omega = axial(model.call(model.system.velocity, *state))
     cosine, node = dot(e, k), np.cross(e, k)
     sine = np.sqrt(dot(node, node))
@@ -187,7 +187,7 @@ def _height(model: Model) -> tuple[Any, Any]:
     """cos(tilt) and its derivative as functions of the stored components."""
     from kreisel.algebra import hat
 
-    place = model.system.space.carried
+    place = model.system.space.leading
 
     def matrices(parts: tuple[Array, ...]) -> tuple[Array, ...]:
         return tuple(hat(v) if kind == "skew" else v for v, kind in zip(parts, model.system.space.kinds, strict=True))
@@ -242,7 +242,7 @@ def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
     """The azimuth of the axis about the vertical in space; None where the state alone does not tell it."""
     from scipy.spatial.transform import Rotation
 
-    carried = np.asarray(run[model.system.space.letters[model.system.space.carried]].values)
+    carried = np.asarray(run[model.system.space.letters[model.system.space.leading]].values)
     if model.system.frame is Frame.REST:
         up: Any = fixed_vector(model, "space")  # there is one, or `vertical_and_axis` had complained
         axis = carried
@@ -265,7 +265,7 @@ def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
     except InputError:
         return {}
     other = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
-    carried = np.asarray(start[model.system.space.letters[model.system.space.carried]])
+    carried = np.asarray(start[model.system.space.letters[model.system.space.leading]])
     size = float(np.linalg.norm(carried) * np.linalg.norm(other if other is not None else 1.0))
     return {
         "nutation_period": told.period,

@@ -68,6 +68,34 @@ def mirror(X):
 
 
 @njit({options})
+def symmetric(flat, n):
+    X, k = np.empty((n, n)), 0
+    for i in range(n):
+        for j in range(i, n):
+            X[i, j] = X[j, i] = flat[k]
+            k += 1
+    return X
+
+
+@njit({options})
+def mirror_symmetric(X):
+    n = X.shape[0]
+    for i in range(n):
+        for j in range(i + 1, n):
+            X[j, i] = X[i, j]
+    return X
+
+
+@njit({options})
+def store_symmetric(X, flat):
+    k = 0
+    for i in range(X.shape[0]):
+        for j in range(i, X.shape[0]):
+            flat[k] = X[i, j]
+            k += 1
+
+
+@njit({options})
 def store(X, flat):
     flat[:] = X.reshape(X.size)
 

@@ -17,15 +17,16 @@ def size(kind: str, n: int) -> int:
     """The number of independent coordinates of a component."""
     if kind.startswith("R^"):
         return int(kind[2:])
-    return {"skew": n * (n - 1) // 2, "vector": n, "matrix": n * n, "quaternion": 4, "scalar": 1}[kind]
+    halves = {"skew": n * (n - 1) // 2, "symmetric": n * (n + 1) // 2}
+    return {**halves, "vector": n, "matrix": n * n, "quaternion": 4, "scalar": 1}[kind]
 
 
 def flatten(parts: Sequence[Array], kinds: Sequence[str]) -> Array:
     """Components with any batch axes, which are broadcast, as one array (..., d)."""
     flat = []
     for part, kind in zip(parts, kinds, strict=True):
-        if kind == "skew":
-            flat.append(algebra.coordinates(part))
+        if kind in ("skew", "symmetric"):
+            flat.append(algebra.coordinates_of(kind, part))
         elif kind == "matrix":
             flat.append(part.reshape((*part.shape[:-2], part.shape[-2] * part.shape[-1])))
         elif kind == "scalar":
@@ -44,6 +45,8 @@ def restore(flat: Array, kinds: Sequence[str], n: int) -> tuple[Array, ...]:
         start += size(kind, n)
         if kind == "skew":
             piece = algebra.skew(piece, n)
+        elif kind == "symmetric":
+            piece = algebra.symmetric(piece, n)
         elif kind == "matrix":
             piece = piece.reshape((*piece.shape[:-1], n, n))
         elif kind == "scalar":

@@ -17,8 +17,15 @@ from kreisel.methods.scheme import Scheme
 
 STRAIGHT_LINE_N = 8
 STRAIGHT_LINES = 5000  # beyond, compiling takes longer than array code is slow; n = 3 has fewer up to order 12
-LOADERS = {"skew": "skew", "matrix": "matrix", "vector": "vector", "scalar": "number"}
-STORERS = {"skew": "store_skew", "matrix": "store", "vector": "store", "scalar": "store_number"}
+MIRRORS = {"skew": "mirror", "symmetric": "mirror_symmetric"}
+LOADERS = {"skew": "skew", "symmetric": "symmetric", "matrix": "matrix", "vector": "vector", "scalar": "number"}
+STORERS = {
+    "skew": "store_skew",
+    "symmetric": "store_symmetric",
+    "matrix": "store",
+    "vector": "store",
+    "scalar": "store_number",
+}
 
 
 class Piece(NamedTuple):
@@ -99,7 +106,8 @@ class Recording:
             self.words |= self.pieces[-1].words
 
     def _array_code(self, functions: list[Callable[..., Any]]) -> None:
-        shapes = {"skew": (self.n, self.n), "matrix": (self.n, self.n), "vector": (self.n,), "scalar": ()}
+        square = (self.n, self.n)
+        shapes = {"skew": square, "symmetric": square, "matrix": square, "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
         self.pieces = []
         for k, function in enumerate(functions):
@@ -111,7 +119,10 @@ class Recording:
                 for name in self.columns[letter]
             }
             new = function(*parts, **known)
-            names = [f"mirror({v.name})" if kind == "skew" else v.name for v, kind in zip(new, self.kinds, strict=True)]
+            names = [
+                f"{MIRRORS[kind]}({v.name})" if kind in MIRRORS else v.name
+                for v, kind in zip(new, self.kinds, strict=True)
+            ]
             self.pieces.append(Piece(tape.needed([v.name for v in new]), names))
         edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
         self.places = [

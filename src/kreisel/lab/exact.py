@@ -161,11 +161,17 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
         if p.default is None:
             raise InputError(f"The laws need a value of {p.letter}: give a default, or check(model) with parameters.")
         return p.default
+    if p.kind == "dimension":
+        return n
+    if p.kind == "scalar" and p.positive:
+        return abs(draw((1,)))[0] + 1
     if p.kind == "scalar":
         value = draw((1,))
         return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles
     if p.kind == "vector":
         value = draw((n,))
+        if p.positive:
+            return abs(value) / 8 + (1 + np.cumsum(0 * value + 1)) / 2
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
     square = draw((n, n))
     positive = (square @ square.T) / n + algebra.identity(n)

@@ -12,11 +12,13 @@ from kreisel.methods.reference import dop853
 from kreisel.methods.scheme import Outcome, Scheme
 from kreisel.methods.suris import suris
 from kreisel.methods.variational import variational
+from kreisel.methods.veselov import veselov
 from kreisel.model import Model
 
 METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
     "baecklund": baecklund,
     "suris": suris,
+    "veselov": veselov,
     "variational": variational,
     "lagrangian": lagrangian,
     "exact": exact,
@@ -48,6 +50,8 @@ def default_method(model: Model) -> str:
         return "baecklund"
     if model.system.map is None:
         return "dop853" if model.system.inverse_inertia is None else "variational"
+    if model.map.symmetric:
+        return "veselov"
     return "lagrangian" if model.system.numbers == "jax" else "suris"
 
 

@@ -233,7 +233,4 @@ def _turned_by_constants(g: Array, consts: dict[str, Array], rest: bool, spins: 
 
 def _turned_with_body(kinds: tuple[str, ...], own: tuple[Array, ...], V: Array) -> tuple[Array, ...]:
     """The state in a body turned by cay(V)."""
-    return tuple(
-        algebra.cayley_conjugate(-V, x) if kind == "skew" else algebra.cayley_act(-V, x)
-        for x, kind in zip(own, kinds, strict=True)
-    )
+    return tuple(algebra.turned(kind, -V, x) for x, kind in zip(own, kinds, strict=True))

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, keywords
+from kreisel.contract import Frame, component_axes, keywords
 from kreisel.methods.scheme import Components, Outcome
 from kreisel.model import Model
 
@@ -81,12 +81,13 @@ def observer(
 
     def observe(z: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
+        batch = np.ndim(own[0]) - component_axes(space.kinds[0])
         known = {k: v for k, v in constants.items() if k in model.constants}
         user = to_user(*own, **known) if to_user is not None else own
         out = dict(zip(space.letters, user, strict=True))
         for name, (_, function, takes_own) in table.items():
             value = function(*(own if takes_own else user), **known)
-            out[name] = _entries(value) if _is_block(value, own) else value
+            out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
         if len(z) > count:
             out[ORIENTATION] = _one_of_two(z[count]) if model.n == 3 and z[count].shape[-1] == 4 else z[count]
         return out
@@ -97,12 +98,6 @@ def observer(
 def _one_of_two(q: Array) -> Array:
     """Of q and -q, which are the same rotation, the one with w >= 0."""
     return algebra.sign(q[..., :1]) * q
-
-
-def _is_block(value: Array, own: tuple[Array, ...]) -> bool:
-    """A skew matrix (..., n, n) among the integrals, rather than a family (..., k)."""
-    n = own[-1].shape[-1]
-    return np.ndim(value) == own[-1].ndim + 1 and value.shape[-2:] == (n, n)
 
 
 def _entries(X: Array) -> Array:

@@ -104,17 +104,18 @@ def stage(
 
 
 def kick(system: System, state: State, time: Array, consts: Constants) -> State:
-    """The flow of V: the momenta grow at the rate that they have at rest, the vector stays."""
+    """The flow of V: the momenta grow at the rate that they have at rest, what is carried stays."""
     carried = system.space.carried
-    still = tuple(z if i == carried else 0 * z for i, z in enumerate(state))
+    if not carried:
+        return state
+    still = tuple(z if i in carried else 0 * z for i, z in enumerate(state))
     rate = call(system.flow, still, consts)
-    return tuple(z if i == carried else z + time * rate[i] for i, z in enumerate(state))
+    return tuple(z if i in carried else z + time * rate[i] for i, z in enumerate(state))
 
 
 def coadjoint(system: System, X: Array, state: State) -> State:
-    """The state turned by W^T = cay(-X): skew components W^T M W, vectors W^T P."""
-    turn = {"skew": algebra.cayley_conjugate, "vector": algebra.cayley_act}
-    return tuple(turn[kind](-X, z) for kind, z in zip(system.space.kinds, state, strict=True))
+    """The state turned by W^T = cay(-X): matrices W^T M W, vectors W^T P."""
+    return tuple(algebra.turned(kind, -X, z) for kind, z in zip(system.space.kinds, state, strict=True))
 
 
 def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tuple[Array, Array]:

@@ -209,6 +209,7 @@ class _Record:
             tensor=tensor,
             casimirs=invariants.casimirs if self.rotations else self._casimirs(),
             sign=sign,
+            carried=tuple(range(1, len(self.spaces))),
         )
 
     def _casimirs(self) -> Function | None:

@@ -4,22 +4,36 @@ from kreisel.contract import System
 from kreisel.errors import InputError, nearest
 from kreisel.systems.clebsch import SYSTEM as Clebsch
 from kreisel.systems.clebsch_general import SYSTEM as ClebschGeneral
+from kreisel.systems.euler_top import SYSTEM as EulerTop
 from kreisel.systems.heavy_top import SYSTEM as HeavyTop
 from kreisel.systems.kirchhoff import SYSTEM as Kirchhoff
+from kreisel.systems.kovalevskaya_gyrostat import SYSTEM as KovalevskayaGyrostat
+from kreisel.systems.kovalevskaya_top import SYSTEM as KovalevskayaTop
 from kreisel.systems.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.systems.lagrange_top_moving import SYSTEM as LagrangeTopMoving
+from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
+from kreisel.systems.quadratic_potential import SYSTEM as QuadraticPotential
+from kreisel.systems.ratiu_top import SYSTEM as RatiuTop
+from kreisel.systems.steklov_lyapunov import SYSTEM as SteklovLyapunov
 from kreisel.systems.symmetric_top import SYSTEM as SymmetricTop
 
 __all__ = [
     "REGISTRY",
     "Clebsch",
     "ClebschGeneral",
+    "EulerTop",
     "HeavyTop",
     "Kirchhoff",
+    "KovalevskayaGyrostat",
+    "KovalevskayaTop",
     "LagrangeTop",
     "LagrangeTopMoving",
+    "ManakovTop",
     "Neumann",
+    "QuadraticPotential",
+    "RatiuTop",
+    "SteklovLyapunov",
     "SymmetricTop",
     "find",
 ]
@@ -35,6 +49,13 @@ REGISTRY: dict[str, System] = {
         ClebschGeneral,
         Clebsch,
         Neumann,
+        EulerTop,
+        ManakovTop,
+        QuadraticPotential,
+        KovalevskayaTop,
+        KovalevskayaGyrostat,
+        SteklovLyapunov,
+        RatiuTop,
     )
 }
 

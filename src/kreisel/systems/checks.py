@@ -36,6 +36,14 @@ def distinct(a, letter):
                 )
 
 
+def positive(J, letter):
+    if np.asarray(J <= 0).any():
+        raise InputError(
+            f"The entries of {letter} must be positive; {np.asarray(J).tolist()} came. {letter} is the diagonal of the "
+            f"mass tensor sum m x x^T, not the classical moments I: for n = 3, {letter}_1 = (I_2 + I_3 - I_1)/2, ..."
+        )
+
+
 def moments(J, letter):
     """J_j + J_k > 0 for principal values, so that the kinetic energy -tr(Omega J Omega)/2 is positive."""
     if J.dtype == object:

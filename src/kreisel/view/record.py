@@ -7,7 +7,7 @@ from typing import Any
 
 from kreisel.contract import Map, System, keywords
 
-SHORT = {"skew": "so(n)", "vector": "R^n"}
+SHORT = {"skew": "so(n)", "symmetric": "Sym(n)", "vector": "R^n"}
 MAP_CLAIMS = {
     "inverse": "inverse",
     "adjoint": "adjoint",

@@ -24,10 +24,10 @@ from kreisel.algebra import (
     project_out,
     resolvent,
     skew,
+    triangle,
     wedge,
 )
 from kreisel.contract import MOVING_SPACE, REST_SPACE
-from kreisel.invariants import lie_poisson
 from kreisel.lab.jets import Jet, coefficient, generator
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, gradient, left_derivative, printed, right_derivative, row
@@ -229,6 +229,21 @@ def legendre(s: Setting) -> Sides:
     yield dH, dM @ coordinates(xi) - dot(force, d_v)
 
 
+def in_coordinates(M: Array, P: Array) -> Array:
+    """(en LP br 1, 2) as printed, in the coordinates (M_ij, i < j; P_k).
+
+    {M_ij, M_kl} = M_il d_jk - M_kj d_li - M_ik d_jl + M_lj d_ki, {M_ij, P_k} = P_i d_jk - P_j d_ik, {P_i, P_j} = 0.
+    """
+    n = M.shape[-1]
+    i, j = (index[:, None] for index in triangle(n))
+    k, l = (index[None, :] for index in triangle(n))  # noqa: E741 - the formula's own letter
+    MM = M[i, l] * (j == k) - M[k, j] * (l == i) - M[i, k] * (j == l) + M[l, j] * (k == i)
+    k = np.arange(n)[None, :]
+    MP = P[i + 0 * k] * (j == k) - P[j + 0 * k] * (i == k)
+    PP = 0 * (P[:, None] * P[None, :])
+    return np.block([[MM, MP], [-MP.T, PP]])
+
+
 @row(
     "lie-poisson",
     "Section 2, (PB left red) and the remark; section 4, (en LP br 1, 2)",
@@ -237,8 +252,9 @@ def legendre(s: Setting) -> Sides:
 def lie_poisson_bracket(s: Setting) -> Sides:
     M, P, X, Y, x, y = s.skew(), s.vector(), s.skew(), s.skew(), s.vector(), s.vector()
     value = pairing(M, bracket(X, Y)) + dot(x, act(Y, P)) - dot(y, act(X, P))
+    yield in_coordinates(M, P), MOVING_SPACE.tensor(M, P)
     yield value, pairing(M, bracket(X, Y)) + dot(P, act(-Y, x) - act(-X, y))
-    yield value, np.concatenate([coordinates(X), x]) @ lie_poisson(M, P) @ np.concatenate([coordinates(Y), y])
+    yield value, np.concatenate([coordinates(X), x]) @ in_coordinates(M, P) @ np.concatenate([coordinates(Y), y])
 
 
 # -- section 3, Theorem 3.1 -------------------------------------------------------------------------

@@ -1,0 +1,147 @@
+"""Euler top in n dimensions and Moser and Veselov's map.  State M in so(n)*: M (..., n, n) skew, body frame.
+
+M = J Omega + Omega J with J = diag(J_i) > 0, the mass tensor sum m x x^T.  Plus bracket, F' = {H, F}.  The map,
+
+    W J - J W^T = eps M,   M_(k+1) = W^T M W,   g_(k+1) = g_k W,
+
+keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 (X J + J X) = eps (1 - X) M (1 + X).
+[Veselov 1988; Moser, Veselov, Comm. Math. Phys. 139 (1991); named in Suris 2001, Introduction]
+"""
+
+from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
+from kreisel.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.invariants import metric_spectrum
+from kreisel.systems import implicit
+from kreisel.systems.checks import positive
+from kreisel.systems.matrices import diagonal
+
+
+def sums(*, J):
+    """c_jk = 1/(J_j + J_k) off the diagonal."""
+    one = identity(J.shape[-1])
+    pairs = J[..., :, None] + J[..., None, :]
+    return {"c": (1 - one) / (pairs + one * (1 - pairs))}
+
+
+def inverse_inertia(M, *, c):  # Omega_jk = M_jk / (J_j + J_k)
+    return c * M
+
+
+def velocity(M, *, c):
+    return inverse_inertia(M, c=c)
+
+
+def flow(M, *, c):  # M' = [M, Omega]
+    Omega = inverse_inertia(M, c=c)
+    return (M @ Omega - Omega @ M,)
+
+
+def energy(M, *, c):
+    return pairing(M, inverse_inertia(M, c=c)) / 2
+
+
+def spectrum(M, *, J):  # coefficients of det(lambda J^2 + M - mu)
+    return metric_spectrum(M, diagonal(J * J))
+
+
+def lax(M, *, J, c, lam):  # L = lambda J^2 + M,   U = lambda J + Omega
+    return lam * diagonal(J * J) + M, lam * diagonal(J) + inverse_inertia(M, c=c)
+
+
+def turn(M, *, c, eps):
+    """X with W = cay(X), and the square of its last correction."""
+    h = eps / 2
+
+    def residual(X):
+        XM = X @ M
+        return X - h * c * (M - (XM - XM.mT) - XM @ X)
+
+    def slope(X):
+        XM = X @ M
+
+        def along(D):
+            DM = D @ M
+            return D + h * c * ((DM - DM.mT) + DM @ X + XM @ D)
+
+        return along
+
+    return implicit.root(residual, slope, lambda R: R, h * c * M)
+
+
+def move(M, X):
+    return (cayley_conjugate(-X, M),)
+
+
+def step(M, *, c, eps):
+    return move(M, turn(M, c=c, eps=eps)[0])
+
+
+def inverse(M, *, c, eps):
+    return step(M, c=c, eps=-eps)
+
+
+def involution(M):
+    return (-M,)
+
+
+def generator(M, M1, *, c, eps):
+    return turn(M, c=c, eps=eps)[0]
+
+
+def lagrangian(g, h, *, J, eps):  # -(1/eps) tr(W J)
+    return -(g * h * J[..., None, :]).sum(-1).sum(-1) / eps
+
+
+def lax_matrix(M, *, J, lam, eps):  # (J W^T + l)(W J - l)
+    return diagonal(J * J) + lam * eps * M - lam * lam * identity(M.shape[-1])
+
+
+def conjugator(M, *, J, c, lam, eps):
+    return diagonal(J) + lam * cayley(turn(M, c=c, eps=eps)[0])
+
+
+def largest_step(M, *, J):
+    return implicit.largest_step(M, J, 0 * M)
+
+
+SYSTEM = System(
+    name="euler-top",
+    title="Euler top, moving frame",
+    equations="M' = [M, Omega],  M = J Omega + Omega J",
+    source="Suris 2001, Introduction; Frahm 1874, Manakov 1976",
+    frame=Frame.MOVING,
+    space=FREE_SPACE,
+    parameters=(
+        Parameter(
+            "J", "vector", "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)", check=positive, positive=True
+        ),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
+    scaling="Any consistent units.",
+    integrals={"spectrum": spectrum},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=step,
+        involution=involution,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        turn=turn,
+        move=move,
+        largest_step=largest_step,
+        order=2,
+        source="Veselov 1988; Moser and Veselov 1991",
+    ),
+    derive=sums,
+    relations=(
+        Relation("manakov-top", lambda M, g, *, J: ((M,), {"a": J * J, "b": J}), meaning="the metric a = J^2, b = J"),
+    ),
+    notes="The map commutes with the flow and with itself at other steps. The spectrum is complete for distinct J.",
+)

@@ -1,0 +1,161 @@
+"""Rigid body in a quadratic potential and Suris's map of 2000.  State (M, P) in (so(n) <x Sym(n))*, body frame.
+
+M (..., n, n) skew, P = g^T A_0 g (..., n, n) symmetric with A_0 fixed in space; the potential energy is -tr(J P)/2 and
+J = diag(J_i) > 0 the mass tensor.  Plus bracket, F' = {H, F}.  The map, with Q = (1 - eps^2 P)^(1/2) > 0,
+
+    Q W J - J W^T Q = eps M,   P_(k+1) = W^T P W,   M_(k+1) = W^T (M + eps [R, W J + J W^T]) W,   R = (1 - Q)/eps^2,
+
+keeps all integrals of the flow as they are.  For P = p p^T it is a map of Clebsch's case c_jk = 1/(J_j + J_k).
+[Suris 2000, "The motion of a rigid body in a quadratic potential: an integrable discretization", Intern. Math. Res.
+Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 2001, Introduction]
+"""
+
+from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve, turned
+from kreisel.contract import QUADRATIC_SPACE, Frame, Map, Parameter, System
+from kreisel.invariants import laurent_spectrum
+from kreisel.systems import implicit
+from kreisel.systems.checks import positive
+from kreisel.systems.euler_top import inverse_inertia, sums
+from kreisel.systems.matrices import diagonal
+
+ROOT_STEPS = 8
+
+
+def velocity(M, P, *, c):
+    return inverse_inertia(M, c=c)
+
+
+def flow(M, P, *, J, c):  # M' = [M, Omega] + [P, J],   P' = [P, Omega]
+    Omega = inverse_inertia(M, c=c)
+    return bracket(M, Omega) + bracket(P, diagonal(J)), bracket(P, Omega)
+
+
+def energy(M, P, *, J, c):
+    return pairing(M, inverse_inertia(M, c=c)) / 2 - (P * diagonal(J)).sum(-1).sum(-1) / 2
+
+
+def spectrum(M, P, *, J):  # coefficients of det(L(lambda) - mu)
+    return laurent_spectrum(M, diagonal(J * J), P)
+
+
+def lax(M, P, *, J, c, lam):  # L = lambda J^2 + M + P/lambda,   U = lambda J + Omega
+    return lam * diagonal(J * J) + M + P / lam, lam * diagonal(J) + inverse_inertia(M, c=c)
+
+
+def deviation(P, eps):
+    """R = (1 - Q)/eps^2 of Q = (1 - eps^2 P)^(1/2), which solves R = P/2 + eps^2 R^2/2.
+
+    Newton's method for the square root, for R: with Q = 1 - eps^2 R, the new Q is (Q + Q^-1 (1 - eps^2 P))/2.
+    """
+    R, one, square = P / 2, identity(P.shape[-1]), eps * eps
+    for _ in range(ROOT_STEPS):
+        R = R + symmetric_part(solve(one - square * R, P / 2 + square / 2 * (R @ R) - R))
+    return R
+
+
+def symmetric_part(S):
+    return (S + S.mT) / 2
+
+
+def turn(M, P, *, J, c, eps):
+    """X with W = cay(X), and the square of its last correction."""
+    R, D = deviation(P, eps), diagonal(J)
+    Q = identity(M.shape[-1]) - eps * eps * R
+    tilt = eps * eps * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]
+
+    def residual(X):  # (Q W J - J W^T Q - eps M)/2 with W = 1 + 2 Y
+        Y = resolvent(X, X)
+        A = Q @ Y @ D
+        return A - A.mT - tilt / 2
+
+    def slope(X):
+        K = identity(X.shape[-1]) + resolvent(X, X)
+        left, right = Q @ K, K @ D
+
+        def along(d):
+            B = left @ d @ right
+            return B - B.mT
+
+        return along
+
+    return implicit.root(residual, slope, lambda r: c * r, eps / 2 * c * M)
+
+
+def move(M, P, X, *, J, eps):
+    W, R = cayley(X), deviation(P, eps)
+    A = W * J[..., None, :]
+    return turned("skew", -X, M + eps * bracket(R, A + A.mT)), turned("symmetric", -X, P)
+
+
+def step(M, P, *, J, c, eps):
+    return move(M, P, turn(M, P, J=J, c=c, eps=eps)[0], J=J, eps=eps)
+
+
+def inverse(M, P, *, J, c, eps):
+    return step(M, P, J=J, c=c, eps=-eps)
+
+
+def involution(M, P):
+    return -M, P
+
+
+def generator(M, P, M1, P1, *, J, c, eps):
+    return turn(M, P, J=J, c=c, eps=eps)[0]
+
+
+def lagrangian(g, h, A, *, J, eps):  # -(1/eps) tr((1 - eps^2 A_0)^(1/2) h J g^T)
+    root = identity(A.shape[-1]) - eps * eps * deviation(A, eps)
+    return -(root * ((g * J[..., None, :]) @ h.mT)).sum(-1).sum(-1) / eps
+
+
+def lax_matrix(M, P, *, J, lam, eps):  # (J W^T + l Q)(W J - l Q)
+    return diagonal(J * J) + lam * eps * M - lam * lam * (identity(M.shape[-1]) - eps * eps * P)
+
+
+def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
+    Q = identity(M.shape[-1]) - eps * eps * deviation(P, eps)
+    return diagonal(J) + lam * Q @ cayley(turn(M, P, J=J, c=c, eps=eps)[0])
+
+
+def largest_step(M, P, *, J):
+    return implicit.largest_step(M, J, P)
+
+
+SYSTEM = System(
+    name="quadratic-potential",
+    title="Rigid body in a quadratic potential",
+    equations="M' = [M, Omega] + [P, J],  P' = [P, Omega],  M = J Omega + Omega J",
+    source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
+    frame=Frame.MOVING,
+    space=QUADRATIC_SPACE,
+    parameters=(
+        Parameter(
+            "J", "vector", "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)", check=positive, positive=True
+        ),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
+    scaling="Any consistent units: the potential energy is -tr(J P)/2; P may have any sign.",
+    integrals={"spectrum": spectrum},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=step,
+        involution=involution,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        turn=turn,
+        move=move,
+        largest_step=largest_step,
+        order=2,
+        source="Suris 2000",
+    ),
+    derive=sums,
+    notes="The map commutes with the flow and with itself at other steps. The spectrum is complete for distinct J.",
+)
