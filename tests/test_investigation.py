@@ -73,8 +73,14 @@ def model(name: str) -> Model:
     return MODELS[name][0]()
 
 
-def test_every_map_of_the_registry_is_here() -> None:
-    assert set(MODELS) == {name for name, system in REGISTRY.items() if system.map is not None}
+def test_every_explicit_map_of_the_registry_is_here() -> None:
+    maps = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
+    assert set(MODELS) == {name for name, known in maps.items() if known.turn is None}
+
+
+def test_an_implicit_map_is_not_rational() -> None:
+    with pytest.raises(kr.InputError, match="implicit"):
+        subject(kr.EulerTop(J=(1, 2, 3)), eps=THIRD)
 
 
 # -- numbers ----------------------------------------------------------------------------------------
