@@ -18,11 +18,12 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml"]
 html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
-exclude_patterns = ["tools", "README.md"]
+exclude_patterns = ["tools", "generated/extra"]
 smartquotes = False
 html_theme = "furo"
 html_title = f"Kreisel {release}"
 html_static_path = ["static"]
+html_extra_path = ["generated/extra"]
 html_css_files = ["kreisel.css"]
 html_copy_source = html_show_sourcelink = False
 html_show_sphinx = False

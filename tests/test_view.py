@@ -337,12 +337,29 @@ def test_the_page_plays_and_is_scrubbed(chromium, oriented, tmp_path):
 
 
 @needs_browser
-def test_a_served_page_follows_the_run(chromium, served, monkeypatch):
-    _, url = served
+def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, monkeypatch):
+    from kreisel.runs.archive import reopen
+
+    path = tmp_path / "top.zarr"
+    kr.simulate(top, x0, dt=0.05, steps=200, path=path, progress=False)
+    reopen(path, extend=400)  # as of a run that has been interrupted: 201 rows of 401, not complete
     monkeypatch.setattr(serve, "EVERY", 0.3)
-    chromium.open(url)
-    chromium.wait("document.body && document.body.dataset.ready")
-    assert chromium.run("document.body.dataset.count") == "201"
-    chromium.run("(s => { s.value = s.max; s.dispatchEvent(new Event('input')); })(document.getElementById('scrub'))")
-    chromium.wait("document.body.dataset.frame === '200'")
-    assert chromium.complaints == []
+    serving = serve.server(path)
+    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05})
+    thread.start()
+    try:
+        chromium.open(serve.address(serving))
+        chromium.wait("document.body && document.body.dataset.ready")
+        assert chromium.run("document.body.dataset.count") == "201"
+        chromium.run(
+            "(s => { s.value = s.max; s.dispatchEvent(new Event('input')); })(document.getElementById('scrub'))"
+        )
+        chromium.wait("document.body.dataset.frame === '200'")
+        kr.resume(path, progress=False)
+        chromium.wait("document.body.dataset.count === '401' && document.body.dataset.frame === '400'")
+        assert set(chromium.requests) == {serve.address(serving)}
+        assert chromium.complaints == []
+    finally:
+        serving.shutdown()
+        thread.join()
+        serving.server_close()

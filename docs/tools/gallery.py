@@ -68,20 +68,25 @@ def run(script: Path, out: Path, environment: dict[str, str]) -> Path:
 WIDTH, COLOURS = 1200, 128
 
 
-def main(names: list[str]) -> None:
-    """Make the pictures of docs/gallery, small enough to be kept with the sources."""
+def keep(picture: Path, folder: Path) -> None:
+    """A picture made small enough to be kept with the sources."""
     from PIL import Image
 
+    image = Image.open(picture).convert("RGB")
+    image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+    folder.mkdir(exist_ok=True)
+    image.quantize(COLOURS).save(folder / picture.name, optimize=True)
+
+
+def main(names: list[str]) -> None:
+    """Make the pictures of docs/gallery."""
     docs = Path(__file__).parent.parent
     root = docs.resolve().parent
     for script in sorted((root / "examples" / "gallery").glob("[!_]*.py")):
         if names and script.stem not in names:
             continue
         begun = time.perf_counter()
-        image = Image.open(run(script, root / "out" / "gallery", {})).convert("RGB")
-        image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
-        (docs / "gallery").mkdir(exist_ok=True)
-        image.quantize(COLOURS).save(docs / "gallery" / f"{script.stem}.png", optimize=True)
+        keep(run(script, root / "out" / "gallery", {}), docs / "gallery")
         print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}", flush=True)
 
 

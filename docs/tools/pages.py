@@ -5,7 +5,8 @@
 The blocks ```python of a page are one script, run in an empty folder with warnings as errors.  A block ```text right
 after one shows what it prints; numbers there may differ in the sixth digit, and at round-off (1e-9) altogether.
 A comment <!-- python ... --> is run and not shown; <!-- not run: WHY --> before a block leaves it out.
-Pictures and .html that a page saves go to generated/figures/PAGE-NAME and can be shown from there.
+Pictures and .html that a page saves go to generated/figures/PAGE-NAME and can be shown from there; NAME.live.html goes
+to live/ of the site.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 DOCS = Path(__file__).parent.parent
-FIGURES = DOCS / "generated" / "figures"
+FIGURES, LIVE = DOCS / "generated" / "figures", DOCS / "generated" / "extra" / "live"
 FENCE = re.compile(r"^(?:```|<!-- )(\w+)\n(.*?)^(?:```|-->)$", re.MULTILINE | re.DOTALL)
 SKIPPED = re.compile(r"<!-- not run: \S.*? -->\s*\Z")
 NUMBER = re.compile(r"[-+]?\d[\d,_]*\.?\d*(?:[eE][-+]?\d+)?")
@@ -86,9 +87,11 @@ def execute(page: Path) -> list[str]:
                 complaints.append(
                     f"{page}:{block.line}: it prints\n{printed.getvalue()}but the page says\n{block.shown}"
                 )
-        for picture in sorted(p for kind in ("*.png", "*.html") for p in Path(scratch).glob(kind)):
-            FIGURES.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(picture, FIGURES / f"{page.stem}-{picture.name}")
+        for made in sorted(p for kind in ("*.png", "*.html") for p in Path(scratch).glob(kind)):
+            live = made.name.endswith(".live.html")
+            target = LIVE / made.name if live else FIGURES / f"{page.stem}-{made.name}"
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(made, target)
     return complaints
 
 

@@ -72,7 +72,7 @@ with figure("light", 9.4, 4.2) as (made, theme):
     for axes, (name, (at, lanes)) in zip(made.subplots(1, 2, sharey=True), cuts.items(), strict=True):
         for lane in range(LANES):
             colour = theme.colours[lane % 7]
-            axes.plot(*at[lanes == lane].T, ".", markersize=1.1, markeredgewidth=0, color=colour)
+            axes.plot(*at[lanes == lane].T, ".", markersize=3.0 if SMALL else 1.8, markeredgewidth=0, color=colour)
         axes.set(xlabel="azimuth of P in the body", title=name)
     made.axes[0].set_ylabel("M₃")
     made.savefig("chaotic_section.png")

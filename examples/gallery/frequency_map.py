@@ -33,4 +33,4 @@ for row in table.itertuples():
     made.axes[0].annotate(
         f"k = {row.k}", (row.frequency, row.amplitude), (4, 3), textcoords="offset points", fontsize=7
     )
-made.savefig("frequency_map.png")
+made.savefig("frequency_map.png", dpi=200)

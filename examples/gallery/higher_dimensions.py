@@ -32,7 +32,9 @@ with figure("light", 9.6, 5.4) as (made, theme):
             axes.set(xlabel=f"a{i + 1}", ylabel=f"a{j + 1}", aspect="equal", title=f"n = {n}")
         for number, family in enumerate(("casimir", "energy", "spectrum", "noether")):
             change = abs(run[family].values - run[family].values[0]).reshape(len(run.time), -1).max(-1)
-            row[2].semilogy(run.time[1:], change[1:] + 1e-18, color=theme.colours[number], linewidth=0.8, label=family)
+            row[2].semilogy(
+                run.time[1:], np.maximum(change[1:], 2e-17), color=theme.colours[number], linewidth=0.8, label=family
+            )
         row[2].set(xlabel="time", title="largest change of each family", ylim=(1e-17, 1e-10))
         row[2].legend(ncols=2, loc="upper left")
     made.savefig("higher_dimensions.png")

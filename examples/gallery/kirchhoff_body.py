@@ -47,5 +47,5 @@ with figure("light", 9.2, 3.7) as (made, theme):
     for (name, angle), colour in zip(turned.items(), theme.colours, strict=False):
         axes.plot(runs[name].time, angle, color=colour, label=name)
     axes.set(xlabel="time, s", ylabel="degrees", title="angle of the leading axis to its start")
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     made.savefig("kirchhoff_body.png")

@@ -49,7 +49,7 @@ assert all(each.any() for each in inside)  # each coordinate stays between two n
 
 with figure("light", 5.6, 5.0) as (made, theme):
     axes = made.add_subplot(projection="3d")
-    axes.plot(*x[:12_000].T, color=theme.colours[5], linewidth=0.35)
+    axes.plot(*x[:60_000].T, color=theme.colours[5], linewidth=0.35)
     for number, bound in enumerate(bounds):
         for other in (np.linspace(b[0], b[1], 200), np.linspace(b[1], b[2], 200)):
             squares = np.stack([(bound - b[i]) * (other - b[i]) / np.prod(b[i] - np.delete(b, i)) for i in range(3)])

@@ -70,7 +70,7 @@ with figure("light", 9.0, 3.6) as (made, theme):
     for flip in flips[flips < 4.2 * period]:
         left.axvline(flip, color=theme.faint, linewidth=0.6, linestyle=":")
     left.set(xlabel="time", title="angular velocity in the body; dotted: flips")
-    left.legend(loc="upper right", ncols=3)
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
     right.semilogy(time[1:], abs(energy / energy[0] - 1)[1:] + 1e-17, color=theme.colours[0], label="energy")
     right.semilogy(time[1:], abs(square / square[0] - 1)[1:] + 1e-17, color=theme.colours[1], label="|M|²")
     right.set(xlabel="time", title="relative change", ylim=(1e-17, 1e-10))

@@ -14,8 +14,8 @@ from kreisel.errors import InputError
 from kreisel.model import Model
 
 COLUMNS = (2, 4, 6, 8, 10, 12, 14, 16)  # midpoint steps; order twice their number
-ACCURATE = 2e-14  # relative: difference of the last two orders
-CONVERGED = 2e-15  # then no higher order is needed: the next one is better still
+ACCURATE = 1e-14  # relative: difference of the last two entries of the last row, orders 14 and 16
+CONVERGED = 1e-15  # then no higher order is needed
 MOST_PIECES = 512
 
 
@@ -53,7 +53,7 @@ class Carrier:
             for k in range(j):
                 factor = (steps / COLUMNS[j - k - 1]) ** 2 - 1
                 new.append(tuple(a + (a - b) / factor for a, b in zip(new[k], row[k], strict=True)))
-            error = _gap(new[-1], row[-1]) if row else np.inf
+            error = _gap(new[-1], new[-2]) if row else np.inf
             row = new
             if error <= CONVERGED:
                 break

@@ -18,6 +18,10 @@ from kreisel.runs.geometry import components, model_for, orientation_of
 if TYPE_CHECKING:
     import xarray as xr
 
+NODES = 12  # of the polynomial that finds a crossing
+NUDGE = 1e-5  # of an interval, for its slope
+NEAR = 1e-11  # after the first correction, to the size of the values: the second one then meets round-off
+
 
 def events(
     run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = None, system: Any = None
@@ -33,7 +37,8 @@ def events(
     A crossing lies between two saved rows with f on different sides; two crossings between the same rows are missed, so
     save often enough.  The state is carried there from the row before by the flow itself, by extrapolation of order 16
     to round-off (so of method="exact" it is as exact as the rows), and the time is found by Chandrupatla's method
-    (`scipy.optimize.elementwise.find_root`).  A row exactly at the value counts where f goes on to the other side.
+    (`scipy.optimize.elementwise.find_root`) on a polynomial, corrected with the flow.  A row exactly at the value
+    counts where f goes on to the other side.
 
     Returns a Dataset along `event`, in the order of time: time, rising, lane (of an ensemble), the components of the
     state, and the orientation if the run has one.  Raises `InputError` for quantities that are none, and for rows too
@@ -103,9 +108,7 @@ def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
 def _times(
     carry: Any, measure: Any, value: float, time: Array, f: Array, place: Array, lane: Array, count: int
 ) -> Array:
-    """The time of each crossing after its row.  Most are found by 8 or fewer evaluations of all at once."""
-    from scipy.optimize import elementwise
-
+    """The time of each crossing after its row."""
     gap = time[place + 1] - time[place]
 
     def off(h: Array, at: Array) -> Array:
@@ -113,7 +116,7 @@ def _times(
 
     number = np.arange(len(place))
     # the flow from one row need not end exactly at the next, by a method that is not exact: look a little further
-    left, right = 0 * gap, gap.copy()
+    right = gap.copy()
     ends = off(right, number)
     for _ in range(4):
         outside = np.sign(ends) == np.sign(np.where(f[place, lane] == 0, -f[place + 1, lane], f[place, lane]))
@@ -121,8 +124,43 @@ def _times(
             break
         right = np.where(outside, 1.25 * right, right)
         ends = off(right, number)
-    found = elementwise.find_root(off, (left, right), args=(number,))
+    found = _root(off, right, number)
     at_row = f[place, lane] == 0
-    if not (found.success | at_row).all():
+    if not (np.isfinite(found) | at_row).all():
         raise InputError("A crossing between two rows could not be found again by the flow: save more often (every).")
-    return np.where(at_row, 0.0, found.x)
+    return np.where(at_row, 0.0, found)
+
+
+def _root(off: Any, right: Array, number: Array) -> Array:
+    """The roots in [0, right] of off(h, number), NaN where there is none.
+
+    On the polynomial through NODES points, then by Newton's method with its slope; where that is not enough, on `off`.
+    """
+    from scipy.optimize import elementwise
+
+    share = (1 - np.cos(np.pi * np.arange(NODES) / (NODES - 1))) / 2
+    values = off((share[:, None] * right).ravel(), np.tile(number, NODES)).reshape(NODES, -1)
+    weight = (-1.0) ** np.arange(NODES)[:, None]
+    weight[[0, -1]] /= 2
+
+    def polynomial(s: Array, at: Array) -> Array:
+        gap = s - share[:, None]
+        hit = gap == 0
+        ratio = weight / np.where(hit, 1.0, gap)
+        ratio = np.where(hit.any(0), hit, ratio)
+        return (ratio * values[:, at]).sum(0) / ratio.sum(0)
+
+    guess = elementwise.find_root(polynomial, (0.0 * right, 0.0 * right + 1), args=(number,))
+    s = np.where(guess.success, guess.x, np.nan)
+    slope = (polynomial(s + NUDGE, number) - polynomial(s - NUDGE, number)) / (2 * NUDGE)
+    known = np.nonzero(np.isfinite(s) & (slope != 0))[0]
+    left = np.full(len(s), np.inf)
+    for _ in range(2):
+        rest = off(s[known] * right[known], known)
+        left[known] = np.abs(rest)
+        s[known] = np.clip(s[known] - rest / slope[known], 0, 1)
+    poor = np.nonzero(~(left <= NEAR * np.abs(values).max(0)))[0]
+    if len(poor):
+        again = elementwise.find_root(off, (0.0 * right[poor], right[poor]), args=(poor,))
+        s[poor] = np.where(again.success, again.x / right[poor], np.nan)
+    return s * right

@@ -70,7 +70,7 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
     "energy" lines      how many at most; fewer come back where the rest is round-off
     power      of the window of Hann: higher ones leak less and need lines farther apart, (power + 1) 2 pi/T
 
-    Measured on sums of lines: 1e-13 relative where they are ten widths 2 pi/T apart.  The frequencies are those of the
+    Measured on sums of lines: 1e-11 relative or better where they are ten widths 2 pi/T apart.  The frequencies are those of the
     saved states: of a map, of its interpolating flow; beyond pi/(dt every) they are folded.  Raises `InputError` for
     ensembles, for rows not evenly spaced and for fewer than 16.
     """

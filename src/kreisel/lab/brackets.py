@@ -11,7 +11,6 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -160,8 +159,12 @@ def _lifted_kernel(
     what: Subject, rows: Callable[[int, list[int]], Array], seed: int, labels: list[Any]
 ) -> list[dict[Any, Any]]:
     for attempt in range(ATTEMPTS):
+
+        def at(p: int, attempt: int = attempt) -> Array:
+            return rows(p, [seed, attempt])
+
         try:
-            return rational_kernel(partial(rows, seeds=[seed, attempt]), labels)
+            return rational_kernel(at, labels)
         except Pole as error:
             trouble = error
     raise InputError(f"{what.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from kreisel.view.page import View
+
 
 @xr.register_dataset_accessor("kreisel")  # type: ignore[no-untyped-call]
 class Kreisel:
@@ -45,6 +47,12 @@ class Kreisel:
         from kreisel.view.plots import plot
 
         return plot(self._run, **options)
+
+    def view(self, *, lane: int = 0) -> View:
+        """`kr.view(run, lane=lane)`."""
+        from kreisel.view.page import view
+
+        return view(self._run, lane=lane)
 
     def cite(self) -> str:
         """`kr.cite(run)`."""

@@ -127,7 +127,7 @@ def plot_lines(lines: Lines, *, theme: str = "light") -> Figure:
         axes.set(xlabel="angular frequency", ylabel=f"amplitude of {lines.quantity}")
         axes.set_xlim(-reach if np.iscomplexobj(values) else 0, reach)
         axes.set_ylim(max(spectrum[use].max() * 1e-16, 1e-17), 3 * spectrum[use].max())
-        axes.legend(loc="upper right")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     return made
 
 
