@@ -28,7 +28,7 @@ def kovalevskaya(M, P, *, c=1.0):  # |(Omega1 + i Omega2)^2 - c (P1 + i P2)|^2
 
 
 TOP = red.system(
-    "kovalevskaya-top",
+    "my-kovalevskaya-top",
     group=red.SO(3),
     lagrangian=lagrangian,
     integrals={"kovalevskaya": kovalevskaya},

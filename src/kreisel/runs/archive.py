@@ -106,7 +106,7 @@ def describe(plan: Plan) -> dict[str, Any]:
 def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
     """What rounding does to each Casimir and integral, in units of eps_machine.
 
-    roundoff_scale    in a step: the root mean square, over up to 32 states of the first block, of the change
+    roundoff_scale    in a step: the root mean square, over up to 32 states of a lane in the first block, of the change
                       when every coordinate of a component moves by the component's largest, signs at random
     evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
     """
@@ -144,8 +144,12 @@ def _largest(plan: Plan, z: Floats) -> Floats:
 
 
 def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
-    """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d)."""
-    rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, 32).astype(int))
+    """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d).
+
+    Of more than 64 lanes fewer rows, down to one: some thousand states are enough.
+    """
+    count = min(32, max(1, 2048 // plan.lanes))
+    rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, count).astype(int))
     parts = []
     for letter, outcome in plan.scheme.outcomes.items():
         if outcome.kind not in ("state", "orientation"):
