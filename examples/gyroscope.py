@@ -18,11 +18,12 @@ from matplotlib.figure import Figure
 
 import kreisel as kr
 from kreisel.physical import STANDARD_GRAVITY, Gyroscope, Motion
-from kreisel.view.style import COLOURS, FAINT, STYLE
+from kreisel.view.style import THEMES
 
 WHEEL = Gyroscope.flat(mass=29.5 / STANDARD_GRAVITY, axial_moment=0.17, lever=0.15)
 TILT, SPIN = math.pi / 2, 2 * math.pi * 3  # rad, rad/s
 SHOWN = 6.0  # s
+LOOK = THEMES["light"]
 
 
 def check_configuration(config: dict[str, Any]) -> None:
@@ -81,21 +82,21 @@ def draw(seconds: np.ndarray, motion: Motion) -> Figure:
     slow, steady = WHEEL.slow_precession(SPIN), WHEEL.steady_precession(tilt, SPIN)[0]
     shown = seconds <= SHOWN
     seconds, phi = seconds[shown], np.unwrap(motion.azimuth)[shown]
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(LOOK.rc):
         figure = Figure(figsize=(7.2, 5.4), layout="constrained")
         path, lag = figure.subplots(2, 1)
-        path.plot(np.degrees(phi), 90 - np.degrees(motion.tilt[shown]), color=COLOURS[0])
-        path.plot(0, 0, "o", color=COLOURS[1], markersize=4, label="released from rest")
-        path.axhline(90 - math.degrees(tilt), color=FAINT, linestyle="--", label="mean inclination")
+        path.plot(np.degrees(phi), 90 - np.degrees(motion.tilt[shown]), color=LOOK.colours[0])
+        path.plot(0, 0, "o", color=LOOK.colours[1], markersize=4, label="released from rest")
+        path.axhline(90 - math.degrees(tilt), color=LOOK.faint, linestyle="--", label="mean inclination")
         path.set(xlabel="azimuth of the axle, degrees", ylabel="above the horizontal, degrees")
         path.set(title="path of the axle: a cusp at every return to the horizontal", ylim=(None, 2.2))
         path.set(xlim=(-5, math.degrees(phi[-1]) + 5))
         path.legend(loc="upper right", ncols=2)
-        lag.plot(seconds, np.degrees(phi - slow * seconds), color=COLOURS[0], linewidth=0.8, label="simulated")
+        lag.plot(seconds, np.degrees(phi - slow * seconds), color=LOOK.colours[0], linewidth=0.8, label="simulated")
         for label, rate, colour in (
-            (r"textbook rate $m g l/(I_3\omega_3)$", slow, COLOURS[1]),
-            ("exact steady rate at the mean inclination", steady, COLOURS[2]),
-            ("mean rate of the simulation", mean, COLOURS[6]),
+            (r"textbook rate $m g l/(I_3\omega_3)$", slow, LOOK.colours[1]),
+            ("exact steady rate at the mean inclination", steady, LOOK.colours[2]),
+            ("mean rate of the simulation", mean, LOOK.colours[6]),
         ):
             lag.plot(seconds, np.degrees((rate - slow) * seconds), color=colour, linestyle="--", label=label)
         lag.set(xlabel="time, s", ylabel="azimuth, degrees", title="azimuth less the textbook precession")

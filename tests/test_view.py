@@ -109,7 +109,7 @@ def test_particle_projection_lane_and_own_system():
     assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=1e-6)  # its own gravity points up
     with pytest.raises(kr.InputError, match="lanes 0 to 1"):
         scene(run, lane=2)
-    own = run.isel(lane=0).assign_attrs(system="kovalevskaya-top", frame="moving")
+    own = run.isel(lane=0).assign_attrs(system="a-top-of-ones-own", frame="moving")
     assert scene(own)["kind"] == "body"
     with pytest.raises(kr.InputError, match="A run of"):
         scene(run.drop_attrs())
