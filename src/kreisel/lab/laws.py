@@ -587,7 +587,8 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
     state = exact.random_state(record.space, n, draw)
-    eps, lam = abs(draw((1,)))[0] / 4, draw((1,))[0]  # short enough for the logarithms of Lagrangians in floats
+    eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats
+    lam = draw((1,))[0] * 97 / 89  # no parameter is drawn with such a denominator: Lax matrices have poles there
     return Case(model, state, eps, lam, draw, numbers)
 
 

@@ -30,6 +30,7 @@ SOURCES: dict[str, tuple[str, ...]] = {  # keys of refs.bib
     "suris": ("suris2001",),
     "variational": ("marsden1999", "suris2001"),
     "lagrangian": ("suris2001",),
+    "veselov": ("moser1991", "suris2000"),
     "exact": ("suris2001", "carlson1995"),
     "dop853": ("hairer1993",),
 }

@@ -65,6 +65,6 @@ def _told(system: System) -> str:
 
 def _keys(told: str, known: Iterable[str]) -> tuple[list[str], list[str]]:
     """Keys of the sources in a text, "Suris 2001" being suris2001, and those that are not in the list."""
-    found = dict.fromkeys(re.findall(r"([A-Z]\w+(?:,? [A-Z]\w+)*) (\d{4})", told))
+    found = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", told))
     keys = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in found}
     return [key for key in keys if key in known], [name for key, name in keys.items() if key not in known]

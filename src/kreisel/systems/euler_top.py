@@ -137,7 +137,7 @@ SYSTEM = System(
         move=move,
         largest_step=largest_step,
         order=2,
-        source="Veselov 1988; Moser and Veselov 1991",
+        source="Veselov 1988; Moser, Veselov 1991",
     ),
     derive=sums,
     relations=(

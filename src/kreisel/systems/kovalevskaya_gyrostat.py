@@ -72,7 +72,7 @@ SYSTEM = System(
     name="kovalevskaya-gyrostat",
     title="Kovalevskaya gyrostat in two fields",
     equations="M' = [M, Omega] + e_1 ^ P + e_2 ^ Q,  P' = -Omega P,  Q' = -Omega Q",
-    source="Reyman and Semenov-Tian-Shansky 1987; Suris 2001, Introduction",
+    source="Reyman, Semenov-Tian-Shansky 1987; Suris 2001, Introduction",
     frame=Frame.MOVING,
     space=TWO_FIELDS_SPACE,
     parameters=(

@@ -37,7 +37,7 @@ SYSTEM = System(
     name="kovalevskaya-top",
     title="Kovalevskaya top in two fields",
     equations="M' = [M, Omega] + e_1 ^ P + e_2 ^ Q,  P' = -Omega P,  Q' = -Omega Q",
-    source="Kovalevskaya 1889; Reyman and Semenov-Tian-Shansky 1987; Suris 2001, Introduction",
+    source="Kovalevskaya 1889; Reyman, Semenov-Tian-Shansky 1987; Suris 2001, Introduction",
     frame=Frame.MOVING,
     space=TWO_FIELDS_SPACE,
     parameters=(Parameter("n", "dimension", "the dimension of the space"),),

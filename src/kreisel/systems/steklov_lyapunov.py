@@ -69,7 +69,7 @@ SYSTEM = System(
     name="steklov-lyapunov",
     title="Steklov's and Lyapunov's cases of a body in a fluid",
     equations="M' = [M, Omega] + [P, dH/dP],  P' = [P, Omega],  Omega = dH/dM",
-    source="Steklov 1893, Lyapunov 1893, Bolsinov and Fedorov 1992; Suris 2001, Conclusions",
+    source="Steklov 1893, Lyapunov 1893, Bolsinov, Fedorov 1992; Suris 2001, Conclusions",
     frame=Frame.MOVING,
     space=ADJOINT_PAIR_SPACE,
     parameters=(
