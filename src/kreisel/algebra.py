@@ -201,7 +201,10 @@ def sign(x: Array) -> Array:
 
 def magnitude(x: Array) -> float:
     """The largest |entry| as a float, 0 for an empty array; for messages and tolerances."""
-    return max((abs(_as_float(v)) for v in np.asarray(x).flat), default=0.0)
+    x = np.asarray(x)
+    if x.dtype.kind == "f":
+        return float(abs(x).max(initial=0.0))
+    return max((abs(_as_float(v)) for v in x.flat), default=0.0)
 
 
 def _as_float(v: Any) -> float:
