@@ -125,6 +125,34 @@ def test_signals_wait_for_a_checkpoint(
     assert signal.getsignal(number) == before
 
 
+def call_of_a_row(self: march.March, out: np.ndarray, every: int) -> None:
+    """As if every row took its time."""
+    self.plan.engine.advance(out, every)
+    self._burst = 1
+
+
+def test_rows_of_an_interrupted_run_are_read_when_asked_for(
+    top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = kr.simulate(top, x0, **OPTIONS)
+    with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
+        patch.setattr(march.March, "_call", call_of_a_row)
+        stop_after(34, patch)
+        slow_run(tmp_path / "run.zarr", top, x0, OPTIONS)
+    kept = kr.open_run(tmp_path / "run.zarr.part")
+    border, rows = kr.runs.checkpoint.read(tmp_path / "run.zarr.part")[0].flushed, kept.sizes["time"]
+    assert 0 < border < rows - 2
+    assert not kept.a.variable._in_memory
+    choices = [5, border, border - 1, -1, slice(None), slice(border - 2, border + 2), slice(1, None, 3)]
+    choices += [slice(border, None), slice(0, border), slice(None, None, -2), [0, border + 1, border - 1], slice(3, 3)]
+    for choice in choices:
+        part, same = kept.isel(time=choice), whole.isel(time=slice(0, rows)).isel(time=choice)
+        np.testing.assert_array_equal(part.a.values, same.a.values)
+        np.testing.assert_array_equal(part.energy.values, same.energy.values)
+    np.testing.assert_array_equal(kept.a[1::2, 2].values, whole.a[1:rows:2, 2].values)
+    assert not kept.a.variable._in_memory
+
+
 @pytest.mark.parametrize("method", ["suris", "variational", "dop853"])
 @pytest.mark.parametrize("calls", [0, 1, 3])
 def test_stopped_inside_a_row(

@@ -557,7 +557,7 @@ def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True
 
 def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> xr.Dataset:
     """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
-    import xarray as xr
+    from kreisel.runs.continued import continued
 
     if not (path / checkpoint.NAME).exists():
         return run
@@ -571,21 +571,15 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> 
     first = snapshot.flushed
     times = saved_times(plan, first, first + len(snapshot.rows))
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
-    if first:
-        for name in rest.variables:
-            rest[name].attrs = whole[name].attrs
-        try:
-            rest = xr.concat(
-                [whole, rest.drop_indexes(list(rest.xindexes))],
-                dim="time",
-                data_vars="minimal",
-                coords="minimal",
-                compat="override",
-                join="override",
-            )
-        except Exception:  # whatever a damaged chunk makes the libraries raise: it is found when it is read
-            return whole
-    return rest.assign_attrs(run.attrs)
+    if not first:
+        return rest.assign_attrs(run.attrs)
+    return (
+        whole.drop_vars("time")
+        .assign(
+            {name: continued(whole[name].variable, rest[name].variable) for name in rest.variables if name in whole}
+        )
+        .set_coords([name for name in rest.coords if name in whole])
+    )
 
 
 def _place(variable: xr.DataArray) -> int:
