@@ -55,7 +55,8 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
     done = subprocess.run(command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False)
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-200:]
     if done.returncode:
-        print(done.stdout[-6000:], file=sys.stderr)
+        told = [line for line in done.stdout.splitlines() if line.startswith("E  ")]
+        print("\n".join(told[:20]) or done.stdout[-6000:], file=sys.stderr)
     return {"passed": done.returncode == 0, "pytest": last.strip("= "), **{k.lower(): v for k, v in counts.items()}}
 
 

@@ -1,4 +1,4 @@
-"""Figures of the work-precision benchmark, docs/work-precision-*.png, from the committed results."""
+"""Figures of the work-precision benchmark, docs/work-precision*.png, from the committed results."""
 
 from __future__ import annotations
 
@@ -10,9 +10,14 @@ from typing import Any
 import matplotlib
 from cases import RESULTS
 
+from kreisel.view.style import theme_of
+
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+TITLES = {"lagrange-top": "Lagrange top", "clebsch": "Clebsch's case"}
+METHODS = ("baecklund", "exact", "suris", "variational")
+SHADES = matplotlib.colormaps["viridis_r"]
 DOCS = Path(__file__).parents[1] / "docs"
 SHOWN = {  # method: colour, line
     "baecklund 24": ("#0b559f", "-"),
@@ -59,11 +64,43 @@ def figure(result: dict[str, Any], kind: str) -> None:
     fig.legend(
         handles.values(), handles.keys(), loc="lower center", ncol=min(6, 3 * len(columns)), fontsize=7, frameon=False
     )
-    title = {"lagrange-top": "Lagrange top", "clebsch": "Clebsch's case"}[kind]
-    fig.suptitle(f"{title}: one trajectory on one core", fontsize=10)
+    fig.suptitle(f"{TITLES[kind]}: one trajectory on one core", fontsize=10)
     fig.tight_layout(rect=(0, 0.09 if len(columns) > 1 else 0.14, 1, 0.98))
     fig.savefig(DOCS / f"work-precision-{kind}.png", dpi=110)
     plt.close(fig)
+
+
+def _order(name: str) -> int:
+    return int(name.split()[1]) if name.split()[-1].isdigit() else 0
+
+
+def of_a_method(result: dict[str, Any], method: str) -> None:
+    """One method in colour among all others in grey, n = 3, T = 1000: for the page of that method."""
+    theme = theme_of("light")
+    with plt.rc_context(theme.rc):
+        fig, axes = plt.subplots(1, 2, figsize=(7.4, 3.2), sharex=True)
+        for axis, kind in zip(axes, ("lagrange-top", "clebsch"), strict=True):
+            lines = defaultdict(list)
+            for run in result["runs"][f"{kind}, n = 3, T = 1000"]:
+                if not run["method"].endswith("batch"):
+                    lines[run["method"]].append((max(run["error"], 1e-16), run["us"]))
+            mine = sorted((name for name in lines if name.split()[0] == method), key=_order)
+            for name in sorted(lines, key=lambda name: name in mine):
+                points = zip(*sorted(lines[name]), strict=True)
+                if name in mine:
+                    shade = SHADES(0.35 + 0.6 * mine.index(name) / max(len(mine) - 1, 1))
+                    axis.loglog(*points, color=shade, marker=".", ms=4, lw=1.3, label=name)
+                else:
+                    peer = {"color": SHOWN["heyoka"][0], "ls": "--", "lw": 1.2, "label": "heyoka"}
+                    axis.loglog(
+                        *points, **(peer if name == "heyoka" else {"color": theme.faint, "lw": 0.7, "alpha": 0.5})
+                    )
+            axis.set(title=TITLES[kind] + ", n = 3, T = 1000", xlabel="error at T, relative", xlim=(1e-1, 5e-17))
+            axis.legend(fontsize=6.5)
+        axes[0].set_ylabel("µs per unit of time")
+        fig.tight_layout()
+        fig.savefig(DOCS / f"work-precision-of-{method}.png", dpi=110)
+        plt.close(fig)
 
 
 def table(result: dict[str, Any]) -> str:
@@ -89,11 +126,13 @@ def table(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Both figures, and the table of docs/work-precision.md on the screen."""
+    """All figures, and the table of docs/work-precision.md on the screen."""
     result = json.loads((RESULTS / "work_precision.json").read_text())
     print(table(result))
     for kind in ("lagrange-top", "clebsch"):
         figure(result, kind)
+    for method in METHODS:
+        of_a_method(result, method)
 
 
 if __name__ == "__main__":

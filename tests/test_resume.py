@@ -144,7 +144,16 @@ def test_rows_of_an_interrupted_run_are_read_when_asked_for(
     assert 0 < border < rows - 2
     assert not kept.a.variable._in_memory
     choices = [5, border, border - 1, -1, slice(None), slice(border - 2, border + 2), slice(1, None, 3)]
-    choices += [slice(border, None), slice(0, border), slice(None, None, -2), [0, border + 1, border - 1], slice(3, 3)]
+    choices += [
+        [0, 3, border - 1],
+        [rows - 1],
+        [border, border + 1],
+        slice(border, None),
+        slice(0, border),
+        slice(None, None, -2),
+        [0, border + 1, border - 1],
+        slice(3, 3),
+    ]
     for choice in choices:
         part, same = kept.isel(time=choice), whole.isel(time=slice(0, rows)).isel(time=choice)
         np.testing.assert_array_equal(part.a.values, same.a.values)

@@ -557,6 +557,8 @@ def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True
 
 def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> xr.Dataset:
     """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
+    import xarray as xr
+
     from kreisel.runs.continued import continued
 
     if not (path / checkpoint.NAME).exists():
@@ -573,13 +575,9 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> 
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
     if not first:
         return rest.assign_attrs(run.attrs)
-    return (
-        whole.drop_vars("time")
-        .assign(
-            {name: continued(whole[name].variable, rest[name].variable) for name in rest.variables if name in whole}
-        )
-        .set_coords([name for name in rest.coords if name in whole])
-    )
+    joined = {name: continued(whole[name].variable, rest[name].variable) for name in rest.variables if name in whole}
+    coords = {name: joined.pop(name) if name in joined else whole[name].variable for name in whole.coords}
+    return xr.Dataset(joined, xr.Coordinates(coords, indexes={}), run.attrs)
 
 
 def _place(variable: xr.DataArray) -> int:

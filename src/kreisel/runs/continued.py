@@ -21,22 +21,33 @@ class _Continued(BackendArray):
         self.shape = (len(before) + len(after), *before.shape[1:])
 
     def __getitem__(self, key: Any) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._rows)
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._rows)
 
-    def _rows(self, key: tuple[int | slice, ...]) -> Array:
+    def _rows(self, key: tuple[Any, ...]) -> Array:
+        """Each part is asked for its own rows alone: a damaged chunk matters to nobody else."""
         first, *rest = key
         border = len(self.before)
-        if not isinstance(first, slice):
-            part, at = (self.before, first) if first < border else (self.after, first - border)
-            return np.asarray(part[(at, *rest)].values)
-        rows = range(*first.indices(self.shape[0]))  # the adapter asks for them in ascending order
-        split = len(range(rows.start, min(rows.stop, border), rows.step))
-        pieces = [
-            part[(slice(piece.start - start, piece.stop - start, piece.step), *rest)].values
-            for part, start, piece in ((self.before, 0, rows[:split]), (self.after, border, rows[split:]))
-            if len(piece)
-        ]
-        return np.concatenate(pieces) if pieces else np.asarray(self.before[(slice(0, 0), *rest)].values)
+        if isinstance(first, slice):
+            rows = range(*first.indices(self.shape[0]))  # the adapter asks for them in ascending order
+            split = len(range(rows.start, min(rows.stop, border), rows.step))
+            low, high = rows[:split], rows[split:]
+            mine = slice(low.start, low.stop, low.step), slice(high.start - border, high.stop - border, high.step)
+            pieces = [(rows[:split], self.before, mine[0]), (rows[split:], self.after, mine[1])]
+            return np.concatenate([_read(part, at, rest) for some, part, at in pieces if some] or [self._none(rest)])
+        places = np.atleast_1d(first)
+        late = places >= border
+        out = np.empty((len(places), *self._none(rest).shape[1:]), dtype=self.dtype)
+        for which, part, start in ((~late, self.before, 0), (late, self.after, border)):
+            if which.any():
+                out[which] = _read(part, places[which] - start, rest)
+        return out if np.ndim(first) else out[0]
+
+    def _none(self, rest: list[Any]) -> Array:
+        return _read(self.after, slice(0, 0), rest)
+
+
+def _read(part: Variable, rows: Any, rest: list[Any]) -> Array:
+    return np.asarray(part[(rows, *rest)].values)
 
 
 def continued(before: Variable, after: Variable) -> Variable:
