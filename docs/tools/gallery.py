@@ -79,17 +79,22 @@ def keep(picture: Path, folder: Path) -> None:
     image.quantize(COLOURS).save(folder / picture.name, optimize=True)
 
 
-def main(names: list[str]) -> None:
-    """Make the pictures of docs/gallery."""
+def main(names: list[str]) -> int:
+    """Make the pictures of docs/gallery; how many scripts failed."""
     docs = Path(__file__).parent.parent
-    root = docs.resolve().parent
+    root, failed = docs.resolve().parent, []
     for script in sorted((root / "examples" / "gallery").glob("[!_]*.py")):
         if names and script.stem not in names:
             continue
         begun = time.perf_counter()
-        keep(run(script, root / "out" / "gallery", {}), docs / "gallery")
-        print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}", flush=True)
+        try:
+            keep(run(script, root / "out" / "gallery", {}), docs / "gallery")
+        except subprocess.CalledProcessError:  # it has said why
+            failed.append(script.stem)
+        told = "failed" if script.stem in failed else ""
+        print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}  {told}", flush=True)
+    return len(failed)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(min(1, main(sys.argv[1:])))
