@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from cases import Case, cases, unit
-from roundoff import SAVED, STEPS_OF_TIME, one_run
+from roundoff import SAVED, STEPS_OF_TIME, runs_of
 
 import kreisel as kr
 from kreisel.runs.plan import make_plan
@@ -49,7 +49,7 @@ def stillness(n: int, steps: int) -> None:
             for label, state in case.states.items():
                 for dt in STEPS_OF_TIME:
                     try:
-                        rows = one_run(case, state, dt, steps, method="baecklund", order=order)
+                        (rows,) = runs_of(case, {label: state}, dt, steps, method="baecklund", order=order)
                     except kr.InputError:
                         continue  # beyond the domain of the real map
                     name = max(rows, key=lambda name: rows[name]["ratio"])

@@ -161,6 +161,20 @@ def test_the_band_of_a_part_is_that_of_its_steps(top: object, x0: object) -> Non
     assert part.roundoff["energy"] == pytest.approx(band)
 
 
+def test_a_small_lane_is_measured_by_its_own_band(top: object) -> None:
+    large, small = (
+        top.state(m=size * np.array([0.1, 0.2, 1.5]), a=size * np.array([0.6, 0, 0.8])) for size in (1, 1e-4)
+    )
+    both = top.state(m=np.stack([large.m, small.m]), a=np.stack([large.a, small.a]))
+    options = {"dt": 0.1, "steps": 1000, "every": 10}
+    run = kr.simulate(top, both, **options)
+    for lane, state in enumerate((large, small)):
+        mine, alone = kr.drift(run.isel(lane=lane)), kr.drift(kr.simulate(top, state, **options))
+        assert np.allclose(mine.roundoff, alone.roundoff, rtol=0.5, atol=0)
+    run["casimir"][-1, 1] *= 1 + 1e-9
+    assert kr.drift(run).ratio["casimir[1]"] > 100
+
+
 @pytest.mark.parametrize(("order", "told"), [(1, "O(dt)"), (2, "O(dt^2)")])
 def test_the_energy_of_the_flow_oscillates_by_the_order(top: object, x0: object, order: int, told: str) -> None:
     runs_ = [kr.simulate(top, x0, dt=dt, steps=round(5 / dt), method="suris", order=order) for dt in (0.01, 0.005)]

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 1
+MOST_SCALES = 4096  # numbers in an attribute
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "method", "options"), str),
     **dict.fromkeys(("n", "steps", "every", "rows_in_block"), int),
@@ -132,8 +133,10 @@ def _moved(plan: Plan, z: Floats, by: Floats) -> dict[str, Array]:
 
 
 def _listed(scale: Array, plan: Plan) -> list[float]:
-    """A scale for each part of an integral, the largest over the lanes."""
-    return [float(v) for v in np.atleast_1d(scale.max(0) if plan.batched else scale)]
+    """A scale for each part of an integral, lane after lane; the largest over the lanes if those are too many."""
+    if plan.batched and scale.size > MOST_SCALES:
+        scale = scale.max(0)
+    return [float(v) for v in np.ravel(scale)]
 
 
 def _largest(plan: Plan, z: Floats) -> Floats:

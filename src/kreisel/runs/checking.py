@@ -24,7 +24,7 @@ from kreisel.runs.archive import (
     write_checksums,
 )
 from kreisel.runs.blocks import COMPUTED, MISSING
-from kreisel.runs.drift import KINDS
+from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.runs.sweep import open_sweep
 
 if TYPE_CHECKING:
@@ -201,7 +201,8 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     for name, value in outputs.items():
         if plan.outcomes[name].kind in KINDS:
             off = abs(value - run[name].values)
-            scale = np.asarray(run[name].attrs["evaluation_scale"]) + abs(value)
+            size = lane_scales(run[name], "evaluation_scale")
+            scale = size.reshape(np.shape(value)[1:] if len(size) > 1 else (-1,)) + abs(value)
             worst = float((off / np.maximum(scale, 1e-300)).max())
             if worst > RELATIVE:
                 faults.append(f"{name} does not belong to the saved states: it is off by {worst:.2g} relative")

@@ -48,7 +48,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     ratio       max_change / roundoff: about 1 or less for an integral that is kept
     slope       least-squares slope of the change against time
 
-    `steps` are those from the first to the last saved time.  In an ensemble each row is the worst lane.
+    `steps` are those from the first to the last saved time.  In an ensemble each row is the worst lane: that of the
+    largest ratio to its own roundoff, or in more than some hundred lanes to the largest of theirs.
     """
     import pandas as pd
 
@@ -56,10 +57,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
     run = run if "time" in run.dims else run.expand_dims("time")
     time = read(run["time"])
-    # those that are there: a run may be cut short; `kr.at` makes none
-    steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
     rows = {
-        series.name: {"kind": series.kind, "kept": series.kept, **_row(series, time, steps)}
+        series.name: {"kind": series.kind, "kept": series.kept, **_row(series, time, _steps(run, time))}
         for series in all_series(run)
     }
     return pd.DataFrame.from_dict(rows, orient="index")
@@ -67,7 +66,7 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Series:
-    """One scalar of a run against time; in an ensemble its worst lane.  Scales as in the attributes."""
+    """One scalar of a run against time; in an ensemble its worst lane, with the scales of that lane."""
 
     name: str
     family: str
@@ -80,20 +79,51 @@ class Series:
 
 def all_series(run: xr.Dataset) -> Iterator[Series]:
     """Every component of every Casimir and integral, what is kept first."""
+    steps = _steps(run, read(run["time"])) if "lane" in run.dims else 0.0
     for name, variable in sorted(run.data_vars.items(), key=lambda item: _place(item[1])):
         attrs = variable.attrs
         if attrs.get("kind") not in KINDS:
             continue
         family = variable.ndim > 1 + ("lane" in variable.dims)
-        scales = zip(np.atleast_1d(attrs["roundoff_scale"]), np.atleast_1d(attrs["evaluation_scale"]), strict=True)
-        for part, (step_scale, value_scale) in enumerate(scales):
+        scales = [lane_scales(variable, key) for key in ("roundoff_scale", "evaluation_scale")]
+        for part in range(scales[0].shape[1]):
             # one part at a time: an archive may be longer than memory
             series = read(variable[..., part] if family else variable)
             series = series.reshape(len(series), -1)
-            worst = int(abs(series - series[0]).max(0).argmax()) if series.shape[1] > 1 else 0
+            step_scale, value_scale = (np.broadcast_to(scale[:, part], series.shape[1]) for scale in scales)
+            worst = 0
+            if series.shape[1] > 1:
+                band = step_scale * np.sqrt(steps) + value_scale
+                worst = int(_ratio(abs(series - series[0]).max(0), band).argmax())
             label = f"{name}[{part}]" if family else str(name)
-            kept = bool(attrs["kept"])
-            yield Series(label, str(name), attrs["kind"], kept, series[:, worst], float(step_scale), float(value_scale))
+            at = float(step_scale[worst]), float(value_scale[worst])
+            yield Series(label, str(name), attrs["kind"], bool(attrs["kept"]), series[:, worst], *at)
+
+
+def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
+    """An attribute of scales (lanes or 1, parts), for the lanes that the variable still has.
+
+    Raises `InputError` where it does not belong to the variable.
+    """
+    parts = variable.shape[-1] if variable.ndim > 1 + ("lane" in variable.dims) else 1
+    try:
+        told = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{variable.name} is damaged: its attribute {key} does not belong to it.") from None
+    if len(told) == 1 or "lane" not in variable.coords:
+        return told.max(0, keepdims=True)
+    lanes = np.atleast_1d(variable["lane"].values)
+    fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(told)).all()
+    return told[lanes] if fits else told.max(0, keepdims=True)
+
+
+def _steps(run: xr.Dataset, time: np.ndarray) -> float:
+    """Those that are there: a run may be cut short; `kr.at` makes none."""
+    return float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
+
+
+def _ratio(change: np.ndarray, band: np.ndarray) -> np.ndarray:
+    return np.divide(change, band, out=np.where(change > 0, np.inf, 0.0), where=band > 0)
 
 
 def _row(series: Series, time: np.ndarray, steps: float) -> dict[str, float]:
@@ -106,6 +136,6 @@ def _row(series: Series, time: np.ndarray, steps: float) -> dict[str, float]:
         "start": float(series.values[0]) + 0.0,
         "max_change": largest,
         "roundoff": band,
-        "ratio": largest / band if band > 0 else (0.0 if largest == 0 else np.inf),
+        "ratio": float(_ratio(np.array(largest), np.array(band))),
         "slope": slope,
     }
