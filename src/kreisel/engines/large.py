@@ -336,25 +336,26 @@ class Printer:
         """The source; `columns` say where each constant stands in its row."""
         pieces = [recorded(self.form, self.kinds, *function) for function in _functions(self.scheme)]
         h = self.form.h
-        place, load, store, save = 0, [], [], []
+        place = 0
+        load, numbers, store, stored, save, saved = ([f"for k in range({h}):"], [], [f"for k in range({h}):"], [], [f"for k in range({h}):"], [])  # fmt: skip
         for name in self.names:
             if name[-1] == "t":
-                load.append(f"{name} = z[lane, {place}]")
-                store.append(f"z[lane, {place}] = {name}")
-                save.append(f"out[row, lane, {place}] = {name}")
+                numbers.append(f"{name} = z[lane, {place}]")
+                stored.append(f"z[lane, {place}] = {name}")
+                saved.append(f"out[row, lane, {place}] = {name}")
                 place += 1
                 continue
             row = self._keep(name)
-            load.append(f"w[{row * h} : {row * h + h}] = z[lane, {place} : {place + h}]")
-            store.append(f"z[lane, {place} : {place + h}] = w[{row * h} : {row * h + h}]")
-            save.append(f"out[row, lane, {place} : {place + h}] = w[{row * h} : {row * h + h}]")
+            load.append(f"    w[{row * h} + k] = z[lane, {place} + k]")
+            store.append(f"    z[lane, {place} + k] = w[{row * h} + k]")
+            save.append(f"    out[row, lane, {place} + k] = w[{row * h} + k]")
             place += h
         for name, where in columns.items():
             if where.stop - where.start == 1 and self.form.roles.get(name, ("c", "turn"))[1] != "vector" and name != TURN_NAME:
-                load.append(f"c_{name} = c[lane, {where.start}]")
+                numbers.append(f"c_{name} = c[lane, {where.start}]")
             else:
                 row = self._keep(f"c_{name}")
-                load.append(f"w[{row * h} : {row * h + h}] = c[lane, {where.start} : {where.stop}]")
+                load.append(f"    w[{row * h} + k] = c[lane, {where.start} + k]")
         stage = [f"s_{name} = s[lane, stage, {where.start}]" for name, where in stage_columns.items()]
         constant = {f"c_{name}" for name in columns}
         fixed: list[Line] = []
@@ -369,10 +370,10 @@ class Printer:
         first = self._printed(fixed, wanted, None)
         body, *close = [self._printed(rest, set(), new) for rest, new in bodies]
         return head + KERNEL.format(
-            total=SUM, options=options, room=self.rows * h, load=indented(load, 8), once=indented(first, 8),
+            total=SUM, options=options, room=self.rows * h, load=indented(load + numbers, 8), once=indented(first, 8),
             stage=indented(stage, 20), body=indented(body, 20),
             close=indented([line for lines in close for line in lines], 16),
-            save=indented(save, 12), store=indented(store, 8),
+            save=indented(save + saved, 12), store=indented(store + stored, 8),
         )  # fmt: skip
 
     def _keep(self, name: str) -> int:
