@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,7 +30,6 @@ from kreisel.algebra import Array
 from kreisel.engines import arrays
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, split
-from kreisel.engines.large import Printer
 from kreisel.engines.recording import (
     STRAIGHT_LINE_N,
     Piece,
@@ -40,6 +40,9 @@ from kreisel.engines.recording import (
     recorded_outputs,
 )
 from kreisel.methods.scheme import Scheme
+
+if TYPE_CHECKING:
+    from kreisel.engines.large import Printer
 
 # Straight-line code has its fused products written out (`kreisel.engines.lines`); a flag that lets LLVM choose would
 # make it choose otherwise in scalar than in vector code.
