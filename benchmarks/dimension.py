@@ -9,20 +9,17 @@ Accuracy: a million steps at n = 10 with the structured and with the dense kerne
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cases import RESULTS, machine
+from cases import machine, parser, write
 
 import kreisel as kr
 from kreisel.runs.plan import make_plan
 
-SIZES = (3, 4, 5, 6, 8, 10, 16, 32, 64, 128, 256, 512, 1000)
+SIZES = (3, 4, 5, 6, 10, 16, 32, 64, 128, 256, 512, 1000)
 FROM = 128  # of the fit
 LARGEST_DENSE = {"lagrange-top": 1000, "clebsch": 1000}  # of the dense engine for comparison; 128 else
 SECONDS, TURNS = 0.05, 5
@@ -107,11 +104,10 @@ def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print, write the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--largest", type=int, default=SIZES[-1])
-    parser.add_argument("--steps", type=int, default=1_000_000, help="for the accuracy; 0: do without")
-    parser.add_argument("--output", type=Path, default=RESULTS / "dimension.json")
-    options = parser.parse_args(arguments)
+    asking = parser(__doc__, "dimension")
+    asking.add_argument("--largest", type=int, default=SIZES[-1])
+    asking.add_argument("--steps", type=int, default=1_000_000, help="for the accuracy; 0: do without")
+    options = asking.parse_args(arguments)
     load = round(os.getloadavg()[0], 1)
     found: dict[str, dict[str, float]] = {}
     engines: dict[str, dict[str, str]] = {}
@@ -129,8 +125,7 @@ def main(arguments: list[str] | None = None) -> None:
     bands = accuracy(options.steps) if options.steps else {}
     told = {"machine": machine(), "load_average_before": load, "ns": found, "engines": engines, "fitted_from": FROM,
             "exponents": exponents, "accuracy": {"steps": options.steps, "n": 10, "bands": bands}}  # fmt: skip
-    options.output.write_text(json.dumps(told, indent=1) + "\n")
-    print(f"Written: {options.output}")
+    write(told, options.output)
 
 
 if __name__ == "__main__":
