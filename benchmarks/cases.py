@@ -1,96 +1,29 @@
-"""What is measured: the five maps, their starts, and the machine it is measured on."""
+"""What is measured, and where the results go."""
 
 from __future__ import annotations
 
-import os
-import platform
-from dataclasses import dataclass
-from importlib.metadata import version
+import argparse
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-import kreisel as kr
+from kreisel.bench.cases import SEEDS, Case, cases, machine, unit
 
 RESULTS = Path(__file__).parent / "results"
-SEEDS = (1, 2, 3)
+
+__all__ = ["RESULTS", "SEEDS", "Case", "cases", "machine", "parser", "unit", "write"]
 
 
-@dataclass(frozen=True)
-class Case:
-    """A system with parameters, and named initial states."""
-
-    name: str
-    model: Any
-    states: dict[str, dict[str, Any]]
-
-    @property
-    def n(self) -> int:
-        """The dimension of space."""
-        return int(self.model.n)
+def parser(doc: str | None, name: str) -> argparse.ArgumentParser:
+    """The options of a script, with --output results/NAME.json."""
+    options = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--output", type=Path, default=RESULTS / f"{name}.json")
+    return options
 
 
-def unit(v: Any) -> np.ndarray:
-    v = np.asarray(v, dtype=float)
-    return v / np.sqrt(v @ v)
-
-
-def cases(n: int = 3, generic: bool = False) -> list[Case]:
-    """The five maps for n = 3, two of them beyond.
-
-    `generic` turns the constant vector away from the axes, so that no parameter is 0 or 1 and a kernel
-    has nothing to fold; otherwise the standard top is among the states.
-    """
-    axis = unit([0.3, -0.2, 0.9]) if generic else np.eye(n)[-1]
-    b = np.array([0.3, 0.7, 1.9, 1.1])[:n]
-    tops = [Case("lagrange-top", kr.LagrangeTop(p=axis), _states("m", "a", n))]
-    if n == 3:
-        tops += [
-            Case("lagrange-top-moving", kr.LagrangeTopMoving(A=axis, alpha=0.7), _states("M", "P", n)),
-            Case("symmetric-top", kr.SymmetricTop(A=axis), _states("M", "P", n)),
-        ]
-    tops += [Case("clebsch", kr.Clebsch(b=b), _states("M", "P", n))]
-    if n == 3:
-        tops += [Case("neumann", kr.Neumann(b=b), _on_sphere(n))]
-    return tops
-
-
-def _states(skew: str, vector: str, n: int) -> dict[str, dict[str, Any]]:
-    out = {"standard": {skew: (0.1, 0.2, 1.5), vector: (0.6, 0.0, 0.8)}} if n == 3 else {}
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        X = rng.standard_normal((n, n))
-        out[f"seed {seed}"] = {skew: X - X.T, vector: unit(rng.standard_normal(n))}
-    return out
-
-
-def _on_sphere(n: int) -> dict[str, dict[str, Any]]:
-    out = {"standard": {"x": (0.6, 0.0, 0.8), "q": (0.8, 0.5, -0.6)}}
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        x, q = unit(rng.standard_normal(n)), rng.standard_normal(n)
-        out[f"seed {seed}"] = {"x": x, "q": q - x * (x @ q)}
-    return out
-
-
-def machine() -> dict[str, Any]:
-    """Processor, system and versions."""
-    return {
-        "cpu": _cpu(),
-        "cores": os.cpu_count(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        **{package: version(package) for package in ("numpy", "numba", "llvmlite", "scipy", "xarray")},
-        "kreisel": kr.__version__,
-    }
-
-
-def _cpu() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor()
+def write(result: Mapping[str, Any], output: Path) -> None:
+    """The result as JSON."""
+    output.parent.mkdir(exist_ok=True)
+    output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(f"\nWritten: {output}")

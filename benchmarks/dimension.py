@@ -1,26 +1,28 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
-Up to n = 8 the step is straight-line code, beyond array code with a dense solve; the exponent is that of the least
-squares line through the logarithms from n = 16 on.  The thread's processor time, least of some turns.
+The engine that a run chooses ("chosen": straight-line code up to n = 8, beyond structured code of O(n) a step where the
+step has that form, else array code with a dense solve), and the other ones for comparison.  The exponent is that of the
+least squares line through the logarithms from n = 128 on.  The thread's processor time, least of some turns.
+
+Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst kept integral in bands.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cases import RESULTS, machine
+from cases import machine, parser, write
 
 import kreisel as kr
 from kreisel.runs.plan import make_plan
 
-SIZES = (3, 4, 5, 6, 8, 10, 16, 32, 64, 128)
-SECONDS, TURNS = 0.1, 5
+SIZES = (3, 4, 5, 6, 10, 16, 32, 64, 128, 256, 512, 1000)
+FROM = 128  # of the fit
+LARGEST_DENSE = {"lagrange-top": 1000, "clebsch": 1000}  # of the dense engine for comparison; 128 else
+SECONDS, TURNS = 0.05, 5
 
 
 def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
@@ -30,13 +32,18 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     q = draw.normal(size=n)
     return {
         "lagrange-top": (kr.LagrangeTop(p=np.eye(n)[-1]), {"m": X - X.T, "a": v}),
+        "lagrange-top-moving": (kr.LagrangeTopMoving(A=np.eye(n)[-1], alpha=0.7), {"M": X - X.T, "P": v}),
         "clebsch": (kr.Clebsch(b=b), {"M": X - X.T, "P": v}),
         "neumann": (kr.Neumann(b=b), {"x": v, "q": q - v * (v @ q)}),
     }
 
 
-def nanoseconds(model: Any, state: dict[str, Any]) -> float:
-    plan = make_plan(model, model.state(**state), dt=0.01, steps=1, every=1, method="suris", order=1, orientation=None)
+def nanoseconds(
+    model: Any, state: dict[str, Any], method: str, order: int, engine: str | None
+) -> tuple[str, float]:
+    """The engine's name, and nanoseconds a step."""
+    plan = make_plan(model, model.state(**state), dt=0.01, steps=1, every=1, method=method, order=order,
+                     orientation=None, engine=engine)  # fmt: skip
     out, steps = np.empty((1, *plan.engine.z.shape)), 1
     plan.engine.advance(out, 1)
     took = 0.0
@@ -50,30 +57,75 @@ def nanoseconds(model: Any, state: dict[str, Any]) -> float:
         begun = time.thread_time()
         plan.engine.advance(out, steps)
         best = min(best, time.thread_time() - begun)
-    return best / steps * 1e9
+    return plan.where, best / steps * 1e9
+
+
+def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
+    """(name of the row, system, order, method, engine) for this n."""
+    rows: list[tuple[str, str, int, str, str | None]] = []
+    for system in models(4):
+        rows.append((system, system, 1, "suris", None))
+        if n > 3 and system != "clebsch":
+            rows.append((f"{system}, large", system, 1, "suris", "large"))
+        if n > 8 and n <= LARGEST_DENSE.get(system, 128) and system != "clebsch":
+            rows.append((f"{system}, dense", system, 1, "suris", "cpu"))
+    if n > 8:
+        rows.append(("lagrange-top, baecklund of order 8", "lagrange-top", 8, "baecklund", None))
+    return rows
+
+
+def fitted(found: dict[str, dict[str, float]]) -> dict[str, float]:
+    """Exponents of the cost from n = FROM on."""
+    out = {}
+    for name, row in found.items():
+        far = [(int(n), ns) for n, ns in row.items() if int(n) >= FROM]
+        if len(far) > 2:
+            n, ns = np.array(far).T
+            out[name] = round(float(np.polyfit(np.log(n), np.log(ns), 1)[0]), 2)
+    return out
+
+
+def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
+    """Worst kept integral over `steps` steps, in bands, of both kernels."""
+    out: dict[str, dict[str, float]] = {}
+    for name, (model, state) in models(n).items():
+        if name == "clebsch":
+            continue
+        for method, order in (("suris", 2), ("baecklund", 4)):
+            row = out[f"{name}, {method}"] = {}
+            for engine in ("large", "cpu"):
+                run = kr.simulate(model, model.state(**state), dt=0.1, steps=steps, every=steps // 100, method=method,
+                                  order=order, engine=engine)  # fmt: skip
+                table = kr.drift(run)
+                row[engine] = round(float(table.ratio[table.kept == True].max()), 2)  # noqa: E712
+            print(f"{name}, {method}: {row}", flush=True)
+    return out
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print, write the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--largest", type=int, default=SIZES[-1])
-    parser.add_argument("--output", type=Path, default=RESULTS / "dimension.json")
-    options = parser.parse_args(arguments)
-    sizes = [n for n in SIZES if n <= options.largest]
+    asking = parser(__doc__, "dimension")
+    asking.add_argument("--largest", type=int, default=SIZES[-1])
+    asking.add_argument("--steps", type=int, default=1_000_000, help="for the accuracy; 0: do without")
+    options = asking.parse_args(arguments)
+    load = round(os.getloadavg()[0], 1)
     found: dict[str, dict[str, float]] = {}
-    for n in sizes:
-        for name, (model, state) in models(n).items():
-            found.setdefault(name, {})[str(n)] = round(nanoseconds(model, state), 1)
-        print(f"n = {n:<4}" + "   ".join(f"{name} {row[str(n)]:.0f} ns" for name, row in found.items()), flush=True)
-    fitted = {}
-    for name, row in found.items():
-        far = [n for n in sizes if n >= 16]
-        if len(far) > 1:
-            fitted[name] = round(float(np.polyfit(np.log(far), np.log([row[str(n)] for n in far]), 1)[0]), 2)
-    print(f"exponents from n = 16 on: {fitted}")
-    told = {"machine": machine(), "load_average_after": round(os.getloadavg()[0], 1), "ns": found, "exponents": fitted}
-    options.output.write_text(json.dumps(told, indent=1) + "\n")
-    print(f"Written: {options.output}")
+    engines: dict[str, dict[str, str]] = {}
+    for n in (n for n in SIZES if n <= options.largest):
+        known = models(n)
+        for name, system, order, method, engine in asked(n):
+            model, state = known[system]
+            where, ns = nanoseconds(model, state, method, order, engine)
+            found.setdefault(name, {})[str(n)] = round(ns, 1)
+            engines.setdefault(name, {})[str(n)] = where
+        print(f"n = {n:<4}" + "   ".join(f"{k} {row[str(n)]:.0f} ns" for k, row in found.items() if str(n) in row),
+              flush=True)  # fmt: skip
+    exponents = fitted(found)
+    print(f"exponents from n = {FROM} on: {exponents}")
+    bands = accuracy(options.steps) if options.steps else {}
+    told = {"machine": machine(), "load_average_before": load, "ns": found, "engines": engines, "fitted_from": FROM,
+            "exponents": exponents, "accuracy": {"steps": options.steps, "n": 10, "bands": bands}}  # fmt: skip
+    write(told, options.output)
 
 
 if __name__ == "__main__":

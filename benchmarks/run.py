@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 import dimension
 import ensemble
@@ -10,13 +11,16 @@ import roundoff
 import saving
 import single
 
+from kreisel.bench.compiled import MISSING, compiler
+
 
 def main() -> None:
     """Say what is done, do it, say where the results are."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--all", action="store_true", help="also roundoff.py, some minutes")
     options = parser.parse_args()
-    single.compiler()
+    if compiler() is None:
+        sys.exit(MISSING)
     print("== single: one trajectory, n = 3, kernels against C++ by hand (about half a minute)")
     single.main([])
     print("\n== ensemble: many trajectories, n = 3, kernels against C++ by hand (about a minute)")

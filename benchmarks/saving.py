@@ -1,106 +1,19 @@
-"""What saving costs: kr.simulate's march with every = 1, 10, 100, 1000, all integrals computed, against no saving.
-
-Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
-turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.
-"""
+"""What saving costs: `kreisel.bench.saving`, into results/saving.json."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import subprocess
-import sys
-import tempfile
-import time
-from pathlib import Path
-from typing import Any
+from cases import parser, write
 
-import numpy as np
-from cases import RESULTS, Case, cases, machine
-
-from kreisel.runs.march import March
-from kreisel.runs.plan import Plan, make_plan
-
-STEPS = {1: 500_000, 10: 3_000_000, 100: 10_000_000, 1000: 10_000_000}
-TURNS = 7
-
-
-def plan_of(case: Case, method: str, every: int, steps: int) -> Plan:
-    state = case.model.state(**case.states["standard"])
-    plan = make_plan(case.model, state, dt=0.05, steps=steps, every=every, method=method, order=2, orientation=None)
-    plan.observe(plan.engine.z[None])  # compiled and loaded
-    plan.engine.advance(np.empty((1, *plan.engine.z.shape)), 10)
-    return plan
-
-
-def without(plan: Plan) -> float:
-    """Seconds a step."""
-    begun = time.thread_time()
-    plan.engine.advance(np.empty((1, *plan.engine.z.shape)), plan.steps)
-    return (time.thread_time() - begun) / plan.steps
-
-
-def saving(plan: Plan) -> float:
-    begun = time.thread_time()
-    for _ in March(plan).blocks():
-        pass
-    return (time.thread_time() - begun) / plan.steps
-
-
-def ratios(case: Case, method: str, turns: int, part: int) -> dict[str, Any]:
-    found: dict[int, list[float]] = {every: [] for every in STEPS}
-    base = []
-    for _ in range(turns):
-        for every, steps in STEPS.items():
-            alone = without(plan_of(case, method, every, STEPS[100] // part))
-            base.append(alone)
-            found[every].append(saving(plan_of(case, method, every, steps // part)) / alone)
-    out: dict[str, Any] = {"ns a step without saving": round(float(np.median(base)) * 1e9, 2)}
-    for every, values in found.items():
-        low, middle, high = np.percentile(values, [25, 50, 75])
-        out[f"every {every}"] = {"ratio": round(middle, 3), "quartiles": [round(low, 3), round(high, 3)]}
-    return out
-
-
-PEAK = """
-import kreisel as kr, resource, sys
-top = kr.LagrangeTop(p=(0, 0, 1))
-rows, path = int(sys.argv[1]), sys.argv[2]
-kr.simulate(top, top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=100 * rows, every=100, path=path)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
-"""
-
-
-def memory(rows: int) -> dict[str, Any]:
-    """Peak MiB of a run to disk."""
-    out = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for count in (rows, 10 * rows):
-            command = [sys.executable, "-c", PEAK, str(count), str(Path(folder) / f"{count}.zarr")]
-            out[f"{count} rows"] = int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    return out
+from kreisel.bench.saving import TURNS, measure
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print, write the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--turns", type=int, default=TURNS)
-    parser.add_argument("--part", type=int, default=1, help="a part of the steps, for a quick look")
-    parser.add_argument("--output", type=Path, default=RESULTS / "saving.json")
-    options = parser.parse_args(arguments)
-    rows = {}
-    for case in cases():
-        for method in ("suris", "baecklund"):
-            rows[f"{case.name}, {method}"] = row = ratios(case, method, options.turns, options.part)
-            told = [f"{k}: {v['ratio']:.2f}" for k, v in row.items() if k.startswith("every")]
-            print(f"{case.name:<21}{method:<11}" + "   ".join(told), flush=True)
-    peak = memory(30_000 // options.part)
-    print(f"peak memory, MiB: {peak}")
-    result = {"machine": machine(), "turns": options.turns, "part": options.part,
-              "load_average_after": round(os.getloadavg()[0], 1), "runs": rows, "peak_memory_MiB": peak}  # fmt: skip
-    options.output.write_text(json.dumps(result, indent=1) + "\n")
-    print(f"\nWritten: {options.output}")
+    options = parser(__doc__, "saving")
+    options.add_argument("--turns", type=int, default=TURNS)
+    options.add_argument("--part", type=int, default=1, help="a part of the steps, for a quick look")
+    told = options.parse_args(arguments)
+    write(measure(told.turns, told.part), told.output)
 
 
 if __name__ == "__main__":

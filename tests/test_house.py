@@ -26,6 +26,7 @@ RANK = {
     "lab": 8,
     "analysis": 8,
     "view": 8,
+    "bench": 8,
     "cli": 9,
     "__main__": 10,
 }

@@ -105,7 +105,7 @@ class Complex:
         return any(isinstance(v, float) or getattr(v, "inexact", False) for v in (self.re, self.im))
 
     def __add__(self, other: Any) -> Complex:
-        if isinstance(other, np.ndarray):
+        if _is_array(other):
             return NotImplemented
         other = _complex(other)
         return Complex(self.re + other.re, self.im + other.im)
@@ -116,13 +116,13 @@ class Complex:
         return Complex(-self.re, -self.im)
 
     def __sub__(self, other: Any) -> Complex:
-        return NotImplemented if isinstance(other, np.ndarray) else self + (-_complex(other))
+        return NotImplemented if _is_array(other) else self + (-_complex(other))
 
     def __rsub__(self, other: Any) -> Complex:
         return (-self) + other
 
     def __mul__(self, other: Any) -> Complex:
-        if isinstance(other, np.ndarray):
+        if _is_array(other):
             return NotImplemented
         other = _complex(other)
         return Complex(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
@@ -130,7 +130,7 @@ class Complex:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Complex:
-        if isinstance(other, np.ndarray):
+        if _is_array(other):
             return NotImplemented
         if not isinstance(other, Complex):  # in the field of the parts: 1/2 of integers would be a float
             return Complex(self.re / other, self.im / other)
@@ -139,6 +139,10 @@ class Complex:
     def __rtruediv__(self, other: Any) -> Complex:
         scale = 1 / (self.re * self.re + self.im * self.im)
         return other * Complex(self.re * scale, -self.im * scale)
+
+
+def _is_array(x: Any) -> bool:
+    return isinstance(x, np.ndarray) or bool(getattr(x, "shape", ()))
 
 
 def _complex(x: Any) -> Complex:
@@ -311,6 +315,8 @@ def pairing(X: Array, Y: Array) -> Array:
 
 def wedge(x: Array, y: Array) -> Array:
     """The wedge product x ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
+    if hasattr(x, "record_wedge"):
+        return x.record_wedge(y)
     return x[..., :, None] * y[..., None, :] - y[..., :, None] * x[..., None, :]
 
 
@@ -326,6 +332,8 @@ def bracket(X: Array, Y: Array) -> Array:
 
 def project_out(m: Array, p: Array) -> Array:
     """|p|^2 pi m pi with pi = I - p p^T / |p|^2: the part of m that does not touch p; hat(p <p, m>) for n = 3."""
+    if hasattr(m, "record_project_out"):
+        return m.record_project_out(p)
     if m.shape[-1] == 3:
         return hat(p * vec(dot(p, axial(m))))
     return mat(dot(p, p)) * m - wedge(act(m, p), p)
@@ -458,7 +466,8 @@ def close_sum(V: Array, Y: Array, small: Array) -> Array:
 def shifted_resolvent(mu: Array, X: Array, v: Array) -> Array:
     """(mu - X)^-1 v for X (..., n, n) skew, v (..., n) and a scalar mu with Re mu != 0; any of them complex."""
     if X.shape[-1] != 3:
-        return solve(mat(mu) * identity(X.shape[-1]) - X, v[..., None])[..., 0]
+        A = X.record_shifted(mu) if hasattr(X, "record_shifted") else mat(mu) * identity(X.shape[-1]) - X
+        return solve(A, v[..., None])[..., 0]
     u, square = axial(X), mu * mu
     scale = 1 / (mu * (square + dot(u, u)))
     return vec(scale) * (vec(square) * v + vec(mu) * act(X, v) + u * vec(dot(u, v)))
@@ -592,6 +601,8 @@ def cayley(X: Array) -> Array:
 
 def cayley_conjugate(X: Array, M: Array) -> Array:
     """cay(X) M cay(X)^-1 for skew X and M (..., n, n); for n = 3 the turned axial vector."""
+    if hasattr(M, "record_conjugate"):
+        return M.record_conjugate(X)
     if X.shape[-1] == 3:
         return hat(cayley_act(X, axial(M)))
     return cayley_columns(X, cayley_columns(X, M).mT).mT

@@ -1,4 +1,4 @@
-"""The command line: run, resume, check, plot, view, systems, verify.  Bad input: exit code 2 and one message."""
+"""The command line: run, resume, check, plot, view, systems, verify, bench.  Bad input: exit code 2 and one message."""
 
 from __future__ import annotations
 
@@ -300,6 +300,49 @@ def verify(
         print(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
     if failing:
         raise typer.Exit(1)
+
+
+@app.command()
+def bench(as_json: AsJson = False) -> None:
+    """Measure the speed of each map on this machine, n = 3, against C++ where g++ is installed; about a minute."""
+    from rich.console import Console
+
+    from kreisel.bench import short
+
+    with Console(stderr=True).status("") as status:
+        told = short.bench(lambda name: status.update(f"{name}: kernels are compiled and timed"))
+    if as_json:
+        _print_json(told)
+        return
+    _print_bench(told)
+
+
+BENCH_COLUMNS = {
+    "ns_a_step": "ns a step",
+    "step_to_cpp": "to C++",
+    "ns_a_lane_step": "ns a lane-step",
+    "lane_step_to_cpp": "to C++",
+    "one_core_to_all": "one core to all",
+    "saving": "saving every 100",
+}
+
+
+def _print_bench(told: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, header_style="bold")
+    grid.add_column("map, n = 3")
+    shown = [name for name in BENCH_COLUMNS if name in next(iter(told["maps"].values()))]
+    for name in shown:
+        grid.add_column(BENCH_COLUMNS[name], justify="right")
+    for label, row in told["maps"].items():
+        grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
+    Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
+    known = told["machine"]
+    print(f"{known['cpu']}, {known['cores']} cores; load average {told['load_average']}; times are medians, of one core")
+    if "note" in told:
+        print(told["note"])
 
 
 def _print_finding(finding: Any) -> None:

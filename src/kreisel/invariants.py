@@ -23,12 +23,15 @@ from kreisel.algebra import (
 )
 
 
-def faddeev_leverrier(N: Array) -> tuple[list[Array], list[Array]]:
-    """c_k (k = 0..n) and B_k (k = 0..n-1): det(mu - N) = sum c_k mu^(n-k), adj(mu - N) = sum B_k mu^(n-1-k)."""
+def faddeev_leverrier(N: Array, last: int | None = None) -> tuple[list[Array], list[Array]]:
+    """c_k (k = 0..n) and B_k (k = 0..n-1): det(mu - N) = sum c_k mu^(n-k), adj(mu - N) = sum B_k mu^(n-1-k).
+
+    With `last` only those up to c_last, in as many products of matrices.
+    """
     n = N.shape[-1]
     B = [identity(n) + 0 * N]
     c: list[Array] = [1]
-    for k in range(1, n + 1):
+    for k in range(1, n + 1 if last is None else min(n, last) + 1):
         NB = N @ B[-1]
         c.append(-trace(NB) / k)
         if k < n:
@@ -41,12 +44,14 @@ def trace(A: Array) -> Array:
     return (A * identity(A.shape[-1])).sum(-1).sum(-1)
 
 
-def faddeev_leverrier_pencil(M: Array, B: Array) -> tuple[list[list[Array]], list[list[Array]]]:
+def faddeev_leverrier_pencil(
+    M: Array, B: Array, last: int | None = None
+) -> tuple[list[list[Array]], list[list[Array]]]:
     """The same for the pencil N = nu B + M: c[k][i] and B[k][i] are the coefficients of nu^i."""
     n = M.shape[-1]
     adj: list[list[Array]] = [[identity(n) + 0 * M]]
     c: list[list[Array]] = [[1]]
-    for k in range(1, n + 1):
+    for k in range(1, n + 1 if last is None else min(n, last) + 1):
         previous = adj[-1]
         product = [(M @ previous[i] if i < k else 0) + (B @ previous[i - 1] if i > 0 else 0) for i in range(k + 1)]
         c.append([-trace(term) / k for term in product])
@@ -76,7 +81,7 @@ def casimirs(M: Array, P: Array, most: int = 4) -> Array:
 
     The first two are |P|^2 and |P|^2 <M, M> - |M P|^2; for n = 3 the second is (M . P)^2.
     """
-    n, B = M.shape[-1], faddeev_leverrier(M)[1]
+    n, B = M.shape[-1], faddeev_leverrier(M, 2 * most - 2)[1]
     return stack([form(P, B[k], P) for k in range(0, min(n, 2 * most), 2)])
 
 
@@ -87,7 +92,7 @@ def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
     <p, B_k p> (lambda^-2), up to sign, with c and B of `faddeev_leverrier(m)`; odd k vanish.
     """
     n = m.shape[-1]
-    c, B = faddeev_leverrier(m)
+    c, B = faddeev_leverrier(m, 2 * most)
     out = []
     for k in range(0, min(n, 2 * most), 2):
         out += [form(b, B[k], b), (c[k + 2] if k + 2 <= n else 0) + 2 * form(b, B[k], p)]
@@ -95,17 +100,18 @@ def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
     return stack(out)
 
 
-def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = False) -> Array:
+def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = False, most: int = 8) -> Array:
     """Coefficients of (nu + kappa mu) det(mu - nu B - M) - <Q, adj(mu - nu B - M) Q> in nu and mu.
 
     The characteristic polynomial of lambda B + M + Q Q^T / lambda (kappa = 0), and its deformation by
     the discrete Clebsch map.  Coefficients that do not depend on M and Q are left out, and with `plane`, for
     M = x ^ q and Q in the plane of x and q, those of degree 4 and more in M and Q, which vanish there.
+    For n > `most` only those of mu^(n-1) ... mu^(n-most).
     """
     n = M.shape[-1]
-    c, adj = faddeev_leverrier_pencil(M, B)
+    c, adj = faddeev_leverrier_pencil(M, B, most + 1)
     out = []
-    for k in range(1, n + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has B alone
+    for k in range(1, min(n, most) + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has B alone
         for i in range(k - 1, k - 2 if plane else -1, -2):
             term = -form(Q, adj[k - 1][i], Q)
             term = term + (c[k][i - 1] if i > 0 else 0) + (kappa * c[k + 1][i] if k < n else 0)
@@ -115,7 +121,7 @@ def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = Fa
 
 def casimirs_free(M: Array, most: int = 4) -> Array:
     """Casimirs of so(n): the coefficients c_2, c_4, ... of det(mu - M), the first `most`.  The first is <M, M>."""
-    c = faddeev_leverrier(M)[0]
+    c = faddeev_leverrier(M, 2 * most)[0]
     return stack([c[k] for k in range(2, min(M.shape[-1] + 1, 2 * most + 1), 2)])
 
 

@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,6 +40,9 @@ from kreisel.engines.recording import (
     recorded_outputs,
 )
 from kreisel.methods.scheme import Scheme
+
+if TYPE_CHECKING:
+    from kreisel.engines.large import Printer
 
 # Straight-line code has its fused products written out (`kreisel.engines.lines`); a flag that lets LLVM choose would
 # make it choose otherwise in scalar than in vector code.
@@ -164,13 +168,17 @@ class Kernel:
     `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
     """
 
-    def __init__(self, scheme: Scheme, z0: Floats):
+    def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None):
         self.z = np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
-        record = Recording(scheme, self.constants, columns, stage_columns)
-        by_blocks = len(self.z) > 1 and record.straight
-        self.source = _head(scheme, record) + (_lanes if by_blocks else _one_by_one)(record)
+        if printer is not None:
+            head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
+            self.source = printer(columns, stage_columns, head, EXACT)
+        else:
+            record = Recording(scheme, self.constants, columns, stage_columns)
+            by_blocks = len(self.z) > 1 and record.straight
+            self.source = _head(scheme, record) + (_lanes if by_blocks else _one_by_one)(record)
         self._kernel = load(self.source).kernel
 
     def advance(self, out: Floats, every: int) -> None:

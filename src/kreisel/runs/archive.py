@@ -112,7 +112,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
     """
     z = _spread(plan, first)
-    directions = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, *z.shape)) * _largest(plan, z)
+    samples = SAMPLES if plan.model.n <= 16 else max(2, 16 * SAMPLES // plan.model.n)  # a coordinate each counts as one
+    directions = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *z.shape)) * _largest(plan, z)
     here = plan.observe(z)
     up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)
     a_bit_up, a_bit_down = _moved(plan, z, HAIR * directions), _moved(plan, z, -HAIR * directions)
@@ -149,9 +150,9 @@ def _largest(plan: Plan, z: Floats) -> Floats:
 def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d).
 
-    Of more than 64 lanes fewer rows, down to one: some thousand states are enough.
+    Of more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand numbers are enough.
     """
-    count = min(32, max(1, 2048 // plan.lanes))
+    count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
     rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, count).astype(int))
     parts = []
     for letter, outcome in plan.scheme.outcomes.items():

@@ -27,7 +27,7 @@ class Run(msgspec.Struct, forbid_unknown_fields=True):
     method: str | None = None
     order: int | str | None = None
     tol: float | None = None
-    engine: str = "cpu"
+    engine: str | None = None
 
 
 class Output(msgspec.Struct, forbid_unknown_fields=True):

@@ -15,6 +15,7 @@ from kreisel.algebra import Array
 from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
+from kreisel.engines.recording import STRAIGHT_LINE_N
 from kreisel.errors import InputError, nearest
 from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION
@@ -22,8 +23,10 @@ from kreisel.model import Model, State
 
 if TYPE_CHECKING:
     from kreisel.engines.closed import ClosedForm
+    from kreisel.engines.large import Printer
 
-ENGINES = ("cpu", "cuda", "cuda-float32")
+ENGINES = ("cpu", "large", "cuda", "cuda-float32")
+LARGE = STRAIGHT_LINE_N + 1  # n from which engine="large" is chosen where there is one; measured, benchmarks/dimension.py
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
@@ -109,7 +112,7 @@ def make_plan(
     order: int | str | None,
     orientation: Any,
     tol: Any = None,
-    engine: str = "cpu",
+    engine: str | None = None,
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
@@ -129,11 +132,13 @@ def make_plan(
         raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={order!r} came.")
     plan = scheme(model, method, dt, order, orientation is not None)
     parts = _parts(model, state, orientation)
-    plan, start = _lanes(model, plan, parts)
+    engine = _known_engine(engine)
+    plan, start, printer = _lanes(model, plan, parts, engine)
+    engine = engine or ("cpu" if printer is None else "large")
     return Plan(
         model=model,
         scheme=plan,
-        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, engine),
+        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, engine, printer),
         dt=dt,
         steps=steps,
         every=every,
@@ -153,7 +158,7 @@ def _chosen(
     method: str | None,
     orientation: Any,
     tol: Any,
-    engine: str,
+    engine: str | None,
 ) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.methods.auto import choose
@@ -194,7 +199,7 @@ def plan_of_times(
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
     parts = _parts(model, state, orientation)
-    plan, start = _lanes(model, plan, parts)
+    plan, start, _ = _lanes(model, plan, parts, "cpu")
     engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
     lanes, told = math.prod(start.shape[:-1]), _named(model, parts)
     return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1, start=told), engine
@@ -218,10 +223,14 @@ def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
     return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
 
 
-def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str) -> Marcher:
-    if name not in ENGINES:
-        raise InputError(f"No engine is called {name!r}.{nearest(name, ENGINES)} There are: {', '.join(ENGINES)}.")
-    if name != "cpu":
+def _known_engine(name: Any) -> str | None:
+    if name is not None and name not in ENGINES:
+        raise InputError(f"No engine is called {name!r}.{nearest(str(name), ENGINES)} There are: {', '.join(ENGINES)}.")
+    return name
+
+
+def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str, printer: Printer | None) -> Marcher:
+    if name not in ("cpu", "large"):
         if plan.numbers != "any" or plan.step is None:
             raise InputError(f"engine={name!r} runs maps, not method={plan.name!r} for this system. Use engine='cpu'.")
         if plan.guard is not None and name == "cuda-float32":
@@ -238,7 +247,7 @@ def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str) -> Ma
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
-        return Kernel(plan, start)
+        return Kernel(plan, start, printer)
     if plan.orbit is not None:
         from kreisel.engines.closed import ClosedForm
 
@@ -248,12 +257,14 @@ def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str) -> Ma
     return Reference(plan, start, dt)
 
 
-def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> tuple[Scheme, Floats]:
+def _lanes(
+    model: Model, plan: Scheme, parts: tuple[Array, ...], engine: str | None
+) -> tuple[Scheme, Floats, Printer | None]:
     """The scheme with its constants of the trajectories, and the prepared start (d,) or (lanes, d).
 
-    The batch axes of states and parameters are made one.
+    The batch axes of states and parameters are made one.  With engine="large", or None where it is known and pays,
+    both in the form of that engine, and what prints its kernel.
     """
-    kinds = [kind for _, kind in plan.components]
     own = len(model.system.space.letters)
     before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
     batches = [p.shape[: p.ndim - component_axes(k)] for p, k in zip(parts, before[: len(parts)], strict=True)]
@@ -269,8 +280,25 @@ def _lanes(model: Model, plan: Scheme, parts: tuple[Array, ...]) -> tuple[Scheme
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
     )
-    plan = plan.on(spread)
-    return plan, np.asarray(layout.flatten(plan.prepare(spread), kinds))
+    plan, printer = plan.on(spread), None
+    if engine == "large" or (engine is None and plan.n >= LARGE):
+        plan, printer = _structured(plan, spread, engine)
+    kinds = [kind for _, kind in plan.components]
+    return plan, np.asarray(layout.flatten(plan.prepare(spread), kinds)), printer
+
+
+def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:
+    """The scheme in the form of engine="large", and what prints its kernel; as it was where none is known."""
+    from kreisel.engines.large import LEAST_N, Printer, form_of
+
+    form = form_of(plan)
+    if form is None and asked is not None:
+        raise InputError(
+            f"No kernel of O(n) a step of method={plan.name!r} is known for this system, n = {plan.n}: engine='large' "
+            f"needs n >= {LEAST_N}, no orientation, and momenta that change along one constant vector, other than 0, "
+            "or vectors alone. Leave engine out."
+        )
+    return (plan, None) if form is None else (form.on(plan, spread), Printer(form, plan))
 
 
 def checked_state(model: Model, x0: Any) -> State:

@@ -1,0 +1,36 @@
+"""C++ by hand, compiled on the spot: what the kernels are measured against."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+FLAGS = ["-O3", "-march=native", "-std=c++17", "-shared", "-fPIC"]
+MISSING = "g++ is not on the PATH: no comparison with C++ (install it, for example the package g++ of Debian)"
+
+
+def compiler() -> str | None:
+    """The path of g++, None where there is none."""
+    return shutil.which("g++")
+
+
+def version() -> str:
+    """What g++ says of itself."""
+    told = subprocess.run([_present(), "--version"], capture_output=True, text=True, check=True).stdout
+    return told.splitlines()[0]
+
+
+def build(name: str, folder: Path) -> ctypes.CDLL:
+    """NAME.cpp of this folder as a library in `folder`.  Raises `FileNotFoundError` without g++."""
+    source, target = Path(__file__).with_name(f"{name}.cpp"), folder / f"{name}.so"
+    subprocess.run([_present(), *FLAGS, str(source), "-o", str(target)], check=True)
+    return ctypes.CDLL(str(target))
+
+
+def _present() -> str:
+    found = compiler()
+    if found is None:
+        raise FileNotFoundError(MISSING)
+    return found

@@ -1,0 +1,215 @@
+"""Ensembles of n = 3 trajectories without saving: kernels against C++ by hand, in one run, and two cores against one.
+
+Each map is timed in turn as kernel on one core, as C++ with one to three chains of vectors (the fastest counts), as
+C++ of the paper's formula without correction, and as kernel on all cores; ratios are medians over the turns. One core
+is timed by the processor time of the thread, all cores against one by the clock, which says something on an idle
+machine only: the load average is written beside it. Where llvm-mca is installed, the kernel's loop is set against the
+cycles that its instructions need at least.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.bench.cases import Case, cases, machine
+from kreisel.bench.compiled import FLAGS, build
+from kreisel.runs.plan import make_plan
+
+DT, LANES, STEPS, TURNS = 0.05, 64 * 96, 500, 9  # lanes: whole blocks for every number of chains
+LONGER = 8  # times as many steps where the clock counts, against the start of the threads
+BY_THE_CLOCK = " by the clock"
+CHECKED, TOLERANCE = 100, 1e-12
+CHAINS, PLAIN_CHAINS = (1, 2, 3), (2, 3)
+VECTOR = re.compile(r"[yz]mm")
+
+March = Callable[[int], None]
+
+
+def gigahertz(library: ctypes.CDLL) -> float:
+    """Cycles a nanosecond, from additions that wait for each other; the best of many short looks."""
+    best = 0.0
+    for _ in range(200):
+        begun = time.perf_counter()
+        library.dependent_additions(ctypes.c_long(1000))
+        best = max(best, 1e5 / (time.perf_counter() - begun) * 1e-9)
+    return best
+
+
+class Contest:
+    """The contenders for one map, each on rows of its own from the same start."""
+
+    def __init__(self, case: Case, library: ctypes.CDLL | None):
+        state = {k: _spread(v) for k, v in case.states["standard"].items()}
+        plan = make_plan(case.model, case.model.state(**state), dt=DT, steps=1, every=1, method="suris", order=1,
+                         orientation=None)  # fmt: skip
+        self.engine: Any = plan.engine
+        self.start = self.engine.z.copy()
+        one = np.concatenate([np.ravel(plan.scheme.constants[k]) for k in (*case.model.params, "eps")])
+        self._constants, self._out = np.tile(one, (LANES, 1)), np.empty((1, *self.start.shape))
+        self.rows = self.start.copy()
+        symbol = case.name.replace("-", "_")
+        self.march: dict[str, March] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
+        if library is None:
+            return
+        self.march |= {f"cpp {k}": self._by_hand(library[f"{symbol}_{k}"]) for k in CHAINS}
+        self.march["all cores, cpp"] = self._by_hand_on_all_cores(library[f"{symbol}_2"])
+        self.march |= {f"plain {k}": self._by_hand(library[f"{symbol}_plain_{k}"]) for k in PLAIN_CHAINS}
+
+    def _on_one_core(self, steps: int) -> None:
+        e = self.engine
+        e._kernel(e.z, e.constants, e.stages, self._out, steps, 0, LANES)
+
+    def _on_all_cores(self, steps: int) -> None:
+        self.engine.advance(self._out, steps)
+
+    def _by_hand_on_all_cores(self, function: Any) -> March:
+        """What the machine gives: C++ on so many threads, each with its share of the lanes."""
+        function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
+        shares = np.array_split(np.arange(LANES), os.cpu_count() or 1)
+
+        def march(steps: int) -> None:
+            with ThreadPoolExecutor(len(shares)) as pool:
+                work = [
+                    pool.submit(function, self.rows[a:].ctypes.data, self._constants[a:].ctypes.data, len(share), steps)
+                    for share in shares
+                    for a in share[:1]
+                ]
+            for done in work:
+                done.result()
+
+        return march
+
+    def _by_hand(self, function: Any) -> March:
+        function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
+        return lambda steps: function(self.rows.ctypes.data, self._constants.ctypes.data, LANES, steps)
+
+    def agreement(self) -> float:
+        """Largest difference of any contender from the kernel after some steps; raises if they are different maps."""
+        self._on_one_core(CHECKED)
+        end, apart = self.engine.z.copy(), {}
+        for name, march in self.march.items():
+            self.engine.z[:], self.rows[:] = self.start, self.start
+            march(CHECKED)
+            apart[name] = float(abs((self.engine.z if name == "all cores" else self.rows) - end).max())
+        del apart["kernel"]
+        if apart["all cores"] != 0 or not max(apart.values()) < TOLERANCE:
+            raise AssertionError(f"after {CHECKED} steps the contenders are {apart} from the kernel")
+        return max(apart.values())
+
+    def timed(self, turns: int, steps: int) -> dict[str, Array]:
+        """Nanoseconds a lane-step, one number for each turn: of the thread's processor time, and by the clock."""
+        out: dict[str, list[float]] = {
+            name: []
+            for name in (*self.march, *(name + BY_THE_CLOCK for name in ("kernel", "cpp 2") if name in self.march))
+        }
+        for turn in range(turns):
+            names = [*out][turn % 3 :] + [*out][: turn % 3]
+            for name in names:
+                alone = name.removesuffix(BY_THE_CLOCK)
+                clock = time.perf_counter if alone != name or "all cores" in name else time.thread_time
+                count = steps * (LONGER if clock is time.perf_counter else 1)
+                begun = clock()
+                self.march[alone](count)
+                out[name].append((clock() - begun) / count / LANES * 1e9)
+        return {name: np.array(values) for name, values in out.items()}
+
+
+def _spread(v: Any) -> Array:
+    return np.tile(np.asarray(v, dtype=float), (LANES, 1))
+
+
+def bound(kernel: Any) -> dict[str, Any] | None:
+    """Cycles that the instructions of the longest vector loop need a lane, by llvm-mca; None where it is missing."""
+    analyser = shutil.which("llvm-mca")
+    loop = _longest_loop(next(iter(kernel.inspect_asm().values()))) if analyser else []
+    if not analyser or not loop:
+        return None
+    width = 8 if any("zmm" in line for line in loop) else 4
+    stores = sum(bool(re.match(r"\s+vmovup[ds]\s+%[yz]mm\d+, .*\((?!%rsp|%rbp)", line)) for line in loop)
+    unrolled, rest = divmod(stores, 6)  # six numbers of state for each vector; what goes to the stack is none
+    if rest or not unrolled:
+        raise AssertionError(f"{stores} stores in the loop are no whole number of states of 6")
+    told = subprocess.run([analyser, "-mcpu=native", "-iterations=100"], input="\n".join(loop), text=True,
+                          capture_output=True, check=True).stdout  # fmt: skip
+    (cycles,) = re.findall(r"Block RThroughput:\s+([\d.]+)", told)
+    return {"instructions": len(loop), "vectors": unrolled, "cycles_a_lane_step": float(cycles) / unrolled / width}
+
+
+def _longest_loop(assembly: str) -> list[str]:
+    best: list[str] = []
+    label, block = "", []
+    for line in assembly.splitlines():
+        found = re.match(r"(\.LBB\S+):", line)
+        if found:
+            label, block = found[1], []
+        elif re.match(r"\s+\w", line):
+            block.append(line)
+            jump = re.match(r"\s+j\w+\s+(\S+)", line)
+            if jump and jump[1] == label and sum(map(bool, map(VECTOR.search, block))) > len(best) / 2:
+                best = list(block) if len(block) > len(best) else best
+    return best
+
+
+def summary(ns: dict[str, Array]) -> dict[str, Any]:
+    """Medians, quartiles and ratios; of C++ the number of chains that is fastest."""
+    row: dict[str, Any] = {}
+    by_hand = [n for n in ns if n.startswith("cpp") and not n.endswith(BY_THE_CLOCK)]
+    best = min(by_hand, key=lambda n: np.median(ns[n]), default="")
+    plain = min((n for n in ns if n.startswith("plain")), key=lambda n: np.median(ns[n]), default="")
+    names = {"kernel": "kernel", "cpp": best, "cpp_plain": plain, "all_cores": "all cores"}
+    for told, name in ((told, name) for told, name in names.items() if name):
+        low, middle, high = np.percentile(ns[name], [25, 50, 75])
+        row[told] = {
+            "ns": round(middle, 2),
+            "quartiles": [round(low, 2), round(high, 2)],
+            "least": round(min(ns[name]), 2),
+        }
+    if best:
+        row["chains"] = {"cpp": int(best[-1]), "cpp_plain": int(plain[-1])}
+    for told, over, under in (
+        ("kernel/cpp", "kernel", best),
+        ("one/all_cores", "kernel" + BY_THE_CLOCK, "all cores"),
+        ("one/all_cores, cpp", "cpp 2" + BY_THE_CLOCK, "all cores, cpp"),
+    ):
+        if over not in ns or under not in ns:
+            continue
+        quartiles = np.percentile(ns[over] / ns[under], [25, 50, 75])
+        row[told] = round(float(quartiles[1]), 3)
+        row[f"{told} quartiles"] = [round(float(q), 3) for q in quartiles[::2]]
+    return row
+
+
+def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
+    """Everything, as written to results/ensemble.json."""
+    rows, load = {}, round(os.getloadavg()[0], 1)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["KREISEL_CACHE"] = str(Path(folder) / "kernels")  # compiled anew: the assembly is asked for
+        library = build("ensemble", Path(folder))
+        print(f"{'map, n = 3':<21}{'kernel':>10}{'C++':>8}{'plain':>8}{'all cores':>10}{'kernel/C++':>12}{'cores':>7}")
+        for case in cases(generic=True):
+            contest = Contest(case, library)
+            apart, least = contest.agreement(), bound(contest.engine._kernel)
+            cycles = gigahertz(library)
+            row = {**summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
+            if least:
+                part = least["cycles_a_lane_step"] / cycles / row["kernel"]["least"]
+                row["bound"] = {**least, "fraction_reached": round(part, 2)}
+            rows[case.name] = row
+            told = [row[k]["ns"] for k in ("kernel", "cpp", "cpp_plain", "all_cores")]
+            print(f"{case.name:<21}{told[0]:>10.2f}{told[1]:>8.2f}{told[2]:>8.2f}{told[3]:>10.2f}"
+                  f"{row['kernel/cpp']:>12.2f}{row['one/all_cores']:>7.2f}", flush=True)  # fmt: skip
+    return {"machine": machine(), "flags": FLAGS, "lanes": LANES, "steps": steps, "turns": turns, "dt": DT,
+            "load_average_before": load, "maps": rows}  # fmt: skip

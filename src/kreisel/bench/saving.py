@@ -1,0 +1,109 @@
+"""What saving costs: kr.simulate's march with every = 1, 10, 100, 1000, all integrals computed, against no saving.
+
+Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
+turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.bench.cases import Case, cases, machine
+from kreisel.runs.march import March
+from kreisel.runs.plan import Plan, make_plan
+
+STEPS = {1: 500_000, 10: 3_000_000, 100: 10_000_000, 1000: 10_000_000}
+TURNS = 7
+
+
+def plan_of(case: Case, method: str, every: int, steps: int) -> Plan:
+    """A plan whose kernels are compiled."""
+    state = case.model.state(**case.states["standard"])
+    plan = make_plan(case.model, state, dt=0.05, steps=steps, every=every, method=method, order=2, orientation=None)
+    plan.observe(plan.engine.z[None])  # compiled and loaded
+    plan.engine.advance(np.empty((1, *plan.engine.z.shape)), 10)
+    return plan
+
+
+def without(plan: Plan) -> float:
+    """Seconds a step."""
+    begun = time.thread_time()
+    plan.engine.advance(np.empty((1, *plan.engine.z.shape)), plan.steps)
+    return (time.thread_time() - begun) / plan.steps
+
+
+def saving(plan: Plan) -> float:
+    """Seconds a step, rows and integrals with them."""
+    begun = time.thread_time()
+    for _ in March(plan).blocks():
+        pass
+    return (time.thread_time() - begun) / plan.steps
+
+
+def ratios(
+    case: Case, method: str, turns: int, part: int, everies: Sequence[int] = tuple(STEPS)
+) -> dict[str, Any]:
+    """Time of a step with saving over that without, for each `every`; a part of the steps."""
+    found: dict[int, list[float]] = {every: [] for every in everies}
+    base = []
+    for _ in range(turns):
+        for every in everies:
+            steps = STEPS[every]
+            alone = without(plan_of(case, method, every, STEPS[100] // part))
+            base.append(alone)
+            found[every].append(saving(plan_of(case, method, every, steps // part)) / alone)
+    out: dict[str, Any] = {"ns a step without saving": round(float(np.median(base)) * 1e9, 2)}
+    for every, values in found.items():
+        low, middle, high = np.percentile(values, [25, 50, 75])
+        out[f"every {every}"] = {"ratio": round(middle, 3), "quartiles": [round(low, 3), round(high, 3)]}
+    return out
+
+
+PEAK = """
+import kreisel as kr, resource, sys
+top = kr.LagrangeTop(p=(0, 0, 1))
+rows, path = int(sys.argv[1]), sys.argv[2]
+kr.simulate(top, top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=100 * rows, every=100, path=path)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def memory(rows: int) -> dict[str, Any]:
+    """Peak MiB of a run to disk."""
+    out = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for count in (rows, 10 * rows):
+            command = [sys.executable, "-c", PEAK, str(count), str(Path(folder) / f"{count}.zarr")]
+            out[f"{count} rows"] = int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return out
+
+
+def measure(turns: int = TURNS, part: int = 1) -> dict[str, Any]:
+    """Everything, as written to results/saving.json; a part of the steps for a quick look."""
+    rows = {}
+    for case in cases():
+        for method in ("suris", "baecklund"):
+            if method == "baecklund" and case.model.system.baecklund is None:
+                continue
+            rows[f"{case.name}, {method}"] = row = ratios(case, method, turns, part)
+            told = [f"{k}: {v['ratio']:.2f}" for k, v in row.items() if k.startswith("every")]
+            print(f"{case.name:<21}{method:<11}" + "   ".join(told), flush=True)
+    peak = memory(30_000 // part)
+    print(f"peak memory, MiB: {peak}")
+    return {
+        "machine": machine(),
+        "turns": turns,
+        "part": part,
+        "load_average_after": round(os.getloadavg()[0], 1),
+        "runs": rows,
+        "peak_memory_MiB": peak,
+    }

@@ -1,0 +1,122 @@
+"""Time of one n = 3 trajectory without saving: kreisel's kernels against C++ by hand, in one run.
+
+Each map is timed in turn as kernel, as C++ of the same formula, and as C++ of the paper's formula as it stands
+(without the correction of the Cayley transform that keeps rounding errors from adding up), many times over;
+ratios are medians over the turns.  Parameters are known to neither
+side before the run.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.bench.cases import Case, cases, machine
+from kreisel.bench.compiled import FLAGS, build, version
+from kreisel.runs.plan import make_plan
+
+DT, STEPS, TURNS = 0.05, 2_000_000, 9
+CHECKED, TOLERANCE, GOAL = 1000, 1e-12, 1.2
+
+March = Callable[[Array, int], Array]
+
+
+def contenders(case: Case, library: ctypes.CDLL | None) -> tuple[Array, dict[str, March]]:
+    """The start as a row, and ways to march from a row, without a library one: `march(row, steps) -> row`."""
+    model = case.model
+    plan = make_plan(model, model.state(**case.states["standard"]), dt=DT, steps=1, every=1, method="suris", order=1,
+                     orientation=None)  # fmt: skip
+    kernel: Any = plan.engine
+    start = kernel.z.copy()
+    constants = np.concatenate([np.ravel(plan.scheme.constants[k]) for k in (*model.params, "eps")])
+
+    def compiled(row: Array, steps: int) -> Array:
+        kernel.z[:] = row
+        kernel.advance(np.empty((1, *row.shape)), steps)
+        return kernel.z.copy()
+
+    def by_hand(function: Any) -> March:
+        function.restype = None
+        function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long]
+
+        def march(row: Array, steps: int) -> Array:
+            out = row.copy()
+            function(out.ctypes.data, constants.ctypes.data, steps)
+            return out
+
+        return march
+
+    march: dict[str, March] = {"kernel": compiled}
+    if library is not None:
+        symbol = case.name.replace("-", "_")
+        march |= {"cpp": by_hand(library[symbol]), "cpp_plain": by_hand(library[f"{symbol}_plain"])}
+    return start, march
+
+
+def agreement(start: Array, march: dict[str, March], case: str) -> dict[str, float]:
+    """Largest difference of the states after some steps; raises if they are different maps."""
+    end = march["kernel"](start, CHECKED)
+    apart = {name: float(abs(march[name](start, CHECKED) - end).max()) for name in march if name != "kernel"}
+    if apart and not max(apart.values()) < TOLERANCE:
+        raise AssertionError(f"{case}: kernel and C++ are {apart} apart after {CHECKED} steps, not within {TOLERANCE}")
+    return apart
+
+
+def timed(start: Array, march: dict[str, March], steps: int, turns: int) -> dict[str, Array]:
+    """Nanoseconds a step, one number for each turn."""
+    out: dict[str, list[float]] = {name: [] for name in march}
+    for function in march.values():
+        function(start, steps // 10)
+    for turn in range(turns):
+        names = [*march][turn % len(march) :] + [*march][: turn % len(march)]
+        for name in names:
+            begun = time.perf_counter()
+            march[name](start, steps)
+            out[name].append((time.perf_counter() - begun) / steps * 1e9)
+    return {name: np.array(values) for name, values in out.items()}
+
+
+def summary(ns: dict[str, Array]) -> dict[str, Any]:
+    """Medians, quartiles and ratios."""
+    row: dict[str, Any] = {}
+    for name, values in ns.items():
+        low, middle, high = np.percentile(values, [25, 50, 75])
+        row[name] = {
+            "ns": round(middle, 2),
+            "quartiles": [round(low, 2), round(high, 2)],
+            "least": round(min(values), 2),
+        }
+    for over, under in (("kernel", "cpp"), ("cpp", "cpp_plain")):
+        if under in ns:
+            row[f"{over}/{under}"] = round(float(np.median(ns[over] / ns[under])), 3)
+    return row
+
+
+def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
+    """Everything, as written to results/single.json."""
+    told = {"machine": machine(), "compiler": version(), "flags": FLAGS, "dt": DT, "steps": steps, "turns": turns}
+    rows = {}
+    with tempfile.TemporaryDirectory() as folder:
+        print(f"Building single.cpp with {version()} {' '.join(FLAGS[:2])} in a temporary folder.", flush=True)
+        library = build("single", Path(folder))
+        print(f"{turns} turns of {steps:,} steps each; nanoseconds a step, median [quartiles].\n")
+        print(f"{'map, n = 3':<21}{'kernel':>22}{'C++, same formula':>22}{'C++, plain':>22}{'kernel/C++':>12}")
+        for case in cases(generic=True):
+            start, march = contenders(case, library)
+            apart = agreement(start, march, case.name)
+            rows[case.name] = {**summary(timed(start, march, steps, turns)), "apart_after_1000": apart}
+            print(_line(case.name, rows[case.name]), flush=True)
+    return {**told, "maps": rows}
+
+
+def _line(name: str, row: dict[str, Any]) -> str:
+    cells = (f"{row[k]['ns']:.1f} [{row[k]['quartiles'][0]:.1f}, {row[k]['quartiles'][1]:.1f}]" for k in list(row)[:3])
+    mark = "" if row["kernel/cpp"] <= GOAL else f"  over the goal of {GOAL}"
+    return f"{name:<21}" + "".join(f"{cell:>22}" for cell in cells) + f"{row['kernel/cpp']:>12.2f}{mark}"

@@ -1,0 +1,291 @@
+"""Recorded vectors and matrices of O(n) numbers, on which the definition of a step runs as it is written.
+
+A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is c + T + sum
+s_i ^ t_i with c a number or a diagonal, T constant and skew, and few pairs s_i, t_i.  The entries are recorded
+numbers (`kreisel.engines.trace.Scalar`) that stand for the entry at any place k; `total` adds up over k.
+
+About an axis, T turns block x into block y by theta and the axis is (0, 0, |p|): the canonical form of a constant skew
+matrix with T p = 0.  A basis of that kind may be chosen only for steps that mean the same in every orthonormal basis.
+Those are the steps that can be recorded: products entry by entry are known there only as a part of <x, y>.
+What is not known raises `TypeError`: the step has no such form.  [Woodbury's formula; real Schur form]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.engines.trace import Scalar
+
+Number = Any  # recorded, complex of recorded, or plain
+
+
+def total(x: Number) -> Number:
+    """The sum of an entry over all places."""
+    if isinstance(x, algebra.Complex):
+        return algebra.Complex(total(x.re), total(x.im))
+    if isinstance(x, Scalar):
+        return Scalar(x.tape, x.tape.record(f"total({x.name})", (x.name,)), x.negative)
+    if x == 0:
+        return 0.0
+    raise TypeError("the sum of a plain number over all places is not recorded")
+
+
+def _is_number(x: Any) -> bool:
+    return isinstance(x, Scalar | algebra.Complex | int | float | np.number)
+
+
+def _key(x: Number) -> Any:
+    if isinstance(x, Scalar):
+        return x.signed
+    return (_key(x.re), _key(x.im)) if isinstance(x, algebra.Complex) else float(x)
+
+
+def _parts(x: Number) -> tuple[Number, Number]:
+    return (x.re, x.im) if isinstance(x, algebra.Complex) else (x, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Vector:
+    """Blocks of entries; about an axis two, and `tail` along it."""
+
+    n: int
+    blocks: tuple[Number, ...]
+    tail: Number = None
+
+    __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
+
+    @property
+    def shape(self) -> tuple[int]:
+        return (self.n,)
+
+    @property
+    def canonical(self) -> bool:
+        """Whether it is given in the basis about an axis."""
+        return self.tail is not None
+
+    @property
+    def key(self) -> Any:
+        """Equal for vectors that are the same on the tape."""
+        return (*map(_key, self.blocks), None if self.tail is None else _key(self.tail))
+
+    def map(self, function: Callable[..., Number], *others: Vector) -> Vector:
+        """The function on all entries."""
+        columns = zip(self.blocks, *(v.blocks for v in others), strict=True)
+        tail = function(self.tail, *(v.tail for v in others)) if self.canonical else None
+        return Vector(self.n, tuple(function(*column) for column in columns), tail)
+
+    def across(self) -> Vector:
+        """Without the part along the axis."""
+        return Vector(self.n, self.blocks, 0.0)
+
+    def __getitem__(self, index: Any) -> Vector:
+        """A vector as a column, and back."""
+        if index in ((Ellipsis, None), (Ellipsis, 0)):
+            return self
+        raise TypeError(f"a structured vector cannot be indexed by {index!r}")
+
+    def __neg__(self) -> Vector:
+        return self.map(lambda x: -x)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Vector):
+            return self.map(lambda x, y: x + y, other)
+        if _is_number(other) and not self.canonical:
+            return self.map(lambda x: x + other)
+        return NotImplemented
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if isinstance(other, Vector) or _is_number(other) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Vector):
+            products = self.map(lambda x, y: x * y, other)
+            return Products(products) if self.canonical else products
+        if _is_number(other):
+            return self.map(lambda x: x * other)
+        if _is_identity(other) and not self.canonical:
+            return Matrix(self.n, diagonal=self)
+        return NotImplemented
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self.map(lambda x: x / other) if _is_number(other) else NotImplemented
+
+    def sum(self, axis: int) -> Number:
+        """The sum of all entries, which means something in a basis of its own only."""
+        if self.canonical:
+            raise TypeError("a sum of entries depends on the basis")
+        return Products(self).sum(axis)
+
+    def record_wedge(self, other: Vector) -> Matrix:
+        return Matrix(self.n).with_pair(self, other)
+
+    def record_parts(self) -> tuple[Vector, Vector | None]:
+        everything = (*self.blocks, self.tail)
+        if not any(isinstance(x, algebra.Complex) for x in everything):
+            return self, None
+        return self.map(lambda x: _parts(x)[0]), self.map(lambda x: _parts(x)[1])
+
+    def record_complex(self, im: Vector) -> Vector:
+        return self.map(algebra.Complex, im)
+
+
+@dataclass(frozen=True)
+class Products:
+    """Products entry by entry in a basis about an axis, to be added up."""
+
+    vector: Vector
+
+    def sum(self, axis: int) -> Number:
+        """<x, y>."""
+        first, *rest = self.vector.blocks
+        for block in rest:
+            first = first + block
+        return total(first) + (0.0 if self.vector.tail is None else self.vector.tail)
+
+
+def _is_identity(other: Any) -> bool:
+    return isinstance(other, np.ndarray) and other.ndim == 2 and bool((other == np.eye(len(other))).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """diagonal + T + sum s ^ t: `diagonal` a number or a vector, `turn` the entry theta of T."""
+
+    n: int
+    diagonal: Any = 0.0
+    turn: Number = 0.0
+    pairs: dict[Any, tuple[Vector, Vector]] = field(default_factory=dict)
+
+    __array_ufunc__: ClassVar[None] = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return (self.n, self.n)
+
+    def with_pair(self, s: Vector, t: Vector) -> Matrix:
+        """Plus s ^ t; pairs with the same t are one, and what does not count of s along an axis t goes."""
+        if s.canonical and not _is_axis(t):
+            if not _is_axis(s):
+                raise TypeError("about an axis, momenta change by pairs with the axis alone")
+            s, t = -t, s
+        if s.canonical:
+            s = s.across()
+        before = self.pairs.get(t.key)
+        return Matrix(
+            self.n, self.diagonal, self.turn, {**self.pairs, t.key: (s if before is None else before[0] + s, t)}
+        )
+
+    def __neg__(self) -> Matrix:
+        return self * -1.0
+
+    def __add__(self, other: Any) -> Any:
+        if _is_identity(other):
+            return Matrix(self.n, self.diagonal + 1.0, self.turn, self.pairs)
+        if isinstance(other, Matrix):
+            out = Matrix(self.n, self.diagonal + other.diagonal, self.turn + other.turn, self.pairs)
+            for s, t in other.pairs.values():
+                out = out.with_pair(s, t)
+            return out
+        return NotImplemented
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if isinstance(other, Matrix) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        pairs = {key: (s * other, t) for key, (s, t) in self.pairs.items()}
+        return Matrix(self.n, self.diagonal * other, self.turn * other, pairs)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * (1 / other) if _is_number(other) else NotImplemented
+
+    def __getitem__(self, index: Any) -> Any:
+        raise TypeError(f"a structured matrix has no entries: {index!r}")
+
+    def record_parts(self) -> tuple[Matrix, None]:
+        return self, None
+
+    def record_shifted(self, mu: Number) -> Matrix:
+        """Mu - X."""
+        back = -self
+        return Matrix(self.n, back.diagonal + mu, back.turn, back.pairs)
+
+    def record_project_out(self, p: Vector) -> Matrix:
+        """|p|^2 pi X pi for the axis p: T alone is left."""
+        if not _is_axis(p) or _key(self.diagonal) != 0.0:
+            raise TypeError("pi X pi is known about the axis alone")
+        return Matrix(self.n, turn=self.turn * algebra.dot(p, p))
+
+    def record_conjugate(self, X: Matrix) -> Matrix:
+        """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""
+        if X.pairs or _key(X.diagonal) != 0.0:
+            raise TypeError("a turn that does not leave the axis alone")
+        pairs = {key: (algebra.cayley_act(X, s), t) for key, (s, t) in self.pairs.items()}
+        return Matrix(self.n, self.diagonal, self.turn, pairs)
+
+    def __matmul__(self, v: Vector) -> Vector:
+        out = self._turned(v)
+        for s, t in self.pairs.values():
+            out = out + (s * algebra.dot(t, v) - t * algebra.dot(s, v))
+        return out
+
+    def _turned(self, v: Vector) -> Vector:
+        """(diagonal + T) v."""
+        out = self.diagonal * v
+        if isinstance(out, Products):
+            raise TypeError("a diagonal about an axis")
+        if v.canonical:
+            x, y = v.blocks
+            out = out + Vector(self.n, (-(self.turn * y), self.turn * x), 0.0)
+        return out
+
+    def _unturned(self, v: Vector) -> Vector:
+        """(diagonal + T)^-1 v."""
+        c, theta = self.diagonal, self.turn
+        if not v.canonical:
+            return v.map(lambda x, d: x / d, c) if isinstance(c, Vector) else v * (1 / c)
+        x, y = v.blocks
+        scale = 1 / (c * c + theta * theta)
+        return Vector(self.n, ((c * x + theta * y) * scale, (c * y - theta * x) * scale), v.tail * (1 / c))
+
+    def record_solve(self, v: Vector) -> Vector:
+        """By Woodbury's formula for one pair: y = R (v - s <t, y> + t <s, y>), R = (diagonal + T)^-1."""
+        Rv = self._unturned(v)
+        if not self.pairs:
+            return Rv
+        if len(self.pairs) > 1:
+            raise TypeError("a solve with more than one pair")
+        ((s, t),) = self.pairs.values()
+        dot, Rs, Rt = algebra.dot, self._unturned(s), self._unturned(t)
+        a, b, c, d = 1 + dot(t, Rs), -dot(t, Rt), dot(s, Rs), 1 - dot(s, Rt)
+        scale, tv, sv = 1 / (a * d - b * c), dot(t, Rv), dot(s, Rv)
+        along_s, along_t = (d * tv - b * sv) * scale, (a * sv - c * tv) * scale
+        return Rv - Rs * along_s + Rt * along_t
+
+
+def _is_axis(v: Vector) -> bool:
+    """Whether v is the axis itself, not a multiple of it."""
+    return all(_key(x) == 0.0 for x in v.blocks) and isinstance(v.tail, Scalar) and v.tail.signed == AXIS
+
+
+AXIS = "c_axis"  # the length of the axis, as it is called on the tape
