@@ -187,6 +187,15 @@ def sqrt(x: Array) -> Array:
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 
+def cos_sin_small(x: Array) -> tuple[Array, Array]:
+    """Cos x and sin x of a scalar or a batch, |x| <= 0.8, by their series to round-off."""
+    y, cos, sin = x * x, 1.0, 1.0
+    for k in range(18, 0, -2):
+        cos = 1 - y * cos * (1 / (k * (k - 1)))
+        sin = 1 - y * sin * (1 / (k * (k + 1)))
+    return cos, x * sin
+
+
 def maximum(x: Array, y: Array) -> Array:
     """The larger of two scalars or of each entry of a batch; recorded numbers bring their own."""
     return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
@@ -426,7 +435,7 @@ def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: flo
 # -- Cayley ---------------------------------------------------------------------------------------
 
 
-def _resolvent(X: Array, V: Array) -> Array:
+def plain_resolvent(X: Array, V: Array) -> Array:
     """(I - X)^-1 V for columns V, once; for n = 3 in closed form (I + X + u u^T)/(1 + |u|^2), X = hat(u)."""
     if X.shape[-1] != 3:
         return solve(identity(X.shape[-1]) - X, V)
@@ -558,8 +567,8 @@ def diagonal_resolvent(d: Array, X: Array, v: Array) -> Array:
 
 def resolvent(X: Array, V: Array) -> Array:
     """(I - X)^-1 V for X (..., n, n) skew and columns V (..., n, k), corrected once by its residual."""
-    Y = _resolvent(X, V)
-    return Y if exact(X) else Y + _resolvent(X, _add_product(V - Y, X, Y))
+    Y = plain_resolvent(X, V)
+    return Y if exact(X) else Y + plain_resolvent(X, _add_product(V - Y, X, Y))
 
 
 def cayley_columns(X: Array, V: Array) -> Array:
@@ -573,8 +582,8 @@ def cayley_columns(X: Array, V: Array) -> Array:
     once.  For n = 4 the residual as X (2V + Y) - Y still left 2.6 bands after 1e8 steps, by the rounding of
     2V + Y; X 2V - Y + X Y, as here, leaves no trend.
     """
-    Y = _resolvent(X, 2 * (X @ V))
-    return V + Y if exact(X) else close_sum(V, Y, _resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
+    Y = plain_resolvent(X, 2 * (X @ V))
+    return V + Y if exact(X) else close_sum(V, Y, plain_resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
 
 
 def cayley_act(X: Array, v: Array) -> Array:

@@ -30,14 +30,14 @@ def motion(frame: Frame, state: tuple[Array, ...], constants: Mapping[str, Array
     return Motion(first, b, p, reach=reach, spin_factor=kappa)
 
 
-def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
+def iterates(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> Orbit:
     """The iterates of the paper's map in the rest frame, n = 3, in closed form; its clock counts steps.
 
     In (m, b), b = (I - eps/2 m) a + s |a|^2 p, the map is D_eps: k steps are the flow over k tau, then the turn k theta
     about p.  Both branches of r = |a|^2 as a function of the integrals occur; the state says which.
     """
-    m, a, p = (rationals(v) for v in (algebra.axial(z0[0]), z0[1], constants["p"]))
-    eps = Fraction(float(constants["eps"]))
+    m, a, p = (rationals(v) for v in (algebra.axial(z0[0]), z0[1], given["p"]))
+    eps = Fraction(float(given["eps"]))
     s, r, hat = eps * eps / 4, algebra.dot(a, a), algebra.hat(m)
     b = a - eps / 2 * algebra.act(hat, a) + s * r * p
     here = Motion(m, b, p, reach=0.0)
@@ -49,16 +49,13 @@ def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float
         return (here.nutation.tau(step), here.nutation.theta(step)) if root >= 0 else here.nutation.beyond(step)
 
     here = Motion(m, b, p, reach=reach * abs(float(clock()[0])))
-    tau, theta = clock()
-    shift = float(s * r) * p.astype(np.float64)
+    constants = {"eps": np.asarray(float(eps)), "shift": float(s * r) * p.astype(np.float64)}
 
-    def at(M: Array, e: Array) -> tuple[Array, ...]:
-        k = (M << np.maximum(e, 0).astype(object)) >> np.maximum(-e, 0).astype(object)
-        m, b = here.iterate(k, tau, theta)
+    def finish(m: Array, b: Array, q: Array, *, eps: Array, shift: Array) -> tuple[Array, ...]:
         hat = algebra.hat(m)
-        return hat, algebra.resolvent(float(eps) / 2 * hat, (b - shift)[..., None])[..., 0]
+        return hat, algebra.resolvent(eps / 2 * hat, (b - shift)[..., None])[..., 0]
 
-    return at
+    return here.orbit(finish, constants, clock())
 
 
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
@@ -91,20 +88,16 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         outcomes[ORIENTATION] = orientation_outcome(model)
 
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
-        here = motion(frame, z0, constants, reach)
+        known = dict(zip(("vector", "start"), z0[1:], strict=False))
 
-        def at(M: Array, e: Array) -> tuple[Array, ...]:
-            m, b, *turned = here.at(M, e, oriented=oriented or frame is Frame.MOVING)
-            g = tuple(
-                algebra.quaternion_product(start, q) if frame is Frame.MOVING else algebra.quaternion_product(q, start)
-                for start, q in zip(z0[2:], turned, strict=False)
-            )
+        def finish(m: Array, b: Array, q: Array, *, vector: Array, **given: Array) -> tuple[Array, ...]:
             if frame is Frame.REST:
-                return (algebra.hat(m), b, *g)
-            back = algebra.rotation_matrix(turned[0]).mT
-            return (algebra.hat(algebra.act(back, m)), algebra.act(back, z0[1]), *g)
+                return (algebra.hat(m), b, *(algebra.quaternion_product(q, g) for g in given.values()))
+            back = algebra.rotation_matrix(q).mT
+            seen = (algebra.hat(algebra.act(back, m)), algebra.act(back, vector))
+            return (*seen, *(algebra.quaternion_product(g, q) for g in given.values()))
 
-        return at
+        return motion(frame, z0, constants, reach).orbit(finish, known)
 
     return Scheme(
         name="exact",
