@@ -408,6 +408,15 @@ def test_iterates_of_the_papers_map(eps: float, order: int) -> None:
             assert off < bound * max(1, eps) ** 2  # b is (eps/2)^2 times as large as a
 
 
+def test_iterates_of_the_map_of_the_introduction() -> None:
+    """The symmetric top's map is the rest frame's with (m, a, p) = (-M, P, A); its record says so."""
+    body, state = kr.SymmetricTop(A=(0.3, -0.8, 0.5)), {"M": (0.3, 0.7, -1.1), "P": (0.2, 0.5, -0.4)}
+    for eps in (0.3, 5.0):
+        run = kr.simulate(body, state, dt=eps, steps=100, method="suris")
+        jumped = kr.at(body, state, np.arange(101), method="suris", dt=eps)
+        assert max(abs(jumped[name] - run[name]).max() for name in ("M", "P")) < 1e-11 * max(1, eps) ** 2
+
+
 def test_a_million_million_iterates_keep_the_deformed_integrals(top: object, x0: object) -> None:
     run = kr.at(top, x0, np.arange(-1e15, 1e15, 3e12), method="suris", dt=0.3)
     table = kr.drift(run)
@@ -510,6 +519,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="suris"), "needs a step"),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1.5, method="suris", dt=1), "whole numbers"),
         (lambda top: kr.nutation(top, {"m": [(0, 0, 1)] * 2, "a": (1, 0, 0)}), "one motion"),
+        (lambda top: kr.nutation(kr.Clebsch(b=(1, 2, 3)), {"M": (0, 0, 1), "P": (1, 0, 0)}), "for Lagrange tops"),
         (lambda top: kr.plot(kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, [0, 1])), "run of kr.simulate"),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (0, 0, 0)}, 1), "zero vector"),
         (lambda top: kr.at(top, {"m": (1e160, 0, 1), "a": (1, 0, 0)}, 1), "at most 1e.150"),

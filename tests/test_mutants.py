@@ -132,6 +132,10 @@ def unscaled_darboux(m, a, e, *, rho, lam):
     return lagrange_top.darboux(m, a, e, rho=2 * rho, lam=lam)
 
 
+def unshifted(m, a, *, p, eps):
+    return m, a - eps / 2 * act(m, a), eps * eps * dot(a, a) / 4
+
+
 def no_block(m, a):
     return 0 * m
 
@@ -157,6 +161,7 @@ MUTANTS = [
     ("symmetric-baecklund", transformed(TOP, step=old_momentum_transform), 3),
     ("symmetric-baecklund", transformed(CLEBSCH, odd=1), 3),
     ("commuting-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    ("map-is-baecklund", mapped(TOP, darboux=unshifted), 3),
     ("conjugate-pair", transformed(TOP, pair=lost_curvature), 3),
     ("order-baecklund", transformed(TOP, block=no_block), 4),
     ("order-baecklund", transformed(TOP, pair=lost_curvature), 3),

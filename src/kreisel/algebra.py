@@ -651,12 +651,12 @@ def moebius(X: Array) -> Array:
 
 def turn_left(X: Array, g: Array) -> Array:
     """cay(X) g, for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(X, g) if _is_matrix(X, g) else _unit(quaternion_product(_half_turn(X), g))
+    return cayley_columns(X, g) if _is_matrix(X, g) else unit(quaternion_product(_half_turn(X), g))
 
 
 def turn_right(g: Array, X: Array) -> Array:
     """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(quaternion_product(g, _half_turn(X)))
+    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else unit(quaternion_product(g, _half_turn(X)))
 
 
 def _is_matrix(X: Array, g: Array) -> bool:
@@ -675,7 +675,8 @@ def quaternion_product(a: Array, b: Array) -> Array:
     return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
 
 
-def _unit(q: Array) -> Array:
+def unit(q: Array) -> Array:
+    """Q/|q| for vectors or quaternions q (..., k)."""
     return q / sqrt(vec(dot(q, q)))
 
 
@@ -691,8 +692,8 @@ def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
         return h.mT if right else h
     turn = np.concatenate([vec(dot(x, y)) + 0 * x[..., :1], cross(x, y)], -1)
     if right:
-        return _unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
-    return _unit(quaternion_product(turn, g))
+        return unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
+    return unit(quaternion_product(turn, g))
 
 
 def cross(x: Array, y: Array) -> Array:

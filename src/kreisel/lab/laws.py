@@ -459,11 +459,15 @@ class _Curve:
         return tuple(self.call(self.record.pair if pair else self.record.step, *state, *found))
 
 
+def _record(case: Case) -> Baecklund:
+    if case.system.baecklund is None:
+        raise InputError(f"{case.system.name} states no Bäcklund transformation.")
+    return case.system.baecklund
+
+
 def _curve(case: Case) -> _Curve:
     """In exact numbers a random rational point; in floats the case's own state with eps = 2/7."""
-    record = case.system.baecklund
-    if record is None:
-        raise InputError(f"{case.system.name} states no Bäcklund transformation.")
+    record = _record(case)
     if case.numbers == "exact":
         if record.case is None:
             raise InputError(f"{case.system.name} does not state a rational case.")
@@ -545,6 +549,18 @@ def commuting_baecklund(case: Case) -> Sides:
     yield curve.flat(flow(first.move())), curve.flat(first.move(*flow(curve.state)))
     pair = curve.at(7 + 4j)
     yield curve.flat(flow(pair.move())), curve.flat(pair.move(*flow(curve.state)))
+
+
+@_law(
+    "the paper's map is D(eps) in other variables, at its point of the spectral curve",
+    lambda s: s.baecklund is not None and s.map is not None and s.map.darboux is not None,
+)
+def map_is_baecklund(case: Case) -> Sides:
+    *state, rho = case.call(case.map.darboux)
+    *after, rho_after = case.call(case.map.darboux, *case.call(case.map.step))
+    curve = _Curve(case, case.model, _record(case), tuple(state), 2 / case.eps, rho)
+    yield curve.flat(curve.move()), curve.flat(tuple(after))
+    yield np.asarray(rho), np.asarray(rho_after)
 
 
 @_law("a conjugate pair in real arithmetic is the product of the two complex maps", _has_baecklund, exact=False)

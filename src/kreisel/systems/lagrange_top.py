@@ -70,6 +70,10 @@ def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|
     return a - eps * act(m, a) / 2 + eps * eps * vec(dot(a, a)) * p / 4
 
 
+def darboux_variables(m, a, *, p, eps):  # (m, b) and rho = eps^2 |a|^2/4: e = eps a is the eigenvector
+    return m, shifted(m, a, p=p, eps=eps), eps * eps * dot(a, a) / 4
+
+
 def energy(m, a, *, p, eps=0):  # (dLT rest H)
     return pairing(m, m) / 2 + dot(a, p) - eps * pairing(m, wedge(p, a)) / 2
 
@@ -243,6 +247,7 @@ SYSTEM = System(
         lagrangian=lagrangian,
         lax=lax_matrix,
         conjugator=conjugator,
+        darboux=darboux_variables,
         source="Suris 2001, section 6.1, (dLT rest frame)",
     ),
     baecklund=Baecklund(
@@ -260,6 +265,7 @@ SYSTEM = System(
         case=rational_case,
         source="the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md",
     ),
+    top=lambda m, a, *, p: (m, a, p),
     relations=(Relation("lagrange-top-moving", to_moving_frame, "adjoint", "the same body seen in its own frame"),),
     notes="For n >= 4 the spectrum alone is not complete: noether, the block pi m pi, is needed too.",
 )

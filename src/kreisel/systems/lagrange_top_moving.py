@@ -233,6 +233,7 @@ SYSTEM = System(
         source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
     ),
     baecklund=BAECKLUND,
+    top=lambda M, P, *, A: (M, A, P),
     relations=(
         Relation(
             "heavy-top",
