@@ -111,6 +111,36 @@ def wrong_rho(m, a, *, p, mu, rho):  # rho frozen at a wrong value: no longer th
     return e, 0 * e, 0 * change
 
 
+def frozen(system: System) -> System:  # the same for the other systems, through their own letters
+    vector = system.baecklund.vector
+
+    def top(M, P, *, A, mu, rho):
+        e, de, change = vector(M, P, A=A, mu=mu, rho=2 * rho)
+        return e, 0 * de, 0 * change
+
+    def body(M, P, *, c, mu, rho):
+        Q, dQ, change = vector(M, P, c=c, mu=mu, rho=2 * rho)
+        return Q, 0 * dQ, 0 * change
+
+    return transformed(system, vector=body if system.derive else top)
+
+
+def backwards(system: System) -> System:  # a pair with its eigenvector's conjugate, but not its rho's
+    pair, derived = system.baecklund.pair, system.derive is not None
+
+    def other(e):
+        re, im = laws.algebra.parts(e)
+        return laws.algebra.together(re, -im)
+
+    def top(M, P, e, de, change, *, A, rho):
+        return pair(M, P, other(e), other(de), change, A=A, rho=rho)
+
+    def body(M, P, e, de, change, *, c, rho):
+        return pair(M, P, other(e), other(de), change, c=c, rho=rho)
+
+    return transformed(system, pair=body if derived else top)
+
+
 def forgotten_rho(m, a, *, p, mu):
     return dot(a, a) / (mu * mu)
 
@@ -125,7 +155,7 @@ def old_momentum_transform(m, a, e, de, change, *, p):
 
 def lost_curvature(m, a, e, de, change, *, p, rho):  # the pair without the term across
     m1, _ = lagrange_top.baecklund_pair(m, a, e, de, change, p=p, rho=rho)
-    return m1, a + act(m + m1, e.real)
+    return m1, a + act(m + m1, laws.algebra.parts(e)[0])
 
 
 def unscaled_darboux(m, a, e, *, rho, lam):
@@ -154,6 +184,9 @@ MUTANTS = [
         3,
     ),
     ("integrals-of-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    *(("integrals-of-baecklund", frozen(system), n) for system in (MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
+    *(("conjugate-pair", backwards(system), n) for system in (MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
+    ("conjugate-pair", transformed(TOP, darboux=unscaled_darboux), 3),
     ("darboux", transformed(TOP, darboux=unscaled_darboux), 3),
     ("darboux", transformed(TOP, step=flipped_step), 3),
     ("poisson-baecklund", transformed(TOP, step=old_momentum_transform), 3),

@@ -170,6 +170,11 @@ def parts(z: Array) -> tuple[Array, Array]:
     return (np.real(z), np.imag(z)) if np.iscomplexobj(z) else (z, None)
 
 
+def conjugate(z: Any) -> Any:
+    """The conjugate of a complex scalar."""
+    return Complex(z.re, -z.im) if isinstance(z, Complex) else np.conj(z)
+
+
 def log(x: Array) -> Array:
     """Natural logarithm of a scalar or a batch; dual numbers bring their own.
 
@@ -546,11 +551,13 @@ def sharp_sum(products: list[tuple[Array, Array]]) -> Array:
 
 
 def together(re: Array, im: Array) -> Array:
-    """The complex vectors re + i im."""
+    """The complex vectors re + i im; re and im may be complex too."""
     if holds_objects(re) or holds_objects(im):
         out = np.empty(re.shape, dtype=object)
         for place in np.ndindex(re.shape):
-            out[place] = Complex(re[place], im[place])
+            x, y = re[place], im[place]
+            both = isinstance(x, Complex) or isinstance(y, Complex)
+            out[place] = x + Complex(0, 1) * y if both else Complex(x, y)
         return out
     return complex_number(re, im)
 

@@ -207,7 +207,8 @@ class Baecklund:
                                  cay(eps/2 block), in the body for the rest frame, in space for the moving frame
     spin(*state)                 the constant rest of the angular velocity for unequal moments, in the state's frame
     largest_step(*state)         the largest real eps
-    case(n, draw)                (state, params, e, mu, rho) with everything rational, for the laws
+    case, pair_case(n, draw)     (state, params, e, mu, rho) with everything rational, for the laws; in the latter e, mu
+                                 and rho are complex, over Q(i)
     """
 
     point: Function
@@ -222,6 +223,7 @@ class Baecklund:
     spin: Function | None = None
     largest_step: Function | None = None
     case: Function | None = None
+    pair_case: Function | None = None
     odd: int = 1
     source: str = ""
 

@@ -101,6 +101,11 @@ def rational_case(n, draw):
     return state, {"A": params["A"]}, e, mu, rho
 
 
+def gaussian_case(n, draw):
+    state, params, e, mu, rho = moving.gaussian_case(n, draw)
+    return state, {"A": params["A"]}, e, mu, rho
+
+
 def one(A):
     return 1 + 0 * A[..., 0]
 
@@ -144,6 +149,7 @@ SYSTEM = System(
         spin=None,
         darboux=lambda M, P, e, *, rho, lam: lagrange_top.darboux(M, P, e, rho=rho, lam=lam),
         case=rational_case,
+        pair_case=gaussian_case,
     ),
     top=lambda M, P, *, A: (M, A, P),
     relations=(
