@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import algebra
 from kreisel.engines import layout
 from kreisel.engines.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
 from kreisel.methods import scheme
 from kreisel.methods.baecklund import pade_denominator, pade_zeros, stage_points
-from kreisel.systems import REGISTRY, lagrange_top
+from kreisel.systems import REGISTRY
 
 METHOD = sys.modules["kreisel.methods.baecklund"]  # the package has a function of that name
 SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]
@@ -42,8 +41,11 @@ def test_a_wrong_sign_of_any_coefficient_is_caught(stages: int, monkeypatch: pyt
 
 
 @pytest.mark.parametrize(("order", "which"), [(6, 0), (6, 1), (8, 0), (8, 1)])  # pair and real stage; two pairs
-def test_a_dropped_stage_is_caught_by_the_order(order: int, which: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    model, state = start("lagrange-top", 3, 1)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_dropped_stage_is_caught_by_the_order(
+    name: str, order: int, which: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, state = start(name, 3, 1)
     counts = (4, 6, 8)
     assert min(baecklund_orders(model, state, order, counts, 1.0)) > order - 1
 
@@ -138,47 +140,3 @@ def test_lanes_have_constants_of_their_own() -> None:
     for lane in (0, 1):
         one = kr.simulate(top, top.state(m=m[lane], a=a[lane]), dt=0.2, steps=50, order=4)
         assert abs(one["m"].values - both["m"].values[:, lane]).max() < 1e-12
-
-
-def gaussian_point(n: int, seed: int) -> tuple[np.ndarray, ...]:
-    """m, a, p, u, w real and mu, rho complex, all rational: u, w and mu at random; Im a = 0 then tells p."""
-    from flint import fmpq
-
-    draw = np.random.default_rng([seed, n])
-
-    def rationals(*shape: int) -> np.ndarray:
-        return np.vectorize(lambda k: fmpq(int(k), 7), otypes=[object])(draw.integers(-20, 20, shape))
-
-    m, u, w = algebra.skew(rationals(n * (n - 1) // 2), n), rationals(n), rationals(n)
-    x, y = (abs(v) + 1 for v in rationals(2))
-    mu, rho = algebra.Complex(x, y), algebra.Complex((u @ u - w @ w) / 4, u @ w / 2)
-    p = -(x * w + y * u - m @ w) / (u @ w)
-    a = rho.re * p + (x * u - y * w - m @ u) / 2
-    return m, a, p, u, w, mu, rho
-
-
-def same(x: np.ndarray, y: np.ndarray) -> bool:
-    (xr, xi), (yr, yi) = algebra.parts(x), algebra.parts(y)
-    return bool((xr == yr).all() and (0 * xr + (0 if xi is None else xi) == 0 * yr + (0 if yi is None else yi)).all())
-
-
-@pytest.mark.parametrize("n", [3, 4, 5])
-@pytest.mark.parametrize("seed", range(3))
-def test_the_pair_of_the_top_is_the_product_of_its_maps_exactly_over_q_i(n: int, seed: int) -> None:
-    m, a, p, u, w, mu, rho = gaussian_point(n, seed)
-    e = algebra.together(u, w)
-    found = lagrange_top.eigenvector(m, a, p=p, mu=mu, rho=rho)
-    assert same(found[0], e)
-    assert same(found[1], 0 * e)  # on the curve, nothing is left to correct
-    zero = 0 * e
-    between = lagrange_top.baecklund_step(m, a, e, zero, 0, p=p)
-    bar_mu, bar_rho = (algebra.Complex(v.re, -v.im) for v in (mu, rho))
-    second = 2 * algebra.shifted_resolvent(bar_mu, between[0], between[1] - bar_rho * p)
-    product = lagrange_top.baecklund_step(*between, second, zero, 0, p=p)
-    pair = lagrange_top.baecklund_pair(m, a, *found, p=p, rho=rho)
-    assert same(product[0], pair[0])
-    assert same(product[1], pair[1])
-    before, after = (lagrange_top.spectrum(*z, p=p) for z in ((m, a), pair))
-    assert (before == after).all()
-    wrong = lagrange_top.baecklund_pair(m, a, algebra.together(u, -w), zero, 0 * rho, p=p, rho=rho)
-    assert not same(product[1], wrong[1])

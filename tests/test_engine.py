@@ -148,10 +148,10 @@ def test_zero_lanes_are_no_work() -> None:
 @pytest.mark.parametrize(("lanes", "threads"), [(1, 2), (2, 2), (71, 2), (1000, 3), (64 * 64, 2)])
 def test_shares_are_all_the_lanes_once(lanes: int, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", threads)
-    shares = list(cpu._shares(lanes, cpu.LEAST_WORK))
+    shares = list(cpu.shares(lanes, cpu.LEAST_WORK))
     assert [lane for first, last in shares for lane in range(first, last)] == list(range(lanes))
     assert len(shares) >= min(threads, lanes)
-    assert len(list(cpu._shares(lanes, 1))) == 1
+    assert len(list(cpu.shares(lanes, 1))) == 1
 
 
 def test_products_are_fused_into_the_sums_that_alone_need_them() -> None:

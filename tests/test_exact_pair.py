@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -70,26 +71,55 @@ def test_special_motions(M: tuple[float, ...], P: tuple[float, ...], b: tuple[fl
     assert off(run, truth(model, state, 15.0)) < 1e-13
 
 
-def growth(steps: int) -> float:
+def growth(steps: int, orientation: Any = None) -> float:
     """Between steps of two lengths to the same time; each has its own rounding and its own mu."""
     body = kr.Clebsch(b=B)
     state = {"M": np.array([0.1, 0.2, 1.5]), "P": np.array([0.6, 0, 0.8])}
     ends = []
     for dt, count in ((0.25, steps), (0.3125, steps * 4 // 5)):
-        plan = make_plan(body, state, dt=dt, steps=count, every=count, method="exact", order=None, orientation=None)
+        plan = make_plan(
+            body, state, dt=dt, steps=count, every=count, method="exact", order=None, orientation=orientation
+        )
         out = np.empty((1, *plan.engine.z.shape))
         plan.engine.advance(out, count)
-        ends.append(out[0, 0])
-    return float(abs(ends[0] - ends[1]).max())
+        ends.append(plan.observe(out))
+    return float(max(abs(ends[0][k] - ends[1][k]).max() for k in ("M", "P", "g") if k in ends[0]))
 
 
-def test_errors_grow_like_the_steps() -> None:
-    assert growth(10**6) < 1e-16 * 10**6
+@pytest.mark.parametrize("orientation", [None, (1, 0, 0, 0)])
+def test_errors_grow_like_the_steps(orientation: Any) -> None:
+    assert growth(10**6, orientation) < 1e-16 * 10**6
 
 
-def test_without_putting_back_they_grow_faster(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exact_pair, "put_back", lambda M, P, **consts: (M, P))
-    assert growth(10**6) > 1e-16 * 10**6
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize(("dt", "steps"), [(0.25, 24), (1.0, 6), (6.0, 1)])
+def test_orientation(which: int, dt: float, steps: int) -> None:
+    """Against order 24 of the maps with short steps, whose orders in g are measured, and against a solver."""
+    start = np.array([0.5, -0.1, 0.7, 0.5])
+    start /= np.linalg.norm(start)
+    model, state = bodies(5)[which]
+    turns = [
+        algebra.rotation_matrix(kr.simulate(model, state, orientation=start, every=n, steps=n, **options).g.values[-1])
+        for n, options in (
+            (steps, {"dt": dt, "method": "exact"}),
+            (48, {"dt": 0.125, "method": "baecklund", "order": 24}),
+            (48, {"dt": 0.125, "method": "dop853"}),
+        )
+    ]
+    assert abs(turns[0] - turns[1]).max() < 1e-13
+    assert abs(turns[0] - turns[2]).max() < 1e-7
+
+
+def test_a_wrong_turn_in_space_is_caught() -> None:
+    """The block of M that does not touch P, left out of the reference."""
+    right, state = bodies(5)[0]
+    maps = replace(right.system.baecklund, block=lambda M, P: 0 * M)
+    model = replace(right.system, baecklund=maps)(b=right.params["b"])
+    turns = [
+        algebra.rotation_matrix(kr.simulate(model, state, orientation=(1, 0, 0, 0), every=8, steps=8, **o).g.values[-1])
+        for o in ({"dt": 0.5, "method": "exact"}, {"dt": 0.5, "method": "dop853"})
+    ]
+    assert abs(turns[0] - turns[1]).max() > 1e-2
 
 
 @pytest.mark.parametrize("wrong", ["mu", "level"])
@@ -160,9 +190,6 @@ def test_parameters_with_lanes() -> None:
 
 def test_what_there_is_not() -> None:
     body = kr.Clebsch(b=B)
-    state = {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}
-    with pytest.raises(kr.InputError, match="does not carry the orientation"):
-        kr.simulate(body, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="for n = 3 only"):
         four = kr.Clebsch(b=(1, 2, 3, 4))
         kr.simulate(four, {"M": np.zeros((4, 4)), "P": (1, 0, 0, 0)}, dt=0.5, steps=1, method="exact")

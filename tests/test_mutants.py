@@ -111,6 +111,36 @@ def wrong_rho(m, a, *, p, mu, rho):  # rho frozen at a wrong value: no longer th
     return e, 0 * e, 0 * change
 
 
+def frozen(system: System) -> System:  # the same for the other systems, through their own letters
+    vector = system.baecklund.vector
+
+    def top(M, P, *, A, mu, rho):
+        e, de, change = vector(M, P, A=A, mu=mu, rho=2 * rho)
+        return e, 0 * de, 0 * change
+
+    def body(M, P, *, c, mu, rho):
+        Q, dQ, change = vector(M, P, c=c, mu=mu, rho=2 * rho)
+        return Q, 0 * dQ, 0 * change
+
+    return transformed(system, vector=body if system.derive else top)
+
+
+def backwards(system: System) -> System:  # a pair with its eigenvector's conjugate, but not its rho's
+    pair, derived = system.baecklund.pair, system.derive is not None
+
+    def other(e):
+        re, im = laws.algebra.parts(e)
+        return laws.algebra.together(re, -im)
+
+    def top(M, P, e, de, change, *, A, rho):
+        return pair(M, P, other(e), other(de), change, A=A, rho=rho)
+
+    def body(M, P, e, de, change, *, c, rho):
+        return pair(M, P, other(e), other(de), change, c=c, rho=rho)
+
+    return transformed(system, pair=body if derived else top)
+
+
 def forgotten_rho(m, a, *, p, mu):
     return dot(a, a) / (mu * mu)
 
@@ -125,11 +155,15 @@ def old_momentum_transform(m, a, e, de, change, *, p):
 
 def lost_curvature(m, a, e, de, change, *, p, rho):  # the pair without the term across
     m1, _ = lagrange_top.baecklund_pair(m, a, e, de, change, p=p, rho=rho)
-    return m1, a + act(m + m1, e.real)
+    return m1, a + act(m + m1, laws.algebra.parts(e)[0])
 
 
 def unscaled_darboux(m, a, e, *, rho, lam):
     return lagrange_top.darboux(m, a, e, rho=2 * rho, lam=lam)
+
+
+def unshifted(m, a, *, p, eps):
+    return m, a - eps / 2 * act(m, a), eps * eps * dot(a, a) / 4
 
 
 def no_block(m, a):
@@ -150,6 +184,9 @@ MUTANTS = [
         3,
     ),
     ("integrals-of-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    *(("integrals-of-baecklund", frozen(system), n) for system in (MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
+    *(("conjugate-pair", backwards(system), n) for system in (MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
+    ("conjugate-pair", transformed(TOP, darboux=unscaled_darboux), 3),
     ("darboux", transformed(TOP, darboux=unscaled_darboux), 3),
     ("darboux", transformed(TOP, step=flipped_step), 3),
     ("poisson-baecklund", transformed(TOP, step=old_momentum_transform), 3),
@@ -157,6 +194,7 @@ MUTANTS = [
     ("symmetric-baecklund", transformed(TOP, step=old_momentum_transform), 3),
     ("symmetric-baecklund", transformed(CLEBSCH, odd=1), 3),
     ("commuting-baecklund", transformed(TOP, step=old_momentum_transform), 3),
+    ("map-is-baecklund", mapped(TOP, darboux=unshifted), 3),
     ("conjugate-pair", transformed(TOP, pair=lost_curvature), 3),
     ("order-baecklund", transformed(TOP, block=no_block), 4),
     ("order-baecklund", transformed(TOP, pair=lost_curvature), 3),

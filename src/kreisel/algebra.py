@@ -174,6 +174,11 @@ def parts(z: Array) -> tuple[Array, Array]:
     return (np.real(z), np.imag(z)) if np.iscomplexobj(z) else (z, None)
 
 
+def conjugate(z: Any) -> Any:
+    """The conjugate of a complex scalar."""
+    return Complex(z.re, -z.im) if isinstance(z, Complex) else np.conj(z)
+
+
 def log(x: Array) -> Array:
     """Natural logarithm of a scalar or a batch; dual numbers bring their own.
 
@@ -189,6 +194,15 @@ def log(x: Array) -> Array:
 def sqrt(x: Array) -> Array:
     """Square root of a scalar or a batch; recording scalars bring their own."""
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
+
+
+def cos_sin_small(x: Array) -> tuple[Array, Array]:
+    """Cos x and sin x of a scalar or a batch, |x| <= 0.8, by their series to round-off."""
+    y, cos, sin = x * x, 1.0, 1.0
+    for k in range(18, 0, -2):
+        cos = 1 - y * cos * (1 / (k * (k - 1)))
+        sin = 1 - y * sin * (1 / (k * (k + 1)))
+    return cos, x * sin
 
 
 def maximum(x: Array, y: Array) -> Array:
@@ -437,7 +451,7 @@ def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: flo
 # -- Cayley ---------------------------------------------------------------------------------------
 
 
-def _resolvent(X: Array, V: Array) -> Array:
+def plain_resolvent(X: Array, V: Array) -> Array:
     """(I - X)^-1 V for columns V, once; for n = 3 in closed form (I + X + u u^T)/(1 + |u|^2), X = hat(u)."""
     if X.shape[-1] != 3:
         return solve(identity(X.shape[-1]) - X, V)
@@ -549,11 +563,13 @@ def sharp_sum(products: list[tuple[Array, Array]]) -> Array:
 
 
 def together(re: Array, im: Array) -> Array:
-    """The complex vectors re + i im."""
+    """The complex vectors re + i im; re and im may be complex too."""
     if holds_objects(re) or holds_objects(im):
         out = np.empty(re.shape, dtype=object)
         for place in np.ndindex(re.shape):
-            out[place] = Complex(re[place], im[place])
+            x, y = re[place], im[place]
+            both = isinstance(x, Complex) or isinstance(y, Complex)
+            out[place] = x + Complex(0, 1) * y if both else Complex(x, y)
         return out
     return complex_number(re, im)
 
@@ -570,8 +586,8 @@ def diagonal_resolvent(d: Array, X: Array, v: Array) -> Array:
 
 def resolvent(X: Array, V: Array) -> Array:
     """(I - X)^-1 V for X (..., n, n) skew and columns V (..., n, k), corrected once by its residual."""
-    Y = _resolvent(X, V)
-    return Y if exact(X) else Y + _resolvent(X, _add_product(V - Y, X, Y))
+    Y = plain_resolvent(X, V)
+    return Y if exact(X) else Y + plain_resolvent(X, _add_product(V - Y, X, Y))
 
 
 def cayley_columns(X: Array, V: Array) -> Array:
@@ -585,8 +601,8 @@ def cayley_columns(X: Array, V: Array) -> Array:
     once.  For n = 4 the residual as X (2V + Y) - Y still left 2.6 bands after 1e8 steps, by the rounding of
     2V + Y; X 2V - Y + X Y, as here, leaves no trend.
     """
-    Y = _resolvent(X, 2 * (X @ V))
-    return V + Y if exact(X) else close_sum(V, Y, _resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
+    Y = plain_resolvent(X, 2 * (X @ V))
+    return V + Y if exact(X) else close_sum(V, Y, plain_resolvent(X, _add_product(_add_product(-Y, X, 2 * V), X, Y)))
 
 
 def cayley_act(X: Array, v: Array) -> Array:
@@ -656,12 +672,12 @@ def moebius(X: Array) -> Array:
 
 def turn_left(X: Array, g: Array) -> Array:
     """cay(X) g, for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(X, g) if _is_matrix(X, g) else _unit(quaternion_product(_half_turn(X), g))
+    return cayley_columns(X, g) if _is_matrix(X, g) else unit(quaternion_product(_half_turn(X), g))
 
 
 def turn_right(g: Array, X: Array) -> Array:
     """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
-    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else _unit(quaternion_product(g, _half_turn(X)))
+    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else unit(quaternion_product(g, _half_turn(X)))
 
 
 def _is_matrix(X: Array, g: Array) -> bool:
@@ -680,7 +696,8 @@ def quaternion_product(a: Array, b: Array) -> Array:
     return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
 
 
-def _unit(q: Array) -> Array:
+def unit(q: Array) -> Array:
+    """Q/|q| for vectors or quaternions q (..., k)."""
     return q / sqrt(vec(dot(q, q)))
 
 
@@ -696,8 +713,8 @@ def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
         return h.mT if right else h
     turn = np.concatenate([vec(dot(x, y)) + 0 * x[..., :1], cross(x, y)], -1)
     if right:
-        return _unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
-    return _unit(quaternion_product(turn, g))
+        return unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
+    return unit(quaternion_product(turn, g))
 
 
 def cross(x: Array, y: Array) -> Array:

@@ -157,6 +157,8 @@ class Map:
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
     keeps                    names of the integrals that the map keeps; None: all of the record
+    darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
+                             D_eps at the point (2/eps, rho) of the spectral curve of the flow
     """
 
     step: Function
@@ -175,6 +177,7 @@ class Map:
     second_order: Function | None = None
     regularity: Function | None = None
     keeps: tuple[str, ...] | None = None
+    darboux: Function | None = None
     order: int = 1
     source: str = ""
 
@@ -204,7 +207,8 @@ class Baecklund:
                                  cay(eps/2 block), in the body for the rest frame, in space for the moving frame
     spin(*state)                 the constant rest of the angular velocity for unequal moments, in the state's frame
     largest_step(*state)         the largest real eps
-    case(n, draw)                (state, params, e, mu, rho) with everything rational, for the laws
+    case, pair_case(n, draw)     (state, params, e, mu, rho) with everything rational, for the laws; in the latter e, mu
+                                 and rho are complex, over Q(i)
     """
 
     point: Function
@@ -219,6 +223,7 @@ class Baecklund:
     spin: Function | None = None
     largest_step: Function | None = None
     case: Function | None = None
+    pair_case: Function | None = None
     odd: int = 1
     source: str = ""
 
@@ -250,6 +255,7 @@ class System:
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
     inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
+    top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
     n                        the dimension, where the parameters do not tell it
@@ -276,6 +282,7 @@ class System:
     map: Map | None = None
     baecklund: Baecklund | None = None
     relations: tuple[Relation, ...] = ()
+    top: Function | None = None
     derive: Function | None = None
     check_state: Function | None = None
     notes: str = ""

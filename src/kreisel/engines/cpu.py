@@ -182,14 +182,12 @@ class Kernel:
         self._kernel = load(self.source).kernel
 
     def advance(self, out: Floats, every: int) -> None:
-        shares = list(_shares(len(self.z), len(out) * every * len(self.z)))
-        if len(shares) < 2:
+        parts = list(shares(len(self.z), len(out) * every * len(self.z)))
+        if len(parts) < 2:
             self._kernel(self.z, self.constants, self.stages, out, every, 0, len(self.z))
             return
-        with ThreadPoolExecutor(len(shares)) as pool:  # made for each call: none is left behind when a process forks
-            work = [
-                pool.submit(self._kernel, self.z, self.constants, self.stages, out, every, *share) for share in shares
-            ]
+        with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
+            work = [pool.submit(self._kernel, self.z, self.constants, self.stages, out, every, *part) for part in parts]
         for done in work:
             done.result()
 
@@ -200,7 +198,7 @@ class Kernel:
         self.z[:] = snapshot["z"]
 
 
-def _shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
+def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
     """First and last lane of the shares of the threads, whole blocks where there are many."""
     import numba
 

@@ -220,6 +220,27 @@ def recorded_outputs(
     return Outputs(*_printed(tape, values), places)
 
 
+def recorded_function(
+    function: Callable[..., Array], inputs: Mapping[str, tuple[int, ...]], constants: Mapping[str, tuple[int, ...]]
+) -> tuple[list[Line], list[str], int]:
+    """A function of arrays on recorded numbers, z... for the inputs, c... for the constants, by their shapes.
+
+    Its lines, the source of each number of the result, and how many numbers go in.
+    """
+    tape = Tape()
+
+    def recorded(letter: str, shapes: Mapping[str, tuple[int, ...]]) -> tuple[dict[str, Array], int]:
+        out, start = {}, 0
+        for name, shape in shapes.items():
+            size = int(np.prod(shape))
+            out[name] = _shaped([Scalar(tape, f"{letter}{j}") for j in range(start, start + size)], shape)
+            start += size
+        return out, start
+
+    (given, count), (known, _) = recorded("z", inputs), recorded("c", constants)
+    return *_printed(tape, list(function(**given, **known))), count
+
+
 def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:
     array: Any = np.array(entries, dtype=object).reshape(shape)
     return array[()]

@@ -459,11 +459,15 @@ class _Curve:
         return tuple(self.call(self.record.pair if pair else self.record.step, *state, *found))
 
 
+def _record(case: Case) -> Baecklund:
+    if case.system.baecklund is None:
+        raise InputError(f"{case.system.name} states no Bäcklund transformation.")
+    return case.system.baecklund
+
+
 def _curve(case: Case) -> _Curve:
     """In exact numbers a random rational point; in floats the case's own state with eps = 2/7."""
-    record = case.system.baecklund
-    if record is None:
-        raise InputError(f"{case.system.name} states no Bäcklund transformation.")
+    record = _record(case)
     if case.numbers == "exact":
         if record.case is None:
             raise InputError(f"{case.system.name} does not state a rational case.")
@@ -484,12 +488,9 @@ def spectral_point(case: Case) -> Sides:
 
 @_law("I(D(z)) = I(z) for the Casimirs and every integral of the continuous flow", _has_baecklund)
 def integrals_of_baecklund(case: Case) -> Sides:
-    curve = _curve(case)
-    news = [curve.move()]
-    if case.numbers == "float":
-        news.append(curve.at(7 + 4j).move())
     casimirs: Any = case.system.space.casimirs
-    for new in news:
+    for curve in (_curve(case), _pairs(case)[0]):
+        new = curve.move()
         yield casimirs(*new), casimirs(*curve.state)
         for function in (case.system.energy, *case.system.integrals.values()):
             yield np.asarray(curve.call(function, *new)), np.asarray(curve.call(function, *curve.state))
@@ -547,22 +548,50 @@ def commuting_baecklund(case: Case) -> Sides:
     yield curve.flat(flow(pair.move())), curve.flat(pair.move(*flow(curve.state)))
 
 
-@_law("a conjugate pair in real arithmetic is the product of the two complex maps", _has_baecklund, exact=False)
+@_law(
+    "the paper's map is D(eps) in other variables, at its point of the spectral curve",
+    lambda s: s.baecklund is not None and s.map is not None and s.map.darboux is not None,
+)
+def map_is_baecklund(case: Case) -> Sides:
+    *state, rho = case.call(case.map.darboux)
+    *after, rho_after = case.call(case.map.darboux, *case.call(case.map.step))
+    curve = _Curve(case, case.model, _record(case), tuple(state), 2 / case.eps, rho)
+    yield curve.flat(curve.move()), curve.flat(tuple(after))
+    yield np.asarray(rho), np.asarray(rho_after)
+
+
+@_law(
+    "a conjugate pair in real arithmetic is the product of the two complex maps; N2 N1 L = L_new N2 N1", _has_baecklund
+)
 def conjugate_pair(case: Case) -> Sides:
-    for mu in (7 + 4j, 2 + 1.5j):
-        pair = _curve(case).at(mu)
+    for pair in _pairs(case):
         first = pair.call(pair.record.vector, *pair.state)
         between = pair.call(pair.record.step, *pair.state, *first)
-        other = {"mu": np.conj(mu), "rho": np.conj(pair.rho)}
+        other = {"mu": algebra.conjugate(pair.mu), "rho": algebra.conjugate(pair.rho)}
         second = pair.call(pair.record.vector, *between, **other)
-        product = pair.flat(tuple(pair.call(pair.record.step, *between, *second, **other)))
-        yield product.real, pair.flat(pair.move())
-        yield product.imag, 0 * product.real
+        re, im = algebra.parts(pair.flat(tuple(pair.call(pair.record.step, *between, *second, **other))))
+        yield re, pair.flat(pair.move())
+        yield im, 0 * re
         arc = pair.call(pair.record.arc_of_pair, *pair.state, first[0])
         carried = _carried(case, pair.state)
         one = algebra.identity(len(carried)) + 0 * carried[:, None]
         turned = algebra.double_turn(arc[0], arc[1], one) @ carried
         yield turned, _carried(case, pair.move())
+        N1 = pair.call(pair.record.darboux, *pair.state, first[0], lam=case.lam)
+        N2 = pair.call(pair.record.darboux, *between, second[0], lam=case.lam, **other)
+        old, new = (pair.call(case.system.lax, *z, lam=case.lam)[0] for z in (pair.state, pair.move()))
+        yield from zip(algebra.parts(N2 @ N1 @ old), algebra.parts(new @ (N2 @ N1)), strict=True)
+
+
+def _pairs(case: Case) -> list[_Curve]:
+    """Complex points: in exact numbers a random one over Q(i), in floats two of the case's own state."""
+    record = _record(case)
+    if case.numbers == "float":
+        return [_curve(case).at(mu) for mu in (7 + 4j, 2 + 1.5j)]
+    if record.pair_case is None:
+        raise InputError(f"{case.system.name} does not state a case over Q(i).")
+    state, params, _, mu, rho = record.pair_case(case.model.n, case.draw)
+    return [_Curve(case, case.system(**params), record, state, mu, rho)]
 
 
 @_law("the error of K maps is O(dt^(2K)) in the state and in g, for K = 1 to 3", _has_baecklund, exact=False)

@@ -106,7 +106,7 @@ def baecklund(model: Model, dt: float, order: int | None, oriented: bool) -> Sch
         return constants, stages
 
     def stage(z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
-        own, (x, y) = _stage(record, z[:count], known, paired)
+        own, (x, y) = one_stage(record, z[:count], known, paired)
         return (*own, *(algebra.double_turn(x, y, h, right=not rest) for h in z[count:]))
 
     def pair(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> tuple[Array, ...]:
@@ -151,7 +151,7 @@ def _record(model: Model) -> Baecklund:
     return model.system.baecklund
 
 
-def _stage(
+def one_stage(
     record: Baecklund, own: tuple[Array, ...], known: dict[str, Array], paired: bool
 ) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
     """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""

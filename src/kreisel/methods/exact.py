@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame
+from kreisel.contract import Frame, call
 from kreisel.errors import InputError
 from kreisel.methods.exact_pair import exact_pair
 from kreisel.methods.motion import Motion
@@ -19,27 +19,40 @@ from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Orbit, Scheme
 from kreisel.model import Model
 
-KNOWN = ("lagrange-top", "lagrange-top-moving", "symmetric-top")
 
-
-def motion(frame: Frame, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
-    """The motion in the rest frame; that of the moving frame at time 0 where the state is given there."""
-    first, second = algebra.axial(state[0]), state[1]
-    b, p = (second, constants["p"]) if frame is Frame.REST else (constants["A"], second)
+def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
+    """The motion in space of the top that the record states.  Raises `InputError` if it states none."""
+    m, b, p = call(model.system.top, state, constants)
     kappa = 1 / Fraction(float(constants.get("alpha", 1.0))) - 1  # omega = m + kappa (m.b) b/|b|^2
-    return Motion(first, b, p, reach=reach, spin_factor=kappa)
+    return Motion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
 
 
-def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
-    """The iterates of the paper's map in the rest frame, n = 3, in closed form; its clock counts steps.
+def iterates(model: Model) -> Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None:
+    """The iterates of a map that is D_eps in other variables, n = 3, in closed form; None where it is not known to be.
 
-    In (m, b), b = (I - eps/2 m) a + s |a|^2 p, the map is D_eps: k steps are the flow over k tau, then the turn k theta
-    about p.  Both branches of r = |a|^2 as a function of the integrals occur; the state says which.
+    Its clock counts steps: k of them are the flow over k tau, then the turn k theta about p.  In the moving frame
+    (-M, P, A) is the (m, a, p) of the rest frame.
     """
-    m, a, p = (rationals(v) for v in (algebra.axial(z0[0]), z0[1], constants["p"]))
-    eps = Fraction(float(constants["eps"]))
-    s, r, hat = eps * eps / 4, algebra.dot(a, a), algebra.hat(m)
-    b = a - eps / 2 * algebra.act(hat, a) + s * r * p
+    if model.n != 3 or model.map.darboux is None:
+        return None
+    (fixed,) = (p.letter for p in model.system.parameters if p.fixed)
+    sign = -model.system.space.sign
+
+    def orbit(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> Orbit:
+        return _iterated(model, tuple(z0), given, fixed, sign, reach)
+
+    return orbit
+
+
+def _iterated(
+    model: Model, z0: tuple[Array, ...], given: Mapping[str, Array], fixed: str, sign: int, reach: float
+) -> Orbit:
+    """Both branches of rho as a function of the integrals occur; the state says which."""
+    eps = Fraction(float(given["eps"]))
+    exactly = {"eps": eps, fixed: rationals(given[fixed])}
+    hat, b, rho = call(model.map.darboux, tuple(rationals(z) for z in z0), exactly)
+    m, p, s = sign * algebra.axial(hat), exactly[fixed], eps * eps / 4
+    r = rho / s
     here = Motion(m, b, p, reach=0.0)
     known = here.integrals
     root = 2 * (known.A + s * known.J**2) / r - (1 + 2 * s * known.E + 2 * s * s * known.J * known.c)
@@ -49,16 +62,13 @@ def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float
         return (here.nutation.tau(step), here.nutation.theta(step)) if root >= 0 else here.nutation.beyond(step)
 
     here = Motion(m, b, p, reach=reach * abs(float(clock()[0])))
-    tau, theta = clock()
-    shift = float(s * r) * p.astype(np.float64)
+    constants = {"eps": np.asarray(float(eps)), "shift": float(s * r) * p.astype(np.float64)}
 
-    def at(M: Array, e: Array) -> tuple[Array, ...]:
-        k = (M << np.maximum(e, 0).astype(object)) >> np.maximum(-e, 0).astype(object)
-        m, b = here.iterate(k, tau, theta)
+    def finish(m: Array, b: Array, q: Array, *, eps: Array, shift: Array) -> tuple[Array, ...]:
         hat = algebra.hat(m)
-        return hat, algebra.resolvent(float(eps) / 2 * hat, (b - shift)[..., None])[..., 0]
+        return sign * hat, algebra.resolvent(eps / 2 * hat, (b - shift)[..., None])[..., 0]
 
-    return at
+    return here.orbit(finish, constants, clock())
 
 
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
@@ -68,7 +78,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     all integrals are kept.  Raises `InputError` for other systems, n > 3 and an order.
     """
     system, frame = model.system, model.system.frame
-    if system.baecklund is None and system.name not in KNOWN:
+    if system.baecklund is None and system.top is None:
         raise InputError(
             f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case and "
             "Neumann's system with n = 3. Use another method, such as method='suris' or 'dop853'."
@@ -79,32 +89,24 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         )
     if order is not None:
         raise InputError(f"method='exact' has no order, it is the flow itself; order={order!r} came. Leave order out.")
-    if system.name not in KNOWN:
-        if oriented:
-            raise InputError(
-                f"method='exact' of {system.name} does not carry the orientation. Use method='baecklund' with order=24."
-            )
-        return exact_pair(model, dt)
+    if system.top is None:
+        return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None)
     outcomes = {k: replace(o, kept=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
 
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
-        here = motion(frame, z0, constants, reach)
+        known = dict(zip(("vector", "start"), z0[1:], strict=False))
 
-        def at(M: Array, e: Array) -> tuple[Array, ...]:
-            m, b, *turned = here.at(M, e, oriented=oriented or frame is Frame.MOVING)
-            g = tuple(
-                algebra.quaternion_product(start, q) if frame is Frame.MOVING else algebra.quaternion_product(q, start)
-                for start, q in zip(z0[2:], turned, strict=False)
-            )
+        def finish(m: Array, b: Array, q: Array, *, vector: Array, **given: Array) -> tuple[Array, ...]:
             if frame is Frame.REST:
-                return (algebra.hat(m), b, *g)
-            back = algebra.rotation_matrix(turned[0]).mT
-            return (algebra.hat(algebra.act(back, m)), algebra.act(back, z0[1]), *g)
+                return (algebra.hat(m), b, *(algebra.quaternion_product(q, g) for g in given.values()))
+            back = algebra.rotation_matrix(q).mT
+            seen = (algebra.hat(algebra.act(back, m)), algebra.act(back, vector))
+            return (*seen, *(algebra.quaternion_product(g, q) for g in given.values()))
 
-        return at
+        return motion(model, z0, constants, reach).orbit(finish, known)
 
     return Scheme(
         name="exact",

@@ -19,8 +19,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import call
 from kreisel.errors import InputError
-from kreisel.methods.baecklund import MOST_ORDER, pade_zeros, stage_points
-from kreisel.methods.observing import observer
+from kreisel.methods.baecklund import MOST_ORDER, one_stage, pade_zeros, stage_points
+from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
 from kreisel.model import Model
 
@@ -37,7 +37,7 @@ BLOCKS = ("mm", "mv", "vv")
 State = tuple[Array, ...]
 
 
-def exact_pair(model: Model, dt: float) -> Scheme:
+def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     """The exact flow of a body in e*(3) with Bäcklund maps, or of its leaf; see the module.
 
     Raises `InputError` where no pair is found.
@@ -48,34 +48,47 @@ def exact_pair(model: Model, dt: float) -> Scheme:
         raise TypeError(f"{body.system.name} states no Bäcklund transformation")
     kept = ("casimir", "energy", *model.system.integrals)
     observe, outcomes = observer(model, None, None, kept=kept)
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+
+    def prepare(x0: State) -> State:
+        return (*carry(x0[:2]), *x0[2:])
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
-        own = carry(x0)
+        own = carry(x0[:2])
         copies, mu = parameter(body, own, dt)
         rho = call(record.point, _wide(own), {**_wide_constants(body), "mu": mu})
         numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
         stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
-        return _levels(body, own), stages
+        return {**_levels(body, own), **(_turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {})}, stages
 
     def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
         known = {**consts, "mu": algebra.complex_number(mu_re, mu_im), "rho": algebra.complex_number(rho_re, rho_im)}
-        return tuple(call(record.pair, (*z, *call(record.vector, z, known)), known))
+        own, (x, y) = one_stage(record, z[:2], known, True)
+        return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
-    axes = {**body.axes, **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im"], 0)}
+    def close(M: Array, P: Array, *g: Array, **consts: Array) -> State:
+        own = put_back(M, P, **consts)
+        if not g:
+            return own
+        turn = np.concatenate([algebra.vec(consts["cos"]) + 0 * g[0][..., :1], consts["sin"] + 0 * g[0][..., 1:]], -1)
+        return (*own, *(algebra.unit(algebra.quaternion_product(turn, q)) for q in g))
+
+    axes = {**body.axes, **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0), "sin": 1}
     for k in range(FORMS):
         axes |= {f"{block}{k}{part}": 2 for block in BLOCKS for part in ("", "_rest")}
         axes |= {f"level{k}": 0, f"level{k}_rest": 0}
     return Scheme(
         name="exact",
-        components=body.system.space.components,
+        components=with_orientation(body, oriented),
         constants=dict(body.constants),
         axes=axes,
         n=3,
-        prepare=carry,
+        prepare=prepare,
         step=step,
-        close=put_back,
-        observe=lambda z, **constants: observe(back(z), **constants),
-        reopen=carry,
+        close=close,
+        observe=lambda z, **constants: observe((*back(z[:2]), *z[2:]), **constants),
+        reopen=prepare,
         outcomes=outcomes,
         trajectory=trajectory,
     )
@@ -148,12 +161,13 @@ def _wide_constants(model: Model) -> dict[str, Array]:
 
 
 def _pair(model: Model, z: State, mu: Array) -> State:
-    """The conjugate pair in extended precision."""
+    """The conjugate pair in extended precision; it turns an orientation too, but for a turn about P in space."""
     record: Any = model.system.baecklund
     with np.errstate(all="ignore"):
         known = {**_wide_constants(model), "mu": mu}
-        known["rho"] = call(record.point, z, known)
-        return tuple(call(record.pair, (*z, *call(record.vector, z, known)), known))
+        known["rho"] = call(record.point, z[:2], known)
+        own, (x, y) = one_stage(record, z[:2], known, True)
+        return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
 
 def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
@@ -161,11 +175,7 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
     z = _wide(state)
     batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
     batch = np.broadcast_shapes(batch, state[1].shape[:-1])
-    want = z
-    parts = max(1, int(np.ceil(h * float(np.max(_rate(model, state))))))
-    for _ in range(parts):
-        for point in stage_points(MOST_ORDER, h / parts):
-            want = _pair(model, want, np.full(batch, point, dtype=np.clongdouble)[()])
+    want, _ = _flown(model, z, h, batch)
     target, last = _flat(want), np.finfo(np.longdouble).eps
     mu = np.full(batch, complex(pade_zeros(2)[0]) / h, dtype=np.clongdouble)
     size = abs(target).max(-1)
@@ -180,6 +190,38 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
         mu = mu + _limited(_least_squares(slopes, -miss), abs(mu) / 3)
     near = (abs(miss).max(-1) <= SETTLED * last * size) & (mu.real * h > LEAST_REAL)
     return mu, near
+
+
+def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[State, list[Array]]:
+    """The flow over h by a product of order 24, and the mu of its pairs."""
+    parts = max(1, int(np.ceil(h * float(np.max(_rate(model, tuple(x.astype(float) for x in z[:2])))))))
+    points = [np.full(batch, mu, dtype=np.clongdouble)[()] for mu in stage_points(MOST_ORDER, h / parts)] * parts
+    for point in points:
+        z = _pair(model, z, point)
+    return z, points
+
+
+def _turn_in_space(model: Model, own: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
+    """The turn about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is constant.
+
+    In the product of order 24 each pair turns by prod cay(eps/2 block) about p; the exact pair by what is missing.
+    """
+    record: Any = model.system.baecklund
+    one = np.zeros((*mu.shape, 4), dtype=np.longdouble)
+    one[..., 0] = 1
+    start = (*_wide(own), one)
+    true, points = _flown(model, start, dt / copies, mu.shape)
+    pair = _pair(model, start, mu.astype(np.clongdouble)[()])
+    P = own[1].astype(np.longdouble)
+    along = P / np.sqrt(algebra.dot(P, P))[..., None]
+    theta = algebra.dot(algebra.axial(call(record.block, start[:2], {})), along)
+    by_maps = sum(4 * np.arctan(theta / point).real for point in points)
+    back = pair[2] * np.array([1, -1, -1, -1])
+    left = algebra.quaternion_product(true[2], back)
+    half = copies * (by_maps / 2 + np.arctan2(algebra.dot(left[..., 1:], along), left[..., 0]))
+    axis = algebra.act(algebra.rotation_matrix(g.astype(np.longdouble)), along)
+    axis = axis / np.sqrt(algebra.dot(axis, axis))[..., None]
+    return {"cos": np.cos(half).astype(float), "sin": (np.sin(half)[..., None] * axis).astype(float)}
 
 
 def _least_squares(slopes: list[Array], want: Array) -> Array:

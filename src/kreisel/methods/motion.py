@@ -1,13 +1,15 @@
 """One motion of the Lagrange top, n = 3, at any times: set up once in extended digits, then cheap in doubles.
 
-A time t is n d + h with d a part of the nutation period and |h| <= d/2, by exact integer arithmetic; n = k parts + j.
-The state at j d comes from the closed form in extended digits, once; from there D_eps takes h in doubles, with eps(h)
-and theta(h) from their power series; k theta_P is reduced mod 2 pi in integers.  No error grows with t.
+Three phases grow like the time: that of nutation, and those of the mean turns about p and about the axis.  The period
+of nutation is cut into 2^k parts, and the state at the middle of each, freed of the mean turns, comes from the closed
+form in extended digits, once; from there D_eps takes the rest h in doubles, with eps(h) and theta(h) from their
+power series.  The phases are integers, mod one turn: no error grows with t.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import astuple
 from fractions import Fraction
 
@@ -17,13 +19,15 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.methods.nutation import Integrals, Number, Nutation, darboux, number, rationals, squared_length
+from kreisel.methods.scheme import Orbit
 
 TERMS = 28  # of the power series in h^2
 TAIL = 1e-19  # what they leave out, by the size of their last terms
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
 LARGEST = 1e150  # of an integral: products of two must not overflow
-FRACTION = 62  # bits of a reduced time or turn
+PHASE_BITS = 64
+LEAST_PLACES = 3  # so that the mean turns within a part stay small
 
 NONE = Fraction(0)
 
@@ -70,7 +74,7 @@ def _theta_series(nutation: Nutation, known: Integrals, Y: Series, eps: Series) 
 
 
 class Motion:
-    """The motion through (m, b), axial vectors, under p: state and orientation at times M 2^e.
+    """The motion through (m, b), axial vectors, under p.
 
     `reach` is the largest |time| that will be asked; the body turns about its axis b by spin_factor (m.b)/|b| more than
     m says, without an effect on m and b.
@@ -92,7 +96,6 @@ class Motion:
         self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
         self._series()
         self._clock(reach, spin_factor)
-        self._anchors: dict[int, Array] = {}
 
     def _digits(self, reach: float) -> int:
         """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
@@ -135,22 +138,27 @@ class Motion:
         self.series = [np.array([float(v * self.longest ** (2 * k)) for k, v in enumerate(f)]) for f in series]
 
     def _clock(self, reach: float, spin_factor: Fraction) -> None:
-        """Parts of the period, and all rates as integers of `bits` binary places."""
+        """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady."""
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
-        if known.separatrix:
-            self.parts, self.part = 0, 2 * self.longest
-        else:
-            self.parts = int(ctx.ceil(nutation.half_period / self.longest))
-            self.part = 2 * nutation.half_period / self.parts
-        spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
-        self.bits = 64 + FRACTION + 53 + spread
-        self.per_part = self._fixed(1 / self.part)
         turn = 2 * ctx.pi
-        self.turns = [self._fixed(nutation.period_turn(dual) / turn) if self.parts else 0 for dual in (False, True)]
-        spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A))
-        self.spin = self._fixed(spin / turn)
-        self.settled = self._settled() if known.separatrix else None
-        self.sleeping = self._fixed(number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) * self.part / turn)
+        self.settled = 0
+        if known.separatrix:
+            self.part = 2 * self.longest
+            self.settled = self._settled()
+            self.places = max(LEAST_PLACES, (2 * self.settled + 1).bit_length())
+            self.means = [ctx.zero, ctx.zero]
+        else:
+            self.places = max(LEAST_PLACES, int(ctx.ceil(ctx.log(nutation.half_period / self.longest, 2))))
+            self.part = ctx.ldexp(nutation.half_period, 1 - self.places)
+            turns = [nutation.period_turn(dual) / turn for dual in (False, True)]
+            self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
+        for series, mean, sign in zip(self.series[1:], self.means, (-1, 1), strict=True):
+            series[0] += float(mean * turn)  # h turns on too
+            series *= sign / 2  # half-angles
+        spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
+        self.bits = 64 + PHASE_BITS + 53 + spread
+        self.spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A)) / turn
+        self.sleeping = number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / turn
 
     def _settled(self) -> int:
         """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
@@ -167,15 +175,17 @@ class Motion:
 
     # -- in extended digits --------------------------------------------------------------------------
 
-    def anchor(self, j: int) -> Array:
-        """m, b (axial) and the orientation from time 0, a unit quaternion, at time j parts, as 10 doubles."""
-        if j not in self._anchors:
-            m, b, q = self.jump(j * self.part)
-            self._anchors[j] = np.array([float(v) for v in (*m, *b, *q)])
-        return self._anchors[j]
+    def place(self, j: int) -> Array:
+        """m, b (axial) and the orientation from time 0, a unit quaternion, at time j parts, as 10 doubles.
+
+        They are freed of the mean turns.
+        """
+        j = (j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1))
+        m, b, q = self.jump(j * self.part)
+        return np.array([float(v) for v in (*m, *b, *q)])
 
     def jump(self, h: Number) -> tuple[Array, Array, Array]:
-        """The flow over |h| <= omega_1: m, b (axial), orientation (unit quaternion), in extended digits."""
+        """The flow over |h| <= omega_1 without its mean turns: m, b (axial), orientation, in extended digits."""
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         m, b, p = self._mp
         q = np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero], dtype=object)
@@ -190,8 +200,9 @@ class Motion:
             hat_m, b, a = darboux(hat_m, b, p, eps, r)
             q = algebra.quaternion_product(half_turns(a, old), q)
         A = ctx.sqrt(number(ctx, known.A))
-        left = -count * nutation.theta(eps)
-        right = count * (2 * ctx.atan(eps * number(ctx, known.J) / (2 * A)) + nutation.theta(eps, dual=True))
+        along, across = (2 * ctx.pi * mean * h for mean in self.means)
+        left = -count * nutation.theta(eps) - along
+        right = count * (nutation.theta(eps, dual=True) + 2 * ctx.atan(eps * number(ctx, known.J) / (2 * A))) + across
         turn = self._about(p, left)
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), self._about(axis, right))
         R = algebra.rotation_matrix(turn)
@@ -203,88 +214,134 @@ class Motion:
         along = axis / length if length else axis
         return np.concatenate([[ctx.cos(angle / 2)], ctx.sin(angle / 2) * along])
 
-    # -- in doubles ------------------------------------------------------------------------------------
+    # -- phases, in integers ---------------------------------------------------------------------------
 
-    def at(self, M: Array, e: Array, oriented: bool = False) -> tuple[Array, ...]:
-        """The axial m and b, (times, 3), and, if asked, the orientation (times, 4) at times M 2^e.
+    def orbit(
+        self,
+        finish: Callable[..., tuple[Array, ...]],
+        constants: Mapping[str, Array],
+        step: tuple[Number, Number] | None = None,
+    ) -> Orbit:
+        """The states that `finish(m, b, q, **constants)` makes of axial m, b and the orientation from time 0.
 
-        M are Python integers in an object array, e small integers; both of shape (times,).
+        The clock counts times; with `step` = (tau, theta), the steps of a map: the flow over tau, then a turn about p.
         """
-        if len(M) == 1:  # NumPy sums a lone matrix product in another order: numbers must not depend on the batch
-            return tuple(v[:1] for v in self.at(np.repeat(M, 2), np.repeat(e, 2), oriented))
-        low = int(e.min(initial=0))
-        scaled, bits = M << (e - low).astype(object), self.bits - low  # times in units of 2^low
-        spun = _turns(scaled * self.spin, bits)
-        return self._at_parts(scaled * self.per_part, bits, 0.0, spun, oriented)
+        tau, theta = (self.ctx.one, self.ctx.zero) if step is None else step
+        units = (tau / self.part, tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1]))
+        nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
+        rates = (nutating >> self.places, left, right)
+        own = {
+            "series": np.stack(self.series),
+            "scale": np.asarray(float(1 / self.longest)),
+            "roots": np.array([float(x) for x in self.nutation.x]),
+            **{f"known_{k}": np.asarray(float(getattr(self.integrals, k))) for k in ("A", "J", "c", "E")},
+            "p": self.p.astype(np.float64),
+            "up": _unit(self.p),
+            "axis": _unit(self.b),
+            "lean": np.asarray(float(self.sleeping * self.ctx.pi)),
+        }
+        names = frozenset(own)
 
-    def iterate(self, k: Array, tau: Number, theta: Number) -> tuple[Array, ...]:
-        """The axial m and b after k steps (integers) of a map: the flow over tau, then the turn theta about p."""
-        if len(k) == 1:
-            return tuple(v[:1] for v in self.iterate(np.repeat(k, 2), tau, theta))
-        turned = _turns(k * self._fixed(theta / (2 * self.ctx.pi)), self.bits)
-        return self._at_parts(k * self._fixed(tau / self.part), self.bits, turned, 0.0, oriented=False)
+        def row(place: Array, h: Array, left: Array, right: Array, **known: Array) -> tuple[Array, ...]:
+            mine = {k: known[k] for k in names}
+            return finish(*ahead(place, h, left, right, **mine), **{k: v for k, v in known.items() if k not in names})
 
-    def _at_parts(self, v: Array, bits: int, left: Array, right: Array, oriented: bool) -> tuple[Array, ...]:
-        """At times v in parts, integers with `bits` binary places, and with further turns about p and b."""
-        n = (v + (1 << (bits - 1))) >> bits
-        k, j = 0 * n, n
-        if self.parts:
-            k = (n + self.parts // 2) // self.parts
-            j = n - k * self.parts
-        left, right = left + _turns(k * self.turns[0], self.bits), right - _turns(k * self.turns[1], self.bits)
-        rest = v - (n << bits)
-        if self.settled is not None:
-            j = np.minimum(np.maximum(n, -self.settled), self.settled)
-            beyond = np.where(j == n, 0, v - (j << bits))
-            rest = np.where(j == n, rest, 0)
-            right = right + _turns(beyond * self.sleeping, bits + self.bits)
-        h = (rest >> (bits - FRACTION)).astype(np.float64) * 2.0**-FRACTION * float(self.part)
-        places, which = np.unique(j.astype(np.int64), return_inverse=True)
-        start = np.array([self.anchor(int(place)) for place in places])[which]
-        return self._ahead(start, h, left, right, oriented)
+        def phases(M: Array, e: Array) -> Array:
+            low = int(e.min(initial=0))
+            scaled = M << (e - low).astype(object)
+            return _fractions([scaled * rate for rate in rates], self.bits - low)
 
-    def _ahead(self, start: Array, h: Array, left: Array, right: Array, oriented: bool) -> tuple[Array, ...]:
-        """D_eps(h) from the anchors, with its turns and those of the periods."""
-        polyval = np.polynomial.polynomial.polyval
-        y = (h / float(self.longest)) ** 2
-        eps, theta, theta_dual = (h * polyval(y, f) for f in self.series)
-        known = self.integrals
-        A, J, c, E = (float(v) for v in (known.A, known.J, known.c, known.E))
-        x = [float(v) for v in self.nutation.x]
-        m, b, p = algebra.hat(start[:, :3]), start[:, 3:6], self.p.astype(np.float64)
-        m1, b1, a = darboux(m, b, p, eps, squared_length(np.sqrt, eps * eps / 4, x, A, J, c, E))
-        turn = rotation(p, left - theta)
-        R = algebra.rotation_matrix(turn)
-        out = algebra.act(R, algebra.axial(m1)), algebra.act(R, b1)
-        if not oriented:
-            return out
-        spun = rotation(self.b.astype(np.float64), right + theta_dual + 2 * np.arctan(eps * J / (2 * math.sqrt(A))))
-        q = start[:, 6:]
-        for left_factor in (half_turns(a, b), turn):
-            q = algebra.quaternion_product(left_factor, q)
-        q = algebra.quaternion_product(q, spun)
-        return (*out, q / np.sqrt(algebra.dot(q, q))[..., None])
+        def phases_to_rest(M: Array, e: Array) -> Array:
+            low = int(e.min(initial=0))
+            scaled = M << (e - low).astype(object)
+            bits = self.bits - low
+            most, at = self.settled << bits, scaled * nutating
+            kept = np.minimum(np.maximum(at, -most), most)
+            asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part, self.bits)))
+            beyond = ((at - kept) * asleep) >> self.bits
+            return _fractions([kept >> self.places, scaled * left, scaled * right + beyond], bits)
+
+        return Orbit(
+            phases=phases_to_rest if self.integrals.separatrix else phases,
+            rates=None if self.integrals.separatrix else rates,
+            bits=self.bits,
+            places=self.places,
+            part=float(self.part),
+            place=self.place,
+            row=row,
+            constants={**own, **constants},
+        )
+
+
+def ahead(
+    place: Array,
+    h: Array,
+    left: Array,
+    right: Array,
+    *,
+    series: Array,
+    scale: Array,
+    roots: Array,
+    known_A: Array,
+    known_J: Array,
+    known_c: Array,
+    known_E: Array,
+    p: Array,
+    up: Array,
+    axis: Array,
+    lean: Array,
+) -> tuple[Array, Array, Array]:
+    """D_eps(h) from a place, (..., 10), and its turns: axial m and b, and the orientation.
+
+    `left` and `right`, (..., 3), are half-angles of mean turns: cos, sin and what is left of the angle.
+    """
+    y = h * scale * (h * scale)
+    eps, turned, spun = (h * _polynomial(series[k], y) for k in range(3))
+    m, b = algebra.hat(place[..., :3]), place[..., 3:6]
+    r = squared_length(algebra.sqrt, eps * eps / 4, roots, known_A, known_J, known_c, known_E)
+    m1, b1, a = darboux(m, b, p, eps, r)
+    turn = _turned(up, left, turned)
+    R = algebra.rotation_matrix(turn)
+    t = eps * lean  # tan of half the turn that D_eps makes about the axis
+    q = algebra.quaternion_product(turn, algebra.quaternion_product(half_turns(a, b), place[..., 6:]))
+    spin = np.concatenate([1 + 0 * algebra.vec(t) + 0 * axis[..., :1], algebra.vec(t) * axis], -1)
+    for about_axis in (_turned(axis, right, spun), spin):
+        q = algebra.quaternion_product(q, about_axis)
+    return algebra.act(R, algebra.axial(m1)), algebra.act(R, b1), q / algebra.sqrt(algebra.vec(algebra.dot(q, q)))
+
+
+def _polynomial(f: Array, y: Array) -> Array:
+    """The sum of f[k] y^k by four sums in y^4, which a processor takes at once."""
+    y2 = y * y
+    y4 = y2 * y2
+    a, b, c, d = f[-4:]
+    for k in range(len(f) - 8, -1, -4):
+        a, b, c, d = a * y4 + f[k], b * y4 + f[k + 1], c * y4 + f[k + 2], d * y4 + f[k + 3]
+    return (a + b * y) + (c + d * y) * y2
+
+
+def _turned(axis: Array, half: Array, more: Array) -> Array:
+    """The turn about a unit vector as a quaternion, from its half-angle in parts."""
+    c, s = algebra.cos_sin_small(half[..., 2] + more)
+    cos, sin = half[..., 0] * c - half[..., 1] * s, half[..., 1] * c + half[..., 0] * s
+    return np.concatenate([algebra.vec(cos) + 0 * axis[..., :1], algebra.vec(sin) * axis], -1)
 
 
 def half_turns(a: Array, b: Array) -> Array:
     """The turn R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
-    return np.concatenate([(a * b).sum(-1, keepdims=True), np.cross(b, a)], -1)
+    return np.concatenate([(a * b).sum(-1, keepdims=True), algebra.cross(b, a - b)], -1)
 
 
-def _turns(scaled: Array, bits: int) -> Array:
-    """The fraction of a turn in integers of `bits` binary places, as an angle in doubles."""
-    part = (scaled & ((1 << bits) - 1)) >> (bits - FRACTION)
-    return part.astype(np.float64) * (2.0**-FRACTION * 2 * np.pi)
+def _fractions(scaled: list[Array], bits: int) -> Array:
+    """Integers of `bits` binary places, mod 1, as 64-bit fractions (times, count)."""
+    return np.stack([((v >> (bits - 64)) & (2**64 - 1)).astype(np.uint64) for v in scaled], -1)
+
+
+def _unit(x: Array) -> Array:
+    length = math.sqrt(algebra.dot(x, x))
+    return np.asarray(x / length if length else x, dtype=np.float64)
 
 
 def rotation(axis: Array, angle: Array) -> Array:
     """The turn about an axis, of any length, as a unit quaternion."""
-    length = math.sqrt(algebra.dot(axis, axis))
-    along = np.sin(angle / 2)[..., None] * (axis / length if length else axis)
-    return np.concatenate([np.cos(angle / 2)[..., None], along], -1)
-
-
-def dyadic(times: Array) -> tuple[Array, Array]:
-    """Doubles as M 2^e, exactly."""
-    fraction, exponent = np.frexp(times)
-    return (fraction * 2.0**53).astype(np.int64).astype(object), exponent.astype(np.int64) - 53
+    return np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * _unit(axis)], -1)

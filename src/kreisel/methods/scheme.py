@@ -27,8 +27,26 @@ class Outcome:
     kept: bool = False
 
 
-# (M, e) -> z: the states at times M 2^e, Python integers in object arrays and small integers, both (times,)
-Orbit = Callable[[Array, Array], tuple[Array, ...]]
+@dataclass(frozen=True)
+class Orbit:
+    """One trajectory in closed form: three phases say where it is, 64-bit fractions of a turn.
+
+    phases(M, e)  -> (times, 3) unsigned integers, at times M 2^e: Python integers in an object array, small integers
+    rates         of the phases where they grow like the time, turns in a unit of time as integers of `bits` binary
+                  places; None otherwise
+    place(j)      -> numbers that `row` starts from, at the middle of part j of the 2^places parts of the first phase
+    row(place, h, left, right, **constants) -> z, the time h, at most part/2, from there; `left` and `right` are half
+                  the turns of the other phases, as (cos, sin, small rest of the angle).  Compiled by an engine.
+    """
+
+    phases: Callable[[Array, Array], Array]
+    rates: tuple[int, int, int] | None
+    bits: int
+    places: int
+    part: float
+    place: Callable[[int], Array]
+    row: Callable[..., tuple[Array, ...]]
+    constants: Mapping[str, Array]
 
 
 @dataclass(frozen=True)

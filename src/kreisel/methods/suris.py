@@ -57,7 +57,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         n=model.n,
         prepare=prepare,
         step=step,
-        orbit=iterates if model.system.name == "lagrange-top" and model.n == 3 and not oriented else None,
+        orbit=None if oriented else iterates(model),
         observe=observe,
         reopen=reopen,
         outcomes=outcomes,

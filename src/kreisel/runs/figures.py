@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from kreisel.errors import InputError
-from kreisel.methods import scheme
 from kreisel.methods.exact import motion
 from kreisel.methods.motion import Motion
 from kreisel.methods.nutation import Number, Nutation, number
@@ -52,11 +51,12 @@ def nutation(system: Any, x0: Any) -> Figures:
     separatrix if they make it exactly so.  Raises `InputError` for other systems, n > 3 and ensembles.
     """
     check_model(system)
-    scheme(system, "exact", 1.0, None, oriented=False)  # only for its complaints
+    if system.system.top is None or system.n != 3:
+        raise InputError(f"kr.nutation is for Lagrange tops with n = 3; {system.system.name}, n = {system.n}, came.")
     parts = tuple(checked_state(system, x0).values())
     if system.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
         raise InputError("kr.nutation takes one motion; an ensemble came. Take one lane at a time.")
-    here = motion(system.system.frame, parts, system.constants, reach=0.0)
+    here = motion(system, parts, system.constants, reach=0.0)
     top, kind = here.nutation, _kind(here)
     known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
     height = number(ctx, known.E)

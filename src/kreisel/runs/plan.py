@@ -94,7 +94,7 @@ class Plan:
     @cached_property
     def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
         """`_variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
-        if self.scheme.step is None or self.scheme.numbers != "any":
+        if self.scheme.rate is not None or self.scheme.numbers != "any":
             return None
         from kreisel.engines.cpu import compiled_observe
 

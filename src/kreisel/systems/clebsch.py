@@ -11,6 +11,7 @@ from kreisel.algebra import (
     cayley_act,
     cayley_plane,
     close_sum,
+    complex_number,
     diagonal_resolvent,
     dot,
     dot_less,
@@ -26,6 +27,8 @@ from kreisel.algebra import (
     remainder,
     shifted_residual,
     skew,
+    solve,
+    together,
     trace_log,
     vec,
     wedge,
@@ -194,6 +197,32 @@ def rational_case(n, draw):
     return (M, rho * (mu * Q - rho * c * Q + act(M, Q))), {"b": b}, Q, mu, rho
 
 
+def gaussian_case(n, draw):
+    """Q = u + iw, rho and the direction of b at random; then mu and the size of b, P and M from their equations.
+
+    With D = mu - rho C: M skew and (D + M) Q = P/rho, <P, Q> = 1 need <Q, DQ> = 1/rho and <w, Im DQ> = 0.
+    """
+    b, u, w, (r, i), K = draw((n,)), draw((n,)), draw((n,)), draw((2,)), skew(draw((n * (n - 1) // 2,)), n)
+    c, rho = shifted_diagonal(b=b)["c"], complex_number(r, i)
+    one = parts(1 / rho)
+
+    def conditions(x, y, t):  # of mu = x + iy, tC: linear
+        re, im = (x - t * r * c) * u - (y - t * i * c) * w, (x - t * r * c) * w + (y - t * i * c) * u
+        return np.array([dot(u, re) - dot(w, im), dot(u, im) + dot(w, re), dot(w, im)])
+
+    units = np.stack([conditions(*e) for e in identity(3).tolist()], -1)
+    x, y, t = solve(units, np.array([[one[0]], [one[1]], [0 * r]]))[:, 0]
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    size = uu * ww - uw * uw
+    u1, w1 = (ww * u - uw * w) / size, (uu * w - uw * u) / size  # dual to u, w
+    P = u1 + K[0] - u1 * dot(u, K[0]) - w1 * dot(w, K[0])
+    alpha = one[0] * P - ((x - t * r * c) * u - (y - t * i * c) * w)  # M u and M w
+    beta = one[1] * P - ((x - t * r * c) * w + (y - t * i * c) * u)
+    free = identity(n) - u[:, None] * u1 - w[:, None] * w1
+    M = wedge(alpha, u1) + wedge(beta, w1) - dot(beta, u) * wedge(u1, w1) + free.T @ K @ free
+    return (M, P), {"b": t * b}, together(u, w), complex_number(x, y) - rho * (t * c).max(), rho
+
+
 def inverse_inertia(M):  # Omega = M
     return M
 
@@ -261,6 +290,7 @@ SYSTEM = System(
         darboux=darboux,
         block=block,
         case=rational_case,
+        pair_case=gaussian_case,
         odd=-1,
         source="the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md",
     ),

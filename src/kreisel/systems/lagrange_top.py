@@ -11,6 +11,7 @@ from kreisel.algebra import (
     act,
     cayley_act,
     close_sum,
+    complex_number,
     dot,
     dot_less,
     identity,
@@ -25,6 +26,7 @@ from kreisel.algebra import (
     shifted_resolvent,
     skew,
     sqrt,
+    together,
     trace_log,
     vec,
     wedge,
@@ -68,6 +70,10 @@ def half_kick_back(m, a, *, p, eps):
 
 def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|
     return a - eps * act(m, a) / 2 + eps * eps * vec(dot(a, a)) * p / 4
+
+
+def darboux_variables(m, a, *, p, eps):  # (m, b) and rho = eps^2 |a|^2/4: e = eps a is the eigenvector
+    return m, shifted(m, a, p=p, eps=eps), eps * eps * dot(a, a) / 4
 
 
 def energy(m, a, *, p, eps=0):  # (dLT rest H)
@@ -182,6 +188,15 @@ def rational_case(n, draw):
     return (m, rho * p + (mu * e - act(m, e)) / 2), {"p": p, "alpha": abs(draw((1,)))[0]}, e, mu, rho
 
 
+def gaussian_case(n, draw):
+    """m, mu and e = u + iw at random; then rho = <e, e>/4, and (mu - m) e = 2 (a - rho p) tells p and a."""
+    m, u, w, (x, y, alpha) = skew(draw((n * (n - 1) // 2,)), n), draw((n,)), draw((n,)), abs(draw((3,)))
+    rho = complex_number((dot(u, u) - dot(w, w)) / 4, dot(u, w) / 2)
+    p = (act(m, w) - x * w - y * u) / dot(u, w)
+    a = parts(rho)[0] * p + (x * u - y * w - act(m, u)) / 2
+    return (m, a), {"p": p, "alpha": alpha}, together(u, w), complex_number(x, y), rho
+
+
 def inverse_inertia(m):  # dH/dm
     return m
 
@@ -243,6 +258,7 @@ SYSTEM = System(
         lagrangian=lagrangian,
         lax=lax_matrix,
         conjugator=conjugator,
+        darboux=darboux_variables,
         source="Suris 2001, section 6.1, (dLT rest frame)",
     ),
     baecklund=Baecklund(
@@ -258,8 +274,10 @@ SYSTEM = System(
         spin=spin,
         largest_step=largest_real_step,
         case=rational_case,
+        pair_case=gaussian_case,
         source="the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md",
     ),
+    top=lambda m, a, *, p: (m, a, p),
     relations=(Relation("lagrange-top-moving", to_moving_frame, "adjoint", "the same body seen in its own frame"),),
     notes="For n >= 4 the spectrum alone is not complete: noether, the block pi m pi, is needed too.",
 )

@@ -167,6 +167,11 @@ def rational_case(n, draw):
     return (-m, a), {"A": params["p"], "alpha": params["alpha"]}, e, mu, rho
 
 
+def gaussian_case(n, draw):
+    (m, a), params, e, mu, rho = lagrange_top.gaussian_case(n, draw)
+    return (-m, a), {"A": params["p"], "alpha": params["alpha"]}, e, mu, rho
+
+
 def generator(M, P, M1, P1, *, A, alpha, eps):
     return legendre(M, P, A=A, alpha=alpha, eps=eps)
 
@@ -191,6 +196,7 @@ BAECKLUND = Baecklund(
     spin=spin,
     largest_step=lambda M, P, *, A: lagrange_top.largest_real_step(-M, P, p=A),
     case=rational_case,
+    pair_case=gaussian_case,
     source="lagrange-top under (m, a, p) = (-M, P, A)",
 )
 
@@ -233,6 +239,7 @@ SYSTEM = System(
         source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
     ),
     baecklund=BAECKLUND,
+    top=lambda M, P, *, A: (M, A, P),
     relations=(
         Relation(
             "heavy-top",

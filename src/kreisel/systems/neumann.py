@@ -6,7 +6,26 @@ Dirac bracket of T*S^(n-1), F' = {H, F}.  [Suris 2001, section 7, end; dimension
 potential by errata E6 and E7; the map is Adler's]
 """
 
-from kreisel.algebra import act, cayley, cayley_act, dot, dot_less, log, mat, sharp_act, skew, vec, wedge
+import numpy as np
+
+from kreisel.algebra import (
+    act,
+    cayley,
+    cayley_act,
+    complex_number,
+    dot,
+    dot_less,
+    identity,
+    log,
+    mat,
+    parts,
+    sharp_act,
+    skew,
+    solve,
+    together,
+    vec,
+    wedge,
+)
 from kreisel.contract import SPHERE_SPACE, Baecklund, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import pencil_spectrum
 from kreisel.systems import clebsch
@@ -128,6 +147,28 @@ def rational_case(n, draw):
     return (x, D - x * dot(x, D)), {"b": b}, Q, mu, rho
 
 
+def gaussian_case(n, draw):
+    """x, rho, Q = u + iw with <x, Q> = 1, and Re mu at random; then b, Im mu and q by linear equations.
+
+    With D = mu - rho C: q = DQ + x (<q, Q> - 1/rho) is real, and <q, x> = 0.
+    """
+    turn, u, w, (r, i, x0) = cayley(skew(draw((n * (n - 1) // 2,)), n)), draw((n,)), draw((n,)), draw((3,))
+    x, rho = turn[:, 0], complex_number(r, i)
+    u, w = u + x * (1 - dot(x, u)), w - x * dot(x, w)
+    one = parts(1 / rho)
+
+    def conditions(c, y, tau, given):  # of C, mu = given + iy and Im DQ = tau x: linear
+        re, im = (given - r * c) * u - (y - i * c) * w, (given - r * c) * w + (y - i * c) * u
+        return np.append(im - tau * x, [dot(re, u), dot(re, w) + tau]), re
+
+    units = np.stack([conditions(e[:n], e[n], e[n + 1], 0 * r)[0] for e in identity(n + 2) + 0 * r], -1)
+    wanted = np.append(0 * x, [one[0], one[1]]) - conditions(0 * x, 0 * r, 0 * r, x0)[0]
+    *c, y, tau = solve(units, wanted[:, None])[:, 0]
+    c = np.array(c)
+    re = conditions(c, y, tau, x0)[1]
+    return (x, re - x * dot(x, re)), {"b": c}, together(u, w), complex_number(x0, y) - rho * c.max(), rho
+
+
 def inverse_inertia(M):
     return M
 
@@ -190,6 +231,7 @@ SYSTEM = System(
         darboux=lambda x, q, Q, *, rho, lam: clebsch.darboux(wedge(x, q), x, Q, rho=rho, lam=lam),
         block=lambda x, q: 0 * wedge(x, q),
         case=rational_case,
+        pair_case=gaussian_case,
         odd=-1,
         source="the smallest leaf of clebsch",
     ),

@@ -51,6 +51,10 @@ def shifted(M, P, *, A, eps):
     return P + eps * act(M, P) / 2 + eps * eps * vec(dot(P, P)) * A / 4
 
 
+def darboux_variables(M, P, *, A, eps):
+    return M, shifted(M, P, A=A, eps=eps), eps * eps * dot(P, P) / 4
+
+
 def energy(M, P, *, A, eps=0):
     return pairing(M, M) / 2 + dot(P, A) + eps * pairing(M, wedge(A, P)) / 2
 
@@ -97,6 +101,11 @@ def rational_case(n, draw):
     return state, {"A": params["A"]}, e, mu, rho
 
 
+def gaussian_case(n, draw):
+    state, params, e, mu, rho = moving.gaussian_case(n, draw)
+    return state, {"A": params["A"]}, e, mu, rho
+
+
 def one(A):
     return 1 + 0 * A[..., 0]
 
@@ -132,6 +141,7 @@ SYSTEM = System(
         lagrangian=lagrangian,
         lax=lax_matrix,
         conjugator=conjugator,
+        darboux=darboux_variables,
         source="Suris 2001, section 1 (Introduction)",
     ),
     baecklund=replace(
@@ -139,7 +149,9 @@ SYSTEM = System(
         spin=None,
         darboux=lambda M, P, e, *, rho, lam: lagrange_top.darboux(M, P, e, rho=rho, lam=lam),
         case=rational_case,
+        pair_case=gaussian_case,
     ),
+    top=lambda M, P, *, A: (M, A, P),
     relations=(
         Relation(
             "lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": one(A)}), "adjoint", "alpha = 1"
