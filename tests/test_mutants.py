@@ -12,10 +12,10 @@ from kreisel.contract import System
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
-from kreisel.systems import clebsch, euler_top, lagrange_top, lagrange_top_moving, neumann
-from kreisel.systems.matrices import border
+from kreisel.systems import clebsch, euler_top, lagrange_top, lagrange_top_moving, lagrange_top_su2, neumann
+from kreisel.systems.matrices import border, su2
 
-EULER = euler_top.SYSTEM
+EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
 
 
@@ -88,6 +88,10 @@ def isotropic_turn(m, a, m1, a1, *, alpha, eps):
 
 def constant_alpha(g, h, A, *, p, alpha, eps):
     return lagrange_top.lagrangian(g, h, A, p=p, alpha=1, eps=eps)
+
+
+def half_angle(g, h, A, *, p, alpha, eps):  # tr R in the place of tr w
+    return lagrange_top_su2.lagrangian(g, h, A, p=p, alpha=2 * alpha, eps=eps)
 
 
 def same(m, a, *, p, eps):
@@ -242,6 +246,10 @@ MUTANTS = [
     ("poisson", mapped(EULER, step=euler_without_curvature), 3),
     ("discrete-lax-equation", mapped(EULER, step=euler_without_curvature), 4),
     ("discrete-euler-lagrange", mapped(EULER, lagrangian=lambda g, h, *, J, eps: pairing(g, h) / eps), 3),
+    ("relations", mapped(SU2, step=lost_half), 3),
+    ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
+    ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),
+    ("discrete-euler-lagrange", mapped(SU2, lagrangian=half_angle), 3),
     ("second-order-form", mapped(NEUMANN, second_order=without_curvature), 3),
     ("order", mapped(TOP, to_symmetric=same, from_symmetric=same), 3),
     ("order", mapped(TOP, generator=lambda m, a, m1, a1, *, alpha, eps: eps / 2 * m1), 3),

@@ -144,7 +144,7 @@ def _integrals(model: Any, dt: float) -> str:
 
 def _components(system: System) -> list[str]:
     """Hamiltonian and equations for n = 3, derived by SymPy from the record's functions."""
-    if system.numbers != "any" or system.flow is None or system.n is not None:
+    if system.numbers != "any" or system.flow is None or system.n not in (None, 3):
         return []
     try:
         symbolic = typeset(system)
@@ -171,7 +171,7 @@ def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
     out = ["## Lax pair", "$L' = [L, U]$; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$."]
-    if system.numbers == "any" and system.n is None:
+    if system.numbers == "any" and system.n in (None, 3):
         try:
             L, U = typeset(system).lax()
         except InputError:

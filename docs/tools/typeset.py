@@ -21,7 +21,26 @@ def symbols(letter: str, count: int = N) -> np.ndarray:
     return np.array(sp.symbols([f"{letter}_{i + 1}" for i in range(count)], real=True), dtype=object)
 
 
+def entries(letter: str) -> np.ndarray:
+    """letter_11, letter_12, ... of a symmetric matrix."""
+    rows, columns = algebra.triangle_with_diagonal(N)
+    names = [f"{letter}_{i + 1}{j + 1}" for i, j in zip(rows, columns, strict=True)]
+    return np.array(sp.symbols(names, real=True), dtype=object)
+
+
+def flat(kind: str, z: np.ndarray) -> np.ndarray:
+    """A component of the state, n = 3, as numbers: axial vectors for skew matrices, i <= j for symmetric ones."""
+    return algebra.axial(z) if kind == "skew" else algebra.coordinates_of(kind, z)
+
+
+def matrix(kind: str, v: np.ndarray) -> np.ndarray:
+    """The inverse of `flat`."""
+    return {"skew": algebra.hat, "symmetric": lambda x: algebra.symmetric(x, N)}.get(kind, lambda x: x)(v)
+
+
 def _parameter(p: Parameter, on_axis: bool) -> Any:
+    if p.kind == "dimension":
+        return np.array(N)
     if p.kind == "scalar":
         return np.array(sp.Symbol(p.letter, real=True), dtype=object)
     if p.kind == "vector":
@@ -47,11 +66,11 @@ class Symbolic:
         self.system, self.on_axis = system, on_axis
         self.state, self.names = [], []
         for letter, kind in system.space.components:
-            if kind not in ("skew", "vector"):
+            if kind not in ("skew", "vector", "symmetric"):
                 raise InputError(f"{letter} of kind {kind} has no symbols")
-            v = symbols(letter)
+            v = symbols(letter) if kind != "symmetric" else entries(letter)
             self.names += list(v)
-            self.state.append(algebra.hat(v) if kind == "skew" else v)
+            self.state.append(matrix(kind, v))
         self.params = {p.letter: _parameter(p, on_axis) for p in system.parameters}
         self.bare = {k: v.item() if v.ndim == 0 else v for k, v in self.params.items()}
 
@@ -86,7 +105,7 @@ class Symbolic:
         """(symbol, its derivative) for each component of the state."""
         out: list[Any] = []
         for kind, rate in zip(self.system.space.kinds, self.call(self.system.flow), strict=True):
-            out += list(algebra.axial(rate) if kind == "skew" else rate)
+            out += list(flat(kind, rate))
         return [(name, self.simplified(rate)) for name, rate in zip(self.names, out, strict=True)]
 
     def components(self) -> list[tuple[str, str]]:
@@ -104,7 +123,7 @@ class Symbolic:
     def lax(self) -> tuple[str, str]:
         """L and U."""
         lam = sp.Symbol("lambda")
-        return tuple(_matrix(X.tolist(), self.simplified) for X in self.call(self.system.lax, lam=lam))
+        return tuple(_matrix(_entries(X), self.simplified) for X in self.call(self.system.lax, lam=lam))
 
 
 LONGEST = 200  # characters of LaTeX of an equation that still reads well
@@ -123,6 +142,12 @@ def _matrix(rows: list[list[Any]], simplified: Callable[[Any], Any]) -> str:
     lam = sp.Symbol("lambda")
     told = [" & ".join(latex(sp.collect(simplified(x), lam)) for x in row) for row in rows]
     return r"\begin{pmatrix}" + r" \\ ".join(told) + r"\end{pmatrix}"
+
+
+def _entries(X: np.ndarray) -> list[list[Any]]:
+    """The entries of a matrix, complex ones by SymPy's unit."""
+    re, im = algebra.parts(X)
+    return (re if im is None else re + sp.I * im).tolist()
 
 
 def latex(expression: Any) -> str:

@@ -90,8 +90,10 @@ class Dual:
 
 
 def slopes(outputs: Array, count: int) -> Array:
-    """The slopes (..., count) of an array of dual numbers; plain entries have slope 0."""
-    outputs = np.asarray(outputs, dtype=object)
+    """The slopes (..., count) of an array of dual numbers, complex ones too; plain entries have slope 0."""
+    outputs, imaginary = algebra.parts(np.asarray(outputs, dtype=object))
+    if imaginary is not None:
+        return algebra.together(slopes(outputs, count), slopes(imaginary, count))
     out = np.zeros((*outputs.shape, count), dtype=object)
     for place in np.ndindex(outputs.shape):
         if isinstance(outputs[place], Dual):

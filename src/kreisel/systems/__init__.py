@@ -11,6 +11,8 @@ from kreisel.systems.kovalevskaya_gyrostat import SYSTEM as KovalevskayaGyrostat
 from kreisel.systems.kovalevskaya_top import SYSTEM as KovalevskayaTop
 from kreisel.systems.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.systems.lagrange_top_moving import SYSTEM as LagrangeTopMoving
+from kreisel.systems.lagrange_top_su2 import SYSTEM as LagrangeTopSU2
+from kreisel.systems.lagrange_top_su2_moving import SYSTEM as LagrangeTopSU2Moving
 from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
 from kreisel.systems.quadratic_potential import SYSTEM as QuadraticPotential
@@ -29,6 +31,8 @@ __all__ = [
     "KovalevskayaTop",
     "LagrangeTop",
     "LagrangeTopMoving",
+    "LagrangeTopSU2",
+    "LagrangeTopSU2Moving",
     "ManakovTop",
     "Neumann",
     "QuadraticPotential",
@@ -45,6 +49,8 @@ REGISTRY: dict[str, System] = {
         LagrangeTop,
         LagrangeTopMoving,
         SymmetricTop,
+        LagrangeTopSU2,
+        LagrangeTopSU2Moving,
         Kirchhoff,
         ClebschGeneral,
         Clebsch,
