@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import algebra
 from kreisel.lab import exact
 from kreisel.systems import REGISTRY
 

@@ -12,9 +12,19 @@ from kreisel.contract import System
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
-from kreisel.systems import clebsch, euler_top, lagrange_top, lagrange_top_moving, lagrange_top_su2, neumann
+from kreisel.systems import (
+    clebsch,
+    euler_top,
+    lagrange_top,
+    lagrange_top_moving,
+    lagrange_top_su2,
+    neumann,
+    neumann_veselov,
+    rosochatius,
+)
 from kreisel.systems.matrices import border, su2
 
+VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
 
@@ -92,6 +102,19 @@ def constant_alpha(g, h, A, *, p, alpha, eps):
 
 def half_angle(g, h, A, *, p, alpha, eps):  # tr R in the place of tr w
     return lagrange_top_su2.lagrangian(g, h, A, p=p, alpha=2 * alpha, eps=eps)
+
+
+def other_root(x, q, *, b, eps):  # x1 = -x_(k-1)
+    x1, q1 = neumann_veselov.step(x, q, b=b, eps=-eps)
+    return -x1, q1
+
+
+def without_walls(x, q, *, b, mu, eps):
+    return neumann_veselov.step(x, q, b=b, eps=eps)
+
+
+def without_turns(x, q, *, b, mu, lam):
+    return neumann.lax(*rosochatius.lifted(x, q, mu), b=rosochatius.doubled(b), lam=lam)
 
 
 def same(m, a, *, p, eps):
@@ -246,6 +269,13 @@ MUTANTS = [
     ("poisson", mapped(EULER, step=euler_without_curvature), 3),
     ("discrete-lax-equation", mapped(EULER, step=euler_without_curvature), 4),
     ("discrete-euler-lagrange", mapped(EULER, lagrangian=lambda g, h, *, J, eps: pairing(g, h) / eps), 3),
+    ("integrals-of-the-map", mapped(VESELOV, step=neumann.step), 3),  # Adler's
+    ("discrete-euler-lagrange", mapped(VESELOV, lagrangian=neumann.lagrangian), 3),
+    ("discrete-lax-equation", mapped(VESELOV, step=other_root), 4),
+    ("continuous-limit", mapped(VESELOV, step=other_root), 3),
+    ("adjoint", mapped(VESELOV, adjoint=neumann.adjoint), 3),
+    ("integrals-of-the-map", mapped(ROSOCHATIUS, step=without_walls), 3),
+    ("lax-equation", replace(ROSOCHATIUS, lax=without_turns), 3),
     ("relations", mapped(SU2, step=lost_half), 3),
     ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
     ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),

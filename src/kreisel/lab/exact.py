@@ -84,6 +84,10 @@ class Dual:
             out = self * out
         return out
 
+    def sqrt(self) -> Dual:
+        root = self.value.sqrt() if hasattr(self.value, "sqrt") else math.sqrt(self.value)
+        return Dual(root, self.slope / (2 * root))
+
     def log(self) -> Dual:
         value = math.log(self.value) if self.inexact else 0 * self.value
         return Dual(value, self.slope * (1 / self.value))
@@ -182,10 +186,8 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
 
 def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
     """A random point of a phase space."""
-    if space.constraints:
-        turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
-        position = turn[:, 0]
-        return position, algebra.act(algebra.skew(draw((n * (n - 1) // 2,)), n), position)
+    if space.draw is not None:
+        return tuple(space.draw(n, draw))
     return layout.restore(draw((sum(layout.size(k, n) for k in space.kinds),)), space.kinds, n)
 
 

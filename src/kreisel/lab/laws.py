@@ -80,9 +80,9 @@ class Law:
     exact: bool = True
 
     def numbers(self, system: System) -> tuple[str, ...]:
-        """The kinds of numbers in which it can be tested: a solution of an implicit map is not rational."""
-        implicit = system.map is not None and system.map.turn is not None
-        of_map = implicit and not self.needs(replace(system, map=None))
+        """The kinds of numbers in which it can be tested: a step with roots is not rational."""
+        roots = system.map is not None and not system.map.rational
+        of_map = roots and not self.needs(replace(system, map=None))
         rational = self.exact and system.numbers == "any" and not of_map
         return ("exact", "float") if rational else ("float",)
 
@@ -588,6 +588,8 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
     state = exact.random_state(record.space, n, draw)
     eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats
+    if record.map is not None and record.map.largest_step is not None and numbers == "float":
+        eps = min(eps, float(model.call(record.map.largest_step, *state)) / 4)
     lam = draw((1,))[0] * 97 / 89  # no parameter is drawn with such a denominator: Lax matrices have poles there
     return Case(model, state, eps, lam, draw, numbers)
 

@@ -15,8 +15,10 @@ from kreisel.systems.lagrange_top_su2 import SYSTEM as LagrangeTopSU2
 from kreisel.systems.lagrange_top_su2_moving import SYSTEM as LagrangeTopSU2Moving
 from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
+from kreisel.systems.neumann_veselov import SYSTEM as NeumannVeselov
 from kreisel.systems.quadratic_potential import SYSTEM as QuadraticPotential
 from kreisel.systems.ratiu_top import SYSTEM as RatiuTop
+from kreisel.systems.rosochatius import SYSTEM as Rosochatius
 from kreisel.systems.steklov_lyapunov import SYSTEM as SteklovLyapunov
 from kreisel.systems.symmetric_top import SYSTEM as SymmetricTop
 
@@ -35,8 +37,10 @@ __all__ = [
     "LagrangeTopSU2Moving",
     "ManakovTop",
     "Neumann",
+    "NeumannVeselov",
     "QuadraticPotential",
     "RatiuTop",
+    "Rosochatius",
     "SteklovLyapunov",
     "SymmetricTop",
     "find",
@@ -55,6 +59,8 @@ REGISTRY: dict[str, System] = {
         ClebschGeneral,
         Clebsch,
         Neumann,
+        NeumannVeselov,
+        Rosochatius,
         EulerTop,
         ManakovTop,
         QuadraticPotential,

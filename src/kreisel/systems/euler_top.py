@@ -136,6 +136,7 @@ SYSTEM = System(
         turn=turn,
         move=move,
         largest_step=largest_step,
+        rational=False,
         order=2,
         source="Veselov 1988; Moser, Veselov 1991",
     ),

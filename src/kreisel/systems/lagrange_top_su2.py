@@ -1,7 +1,7 @@
 """Lagrange top, rest frame, n = 3, on SU(2): the map of 1999.  State (m, a) as in `lagrange_top`.
 
-Vectors stand for 2 x 2 matrices x = sum x_i e_i, e_i = sigma_i/(2i): [x, y] is the cross product, <x, y> = -2 tr xy, and
-x^2 = -|x|^2/4.  With w = g_(k+1) g_k^-1 in SU(2), on the branch tr w > 0 where w is near 1,
+Vectors stand for 2 x 2 matrices x = sum x_i e_i, e_i = sigma_i/(2i): [x, y] is the cross product, <x, y> = -2 tr xy
+and x^2 = -|x|^2/4.  With w = g_(k+1) g_k^-1 in SU(2), on the branch tr w > 0 where w is near 1,
 
     m_(k+1) = m_k + eps [p, a_k],   a_(k+1) = (1 + eps m_(k+1)) a_k (1 + eps m_(k+1))^-1,
     L = -(4 alpha/eps) log tr w - (2 (1 - alpha)/eps) log(|a|^2 + <a_k, a_(k+1)>) - eps <p, a_k>.

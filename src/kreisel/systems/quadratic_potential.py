@@ -153,6 +153,7 @@ SYSTEM = System(
         turn=turn,
         move=move,
         largest_step=largest_step,
+        rational=False,
         order=2,
         source="Suris 2000",
     ),
