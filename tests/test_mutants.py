@@ -14,17 +14,26 @@ from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
 from kreisel.systems import (
     clebsch,
+    clebsch_body,
     euler_top,
+    goryachev_chaplygin,
+    hess_appelrot,
     lagrange_top,
     lagrange_top_moving,
     lagrange_top_su2,
+    lyapunov,
     neumann,
     neumann_veselov,
+    quadratic_potential,
     rosochatius,
+    steklov,
 )
 from kreisel.systems.matrices import border, su2
 
 VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
+GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
+STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
+BODY = clebsch_body.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
 
@@ -102,6 +111,11 @@ def constant_alpha(g, h, A, *, p, alpha, eps):
 
 def half_angle(g, h, A, *, p, alpha, eps):  # tr R in the place of tr w
     return lagrange_top_su2.lagrangian(g, h, A, p=p, alpha=2 * alpha, eps=eps)
+
+
+def force_forgotten(M, P, *, J, c, eps):  # R = P P^T/2
+    X = quadratic_potential.solved(M, clebsch_body.outer(P) / 2, J=J, c=c, eps=eps)[0]
+    return quadratic_potential.moved(M, clebsch_body.outer(P) / 2, X, J=J, eps=eps), cayley_act(-X, P)
 
 
 def other_root(x, q, *, b, eps):  # x1 = -x_(k-1)
@@ -276,6 +290,15 @@ MUTANTS = [
     ("adjoint", mapped(VESELOV, adjoint=neumann.adjoint), 3),
     ("integrals-of-the-map", mapped(ROSOCHATIUS, step=without_walls), 3),
     ("lax-equation", replace(ROSOCHATIUS, lax=without_turns), 3),
+    ("integrals-of-the-map", mapped(BODY, step=force_forgotten), 3),
+    ("commuting-maps", mapped(VESELOV, step=neumann.step), 3),
+    ("commuting-maps", mapped(EULER, step=euler_without_curvature), 3),
+    ("invariant-relations", replace(HESS, invariant={"hess": (hess_appelrot.hess, lambda M, P: 0 * P[..., 0])}), 3),
+    ("invariant-relations", replace(HESS, invariant={"M_1": (lambda M, P: M[..., 2, 1], hess_appelrot.rate)}), 3),
+    ("integrals-of-the-flow", wrong_space(GORYACHEV, draw=None), 3),  # off <M, P> = 0
+    ("integrals-of-the-flow", replace(STEKLOV, derive=steklov.other), 3),
+    ("lax-equation", replace(STEKLOV, lax=lyapunov.lax), 3),
+    ("relations", replace(LYAPUNOV, derive=steklov.coefficients), 3),
     ("relations", mapped(SU2, step=lost_half), 3),
     ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
     ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),

@@ -92,6 +92,9 @@ def test_quadratic_potential() -> None:
     M1, P1 = body.step(M, np.outer(p, p), eps=0.1)
     assert abs(algebra.axial(M1) - [0.997109270097409, -0.413416754646482, 0.747688538623685]).max() < 1e-13
     assert abs(P1 - np.outer(p1, p1)).max() < 1e-13
+    M1, P1 = kr.ClebschBody(J=(1, 2, 3)).step(M, p, eps=0.1)
+    assert abs(algebra.axial(M1) - [0.997109270097409, -0.413416754646482, 0.747688538623685]).max() < 1e-14
+    assert abs(P1 - p1).max() < 1e-14
 
 
 def test_veselov_neumann() -> None:

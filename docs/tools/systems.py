@@ -134,7 +134,7 @@ def _integrals(model: Any, dt: float) -> str:
         except InputError:
             continue
         for name, outcome in outcomes.items():
-            if outcome.kind in ("casimir", "integral"):
+            if outcome.kind in ("casimir", "integral", "relation"):
                 told.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.kept)
     rows = [
         f"| `{name}` | {_cell(meaning)} | {', '.join(kept) or 'no method'} |" for name, (meaning, kept) in told.items()

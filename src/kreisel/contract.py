@@ -170,6 +170,7 @@ class Map:
                              maps, whose step is then move(*state, X, eps)
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
+    commutes                 whether it commutes with itself at other steps and with the flow
     keeps                    names of the integrals that the map keeps; None: all of the record
     rational                 whether the step is a rational function; else it takes no exact numbers
     """
@@ -191,6 +192,7 @@ class Map:
     regularity: Function | None = None
     keeps: tuple[str, ...] | None = None
     rational: bool = True
+    commutes: bool = False
     order: int = 1
     source: str = ""
 
@@ -261,6 +263,7 @@ class System:
 
     energy(*state, eps=0)    at eps = 0 the Hamiltonian H, with F' = {H, F}; else the energy of the map
     integrals                name -> function; those that name `eps` are deformed by the map
+    invariant                name -> (f, k) with f' = k f: f is no integral, but f = 0 stays
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
@@ -285,6 +288,7 @@ class System:
     velocity: Function | None
     scaling: str
     integrals: Mapping[str, Function] = field(default_factory=dict)
+    invariant: Mapping[str, tuple[Function, Function]] = field(default_factory=dict)
     commuting: tuple[str, ...] = ()
     lax: Function | None = None
     inverse_inertia: Function | None = None

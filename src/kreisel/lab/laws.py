@@ -241,6 +241,14 @@ def _carried(case: Case, state: tuple[Array, ...]) -> Array:
     return state[case.system.space.carried[0]]
 
 
+@_law("f' = k f along the flow for every invariant relation f = 0", lambda s: bool(s.invariant))
+def invariant_relations(case: Case) -> Sides:
+    rate = case.model.flow(*case.state)
+    moving = tuple(along(z, r) for z, r in zip(case.state, rate, strict=True))
+    for f, k in case.system.invariant.values():
+        yield slopes(case.call(f, *moving), 1)[..., 0], case.call(k) * case.call(f)
+
+
 # -- the map ----------------------------------------------------------------------------------------
 
 
@@ -389,7 +397,7 @@ def relations(case: Case) -> Sides:
         moving = tuple(along(z, r) for z, r in zip(case.state, rate, strict=True))
         carried = slopes(layout.flatten(carry(moving, along(g, g_rate))[0], kinds), 1)[..., 0]
         yield carried, layout.flatten(model.flow(*there), kinds)
-        if relation.map is not None:
+        if relation.map is not None and (case.numbers == "float" or case.map.rational):
             new = case.call(case.map.step)
             moved = carry(new, _turned(case, g, case.state, new))[0]
             expected = model.call(getattr(model.map, relation.map), *there, eps=case.eps)
@@ -404,6 +412,23 @@ def second_order_form(case: Case) -> Sides:
     second = case.call(case.map.step)
     third = case.call(case.map.step, *second)
     yield case.call(case.map.second_order, case.state[0], second[0]), third[0]
+
+
+@_law(
+    "step(eps) step(delta) = step(delta) step(eps), and step(eps) commutes with the flow",
+    lambda s: s.map is not None and s.map.commutes,
+)
+def commuting_maps(case: Case) -> Sides:
+    def step(eps: Any) -> Callable[..., tuple[Array, ...]]:
+        return lambda *z: tuple(case.call(case.map.step, *z, eps=eps))
+
+    first, second = step(case.eps), step(-case.eps / 2)
+    yield case.flat(first(*second(*case.state))), case.flat(second(*first(*case.state)))
+    time = float(case.eps)
+    yield (
+        case.flat(flowed(case.model, first(*case.state), time)),
+        case.flat(first(*flowed(case.model, case.state, time))),
+    )
 
 
 @_law(

@@ -137,6 +137,7 @@ SYSTEM = System(
         move=move,
         largest_step=largest_step,
         rational=False,
+        commutes=True,
         order=2,
         source="Veselov 1988; Moser, Veselov 1991",
     ),

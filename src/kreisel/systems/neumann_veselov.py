@@ -1,6 +1,6 @@
-"""Neumann's system with Veselov's discretization, which keeps the integrals of the flow.  State (x, q) as in `neumann`.
+"""Neumann's system with Veselov's discretization, which keeps the flow's integrals.  State (x, q) as in `neumann`.
 
-With J = (1 - eps^2 B)^(1/2), the discrete Lagrangian is -<x_k, J x_(k+1)>/eps, so that J (x_(k+1) + x_(k-1)) = nu_k x_k.
+With J = (1 - eps^2 B)^(1/2), the discrete Lagrangian is -<x_k, J x_(k+1)>/eps: J (x_(k+1) + x_(k-1)) = nu_k x_k.
 q_k is the tangential part of J x_(k+1)/eps at x_k.  Of the two maps that are roots of |x_(k+1)| = 1 the one with
 x_(k+1) -> x_k is taken.  [Veselov 1988; Moser, Veselov, Comm. Math. Phys. 139 (1991); named in Suris 2001]
 """
@@ -115,12 +115,15 @@ SYSTEM = replace(
         largest_step=largest_step,
         second_order=second_order,
         rational=False,
+        commutes=True,
         order=2,
         source="Veselov 1988; Moser, Veselov 1991",
     ),
     baecklund=None,
     derive=None,
-    relations=(Relation("neumann", lambda x, q, g, *, b: ((x, q), {"b": b}), meaning="the same flow with Adler's map"),),
+    relations=(
+        Relation("neumann", lambda x, q, g, *, b: ((x, q), {"b": b}), meaning="the same flow with Adler's map"),
+    ),
     notes="The map commutes with the flow and with itself at other steps. On the sphere the spectrum has rank n - 1, "
     "which is complete.",
 )

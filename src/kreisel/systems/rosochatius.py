@@ -1,6 +1,6 @@
-"""Rosochatius's system: Neumann's particle with the further potential sum mu_i^2/(2 x_i^2).  State (x, q) as in `neumann`.
+"""Rosochatius's system: Neumann's particle with walls, potential sum mu_i^2/(2 x_i^2).  State (x, q) as in `neumann`.
 
-It is Neumann's system on S^(2n-1), each b_i twice, seen modulo the turns of the planes (y_i, z_i): x_i^2 = y_i^2 + z_i^2,
+It is Neumann's system on S^(2n-1), each b_i twice, modulo the turns of the planes (y_i, z_i): x_i^2 = y_i^2 + z_i^2,
 and mu_i = y_i z_i' - z_i y_i' is kept.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax pair and the map
 are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
 [Rosochatius 1877; the system is named in Suris 2001 with Neumann's]
@@ -110,9 +110,13 @@ SYSTEM = System(
     space=replace(SPHERE_SPACE, draw=lambda n, draw: on_sphere(n, draw, least=1)),
     parameters=(
         Parameter(
-            "b", "vector", "diagonal of B, distinct entries: H has -<x, Bx>/2 and mu_i^2/(2 x_i^2)", distinct, distinct=True
+            "b",
+            "vector",
+            "diagonal of B, distinct entries: H has -<x, Bx>/2",
+            distinct,
+            distinct=True,
         ),
-        Parameter("mu", "vector", "strengths of the walls x_i = 0", nonzero),
+        Parameter("mu", "vector", "strengths of the walls x_i = 0: H has mu_i^2/(2 x_i^2)", nonzero),
     ),
     flow=flow,
     energy=energy,
@@ -133,6 +137,7 @@ SYSTEM = System(
         conjugator=conjugator,
         largest_step=largest_step,
         rational=False,
+        commutes=True,
         order=2,
         source="Veselov 1988, on S^(2n-1)",
     ),
