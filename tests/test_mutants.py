@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from kreisel import invariants
+from kreisel import algebra, invariants
 from kreisel.algebra import act, cayley_act, dot, mat, pairing, vec, wedge
 from kreisel.contract import System
 from kreisel.lab import laws
@@ -25,6 +25,7 @@ from kreisel.systems import (
     neumann,
     neumann_veselov,
     quadratic_potential,
+    ratiu_bitop,
     rosochatius,
     steklov,
 )
@@ -33,6 +34,7 @@ from kreisel.systems.matrices import border, su2
 VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
+BITOP = ratiu_bitop.SYSTEM
 BODY = clebsch_body.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
@@ -116,6 +118,19 @@ def half_angle(g, h, A, *, p, alpha, eps):  # tr R in the place of tr w
 def force_forgotten(M, P, *, J, c, eps):  # R = P P^T/2
     X = quadratic_potential.solved(M, clebsch_body.outer(P) / 2, J=J, c=c, eps=eps)[0]
     return quadratic_potential.moved(M, clebsch_body.outer(P) / 2, X, J=J, eps=eps), cayley_act(-X, P)
+
+
+def opposite(M, P, *, b, nu):
+    return steklov.lyapunov(M, P, b=b, nu=-nu)
+
+
+def cayley_turn(M, G, *, X, h, eps):  # cay(h M) for W, which is right for n = 3
+    M = M + eps * algebra.bracket(G, X)
+    return M, algebra.turned("skew", -eps * h / 2 * M, G)
+
+
+def unturned(M, G, *, X, h, u, v, eps):  # M without its turn by R
+    return ratiu_bitop.kicked(M, G, X, eps), ratiu_bitop.step(M, G, X=X, h=h, u=u, v=v, eps=eps)[1]
 
 
 def other_root(x, q, *, b, eps):  # x1 = -x_(k-1)
@@ -296,9 +311,12 @@ MUTANTS = [
     ("invariant-relations", replace(HESS, invariant={"hess": (hess_appelrot.hess, lambda M, P: 0 * P[..., 0])}), 3),
     ("invariant-relations", replace(HESS, invariant={"M_1": (lambda M, P: M[..., 2, 1], hess_appelrot.rate)}), 3),
     ("integrals-of-the-flow", wrong_space(GORYACHEV, draw=None), 3),  # off <M, P> = 0
-    ("integrals-of-the-flow", replace(STEKLOV, derive=steklov.other), 3),
+    ("integrals-of-the-flow", replace(STEKLOV, integrals={"lyapunov": opposite}), 3),
     ("lax-equation", replace(STEKLOV, lax=lyapunov.lax), 3),
     ("relations", replace(LYAPUNOV, derive=steklov.coefficients), 3),
+    ("integrals-of-the-map", mapped(BITOP, step=cayley_turn), 4),
+    ("discrete-lax-equation", mapped(BITOP, lax=lambda M, G, *, C, lam: lam * lam * C + lam * M + G), 4),
+    ("poisson", mapped(BITOP, step=unturned), 4),
     ("relations", mapped(SU2, step=lost_half), 3),
     ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
     ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),

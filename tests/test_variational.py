@@ -20,7 +20,7 @@ from kreisel.methods import composition, scheme
 from kreisel.model import Model
 from kreisel.systems import REGISTRY
 
-SYSTEMS = [name for name, system in REGISTRY.items() if system.inverse_inertia is not None]
+SYSTEMS = [name for name, s in REGISTRY.items() if s.inverse_inertia is not None and s.n in (None, 3)]
 variational = sys.modules["kreisel.methods.variational"]
 ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 

@@ -22,6 +22,7 @@ from kreisel.systems.manakov_top import SYSTEM as ManakovTop
 from kreisel.systems.neumann import SYSTEM as Neumann
 from kreisel.systems.neumann_veselov import SYSTEM as NeumannVeselov
 from kreisel.systems.quadratic_potential import SYSTEM as QuadraticPotential
+from kreisel.systems.ratiu_bitop import SYSTEM as RatiuBitop
 from kreisel.systems.ratiu_top import SYSTEM as RatiuTop
 from kreisel.systems.rosochatius import SYSTEM as Rosochatius
 from kreisel.systems.steklov import SYSTEM as Steklov
@@ -50,6 +51,7 @@ __all__ = [
     "Neumann",
     "NeumannVeselov",
     "QuadraticPotential",
+    "RatiuBitop",
     "RatiuTop",
     "Rosochatius",
     "Steklov",
@@ -86,6 +88,7 @@ REGISTRY: dict[str, System] = {
         Lyapunov,
         SteklovLyapunov,
         RatiuTop,
+        RatiuBitop,
     )
 }
 

@@ -1,8 +1,9 @@
 """Hess and Appelrot's heavy top, n = 3: an invariant relation, not an integral.  State (M, P) in e(3)*, body frame.
 
 The inverse moments are (a, a + k x^2, a + k (x^2 + z^2)) and the centre of mass is (x, 0, z), on the normal of a
-circular section of the gyration ellipsoid: x^2 (a_3 - a_2) = z^2 (a_2 - a_1).  Then f = x M_1 + z M_3 obeys f' = k x z M_2 f,
-so that f = 0 stays.  Plus bracket, F' = {H, F}.  [Hess 1890; Appelrot 1894; named in Suris 2001, Introduction]
+circular section of the gyration ellipsoid: x^2 (a_3 - a_2) = z^2 (a_2 - a_1).  Then f = x M_1 + z M_3 obeys
+f' = k x z M_2 f, so that f = 0 stays.  Plus bracket, F' = {H, F}.  [Hess 1890; Appelrot 1894; named in Suris
+2001, Introduction]
 """
 
 import numpy as np
