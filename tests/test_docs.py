@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import algebra
 from kreisel.lab import exact
 from kreisel.systems import REGISTRY
 
@@ -88,21 +87,16 @@ def test_hidden_and_skipped_blocks(tools) -> None:
     assert [block.code for block in tools("pages").blocks(text)] == ["x = 1\n", "print(x)\n"]
 
 
-NOT_TYPESET = {"symmetric state", "dimension"}
-
-
 @pytest.mark.parametrize("name", REGISTRY)
 def test_typeset_equations_are_those_of_the_record(tools, name: str) -> None:
     """SymPy's right sides and Hamiltonian at a random point, against the functions in floats."""
     sp = pytest.importorskip("sympy")
     system = REGISTRY[name]
-    kinds = {*(f"{kind} state" for kind in system.space.kinds), *(p.kind for p in system.parameters)}
-    if system.numbers != "any" or system.n is not None or not kinds.isdisjoint(NOT_TYPESET):
-        pytest.skip("not typeset")
-    symbolic = tools("typeset").typeset(system)
+    typeset = tools("typeset")
+    symbolic = typeset.typeset(system)
     draw = exact.float_random(np.random.default_rng(3))
-    state = exact.random_state(system.space, 3, draw)
-    flat = [algebra.axial(z) if kind == "skew" else z for z, kind in zip(state, system.space.kinds, strict=True)]
+    state = exact.random_state(system.space, symbolic.n, draw)
+    flat = [typeset.flat(kind, z) for z, kind in zip(state, system.space.kinds, strict=True)]
     values = dict(zip(symbolic.names, np.concatenate(flat), strict=True))
     numbers, params = {}, {}
     for letter, entries in symbolic.params.items():
@@ -113,9 +107,7 @@ def test_typeset_equations_are_those_of_the_record(tools, name: str) -> None:
         )
     model = system(**params)
     rates = model.flow(*state)
-    wanted = np.concatenate(
-        [algebra.axial(z) if kind == "skew" else z for z, kind in zip(rates, system.space.kinds, strict=True)]
-    )
+    wanted = np.concatenate([typeset.flat(kind, z) for z, kind in zip(rates, system.space.kinds, strict=True)])
     found = [float(rate.subs(values | numbers)) for _, rate in symbolic.rates()]
     assert np.allclose(found, wanted, rtol=1e-12, atol=1e-13)
     energy = float(symbolic.hamiltonian().subs(values | numbers))

@@ -35,7 +35,7 @@ def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndar
 def first_scheme(model: Model, oriented: bool) -> Scheme:
     """The system's map itself."""
     symmetric = model.map.symmetric
-    return scheme(model, "veselov" if symmetric else "suris", 0.1, 2 if symmetric else 1, oriented)
+    return scheme(model, "veselov" if symmetric else "suris", 0.05, 2 if symmetric else 1, oriented)
 
 
 @pytest.mark.parametrize(("n", "oriented"), [(3, False), (3, True), (4, True), (5, False), (9, True)])
@@ -79,8 +79,9 @@ def one_of_each(
     draw = np.random.default_rng([5, n])
     models, states = zip(*(random_start(name, n, seed) for seed in range(lanes)), strict=True)
     params = {k: np.stack([model.params[k] for model in models]) for k in models[0].params}
+    free = {p.letter for p in REGISTRY[name].parameters if not (p.distinct or p.positive)} - {"alpha"}
     for k, value in params.items():
-        if k != "alpha" and value.ndim == 2:
+        if k in free and value.ndim == 2:
             params[k] = np.where(draw.random(value.shape) < 0.3, 1.0, value)
     turned = tuple(np.stack([np.eye(1, 4)[0] if n == 3 else np.eye(n)] * k) for k in (lanes, 1))
     starts = [

@@ -14,7 +14,7 @@ CLAIMS = [
     for name, system in REGISTRY.items()
     for law, stated in laws.LAWS.items()
     if stated.needs(system)
-    for n in (3, 4, 5, 6)
+    for n in ((3, 4, 5, 6) if system.n is None else (system.n,))
     for numbers in stated.numbers(system)
 ]
 SEEDS = {3: (0, 1, 2, 3), 4: (0, 1), 5: (0,), 6: (0,)}

@@ -6,16 +6,37 @@ from dataclasses import replace
 
 import pytest
 
-from kreisel import invariants
+from kreisel import algebra, invariants
 from kreisel.algebra import act, cayley_act, dot, mat, pairing, vec, wedge
 from kreisel.contract import System
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
-from kreisel.systems import clebsch, euler_top, lagrange_top, lagrange_top_moving, neumann
-from kreisel.systems.matrices import border
+from kreisel.systems import (
+    clebsch,
+    clebsch_body,
+    euler_top,
+    goryachev_chaplygin,
+    hess_appelrot,
+    lagrange_top,
+    lagrange_top_moving,
+    lagrange_top_su2,
+    lyapunov,
+    neumann,
+    neumann_veselov,
+    quadratic_potential,
+    ratiu_bitop,
+    rosochatius,
+    steklov,
+)
+from kreisel.systems.matrices import border, su2
 
-EULER = euler_top.SYSTEM
+VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
+GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
+STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
+BITOP = ratiu_bitop.SYSTEM
+BODY = clebsch_body.SYSTEM
+EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
 
 
@@ -88,6 +109,41 @@ def isotropic_turn(m, a, m1, a1, *, alpha, eps):
 
 def constant_alpha(g, h, A, *, p, alpha, eps):
     return lagrange_top.lagrangian(g, h, A, p=p, alpha=1, eps=eps)
+
+
+def half_angle(g, h, A, *, p, alpha, eps):  # tr R in the place of tr w
+    return lagrange_top_su2.lagrangian(g, h, A, p=p, alpha=2 * alpha, eps=eps)
+
+
+def force_forgotten(M, P, *, J, c, eps):  # R = P P^T/2
+    X = quadratic_potential.solved(M, clebsch_body.outer(P) / 2, J=J, c=c, eps=eps)[0]
+    return quadratic_potential.moved(M, clebsch_body.outer(P) / 2, X, J=J, eps=eps), cayley_act(-X, P)
+
+
+def opposite(M, P, *, b, nu):
+    return steklov.lyapunov(M, P, b=b, nu=-nu)
+
+
+def cayley_turn(M, G, *, X, h, eps):  # cay(h M) for W, which is right for n = 3
+    M = M + eps * algebra.bracket(G, X)
+    return M, algebra.turned("skew", -eps * h / 2 * M, G)
+
+
+def unturned(M, G, *, X, h, u, v, eps):  # M without its turn by R
+    return ratiu_bitop.kicked(M, G, X, eps), ratiu_bitop.step(M, G, X=X, h=h, u=u, v=v, eps=eps)[1]
+
+
+def other_root(x, q, *, b, eps):  # x1 = -x_(k-1)
+    x1, q1 = neumann_veselov.step(x, q, b=b, eps=-eps)
+    return -x1, q1
+
+
+def without_walls(x, q, *, b, mu, eps):
+    return neumann_veselov.step(x, q, b=b, eps=eps)
+
+
+def without_turns(x, q, *, b, mu, lam):
+    return neumann.lax(*rosochatius.lifted(x, q, mu), b=rosochatius.doubled(b), lam=lam)
 
 
 def same(m, a, *, p, eps):
@@ -280,6 +336,29 @@ MUTANTS = [
     ("poisson", mapped(EULER, step=euler_without_curvature), 3),
     ("discrete-lax-equation", mapped(EULER, step=euler_without_curvature), 4),
     ("discrete-euler-lagrange", mapped(EULER, lagrangian=lambda g, h, *, J, eps: pairing(g, h) / eps), 3),
+    ("integrals-of-the-map", mapped(VESELOV, step=neumann.step), 3),  # Adler's
+    ("discrete-euler-lagrange", mapped(VESELOV, lagrangian=neumann.lagrangian), 3),
+    ("discrete-lax-equation", mapped(VESELOV, step=other_root), 4),
+    ("continuous-limit", mapped(VESELOV, step=other_root), 3),
+    ("adjoint", mapped(VESELOV, adjoint=neumann.adjoint), 3),
+    ("integrals-of-the-map", mapped(ROSOCHATIUS, step=without_walls), 3),
+    ("lax-equation", replace(ROSOCHATIUS, lax=without_turns), 3),
+    ("integrals-of-the-map", mapped(BODY, step=force_forgotten), 3),
+    ("commuting-maps", mapped(VESELOV, step=neumann.step), 3),
+    ("commuting-maps", mapped(EULER, step=euler_without_curvature), 3),
+    ("invariant-relations", replace(HESS, invariant={"hess": (hess_appelrot.hess, lambda M, P: 0 * P[..., 0])}), 3),
+    ("invariant-relations", replace(HESS, invariant={"M_1": (lambda M, P: M[..., 2, 1], hess_appelrot.rate)}), 3),
+    ("integrals-of-the-flow", wrong_space(GORYACHEV, draw=None), 3),  # off <M, P> = 0
+    ("integrals-of-the-flow", replace(STEKLOV, integrals={"lyapunov": opposite}), 3),
+    ("lax-equation", replace(STEKLOV, lax=lyapunov.lax), 3),
+    ("relations", replace(LYAPUNOV, derive=steklov.coefficients), 3),
+    ("integrals-of-the-map", mapped(BITOP, step=cayley_turn), 4),
+    ("discrete-lax-equation", mapped(BITOP, lax=lambda M, G, *, C, lam: lam * lam * C + lam * M + G), 4),
+    ("poisson", mapped(BITOP, step=unturned), 4),
+    ("relations", mapped(SU2, step=lost_half), 3),
+    ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
+    ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),
+    ("discrete-euler-lagrange", mapped(SU2, lagrangian=half_angle), 3),
     ("second-order-form", mapped(NEUMANN, second_order=without_curvature), 3),
     ("order", mapped(TOP, to_symmetric=same, from_symmetric=same), 3),
     ("order", mapped(TOP, generator=lambda m, a, m1, a1, *, alpha, eps: eps / 2 * m1), 3),

@@ -12,7 +12,7 @@ from kreisel.algebra import act
 from kreisel.lab import exact
 from kreisel.systems import REGISTRY
 
-MAPS = [name for name, system in REGISTRY.items() if system.map is not None and system.map.turn is None]  # rational
+MAPS = [name for name, system in REGISTRY.items() if system.map is not None and system.map.rational]  # rational
 
 
 def fractions_of(x: np.ndarray) -> np.ndarray:

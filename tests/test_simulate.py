@@ -42,11 +42,12 @@ def test_integrals_stand_still(name: str, n: int, order: int) -> None:
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_integrals_of_the_flow_stand_still(name: str, n: int, order: int) -> None:
     steps = 20_000
-    run = random_run(name, n, dt=0.1, steps=steps, every=steps // 100, method="veselov", order=order)
+    dt = {"rosochatius": 0.02}.get(name, 0.1)  # close to its walls
+    run = random_run(name, n, dt=dt, steps=steps, every=steps // 100, method="veselov", order=order)
     table = kr.drift(run)
     assert table.kept.all()
     assert (table.ratio < 2).all(), table.to_string()
-    reference = kr.drift(random_run(name, n, dt=0.1, steps=steps, every=steps // 100, method="variational"))
+    reference = kr.drift(random_run(name, n, dt=dt, steps=steps, every=steps // 100, method="variational"))
     assert reference.loc["energy", "ratio"] > 100  # the energy is not kept there: the test can fail
 
 

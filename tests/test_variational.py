@@ -20,7 +20,7 @@ from kreisel.methods import composition, scheme
 from kreisel.model import Model
 from kreisel.systems import REGISTRY
 
-SYSTEMS = [name for name, system in REGISTRY.items() if system.inverse_inertia is not None]
+SYSTEMS = [name for name, s in REGISTRY.items() if s.inverse_inertia is not None and s.n in (None, 3)]
 variational = sys.modules["kreisel.methods.variational"]
 ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 
@@ -92,7 +92,7 @@ def test_compositions_are_poisson_and_symmetric(order: int) -> None:
 @pytest.mark.parametrize("order", composition.ORDERS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_order_of_state_and_orientation(name: str, order: int) -> None:
-    model, z = random_start(name, 3, seed={"kirchhoff": 1, "ratiu-top": 5}.get(name, 0))  # else order 8 sets in late
+    model, z = random_start(name, 3)
     for slope in scheme_orders(model, z, "variational", order):
         assert abs(slope - order) < 0.15
 

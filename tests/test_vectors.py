@@ -92,3 +92,14 @@ def test_quadratic_potential() -> None:
     M1, P1 = body.step(M, np.outer(p, p), eps=0.1)
     assert abs(algebra.axial(M1) - [0.997109270097409, -0.413416754646482, 0.747688538623685]).max() < 1e-13
     assert abs(P1 - np.outer(p1, p1)).max() < 1e-13
+    M1, P1 = kr.ClebschBody(J=(1, 2, 3)).step(M, p, eps=0.1)
+    assert abs(algebra.axial(M1) - [0.997109270097409, -0.413416754646482, 0.747688538623685]).max() < 1e-14
+    assert abs(P1 - p1).max() < 1e-14
+
+
+def test_veselov_neumann() -> None:
+    """The same source."""
+    particle = kr.NeumannVeselov(b=(1, 2, -0.5))
+    x1, q1 = particle.step(np.array([0.6, 0, 0.8]), np.array([0.4, 1, -0.3]), eps=0.1)
+    assert abs(x1 - [0.639024483446423, 0.101015254455221, 0.762524509719773]).max() < 1e-14
+    assert abs(q1 - [0.375815703487019, 1.003117392769184, -0.447835564782538]).max() < 1e-14

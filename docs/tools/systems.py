@@ -134,7 +134,7 @@ def _integrals(model: Any, dt: float) -> str:
         except InputError:
             continue
         for name, outcome in outcomes.items():
-            if outcome.kind in ("casimir", "integral"):
+            if outcome.kind in ("casimir", "integral", "relation"):
                 told.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.kept)
     rows = [
         f"| `{name}` | {_cell(meaning)} | {', '.join(kept) or 'no method'} |" for name, (meaning, kept) in told.items()
@@ -144,7 +144,7 @@ def _integrals(model: Any, dt: float) -> str:
 
 def _components(system: System) -> list[str]:
     """Hamiltonian and equations for n = 3, derived by SymPy from the record's functions."""
-    if system.numbers != "any" or system.flow is None or system.n is not None:
+    if system.numbers != "any" or system.flow is None:
         return []
     try:
         symbolic = typeset(system)
@@ -153,7 +153,11 @@ def _components(system: System) -> list[str]:
     except InputError:  # a component or a parameter without symbols
         return []
     skew = [letter for letter, kind in system.space.components if kind == "skew"]
-    axial = f"; ${', '.join(f'{x}_i' for x in skew)}$ are the components of the axial vector" if skew else ""
+    axial = (
+        f"; ${', '.join(f'{x}_i' for x in skew)}$ are the components of the axial vector"
+        if skew and symbolic.n == 3
+        else ""
+    )
     vector = next((p.letter for p in system.parameters if p.kind == "vector"), "")
     axis = f" and ${vector} = (0, 0, 1)$" if symbolic.on_axis else ""
     diagonal = [p.letter for p in system.parameters if p.kind == "symmetric"]
@@ -161,7 +165,7 @@ def _components(system: System) -> list[str]:
     rows = " \\\\\n".join(lines)
     return [
         "## In components",
-        f"$n = 3${axis}{principal}{axial}.",
+        f"$n = {symbolic.n}${axis}{principal}{axial}.",
         f"$$\nH = {energy}\n$$",
         f"$$\n\\begin{{aligned}}\n{rows}\n\\end{{aligned}}\n$$",
     ]
@@ -171,7 +175,7 @@ def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
     out = ["## Lax pair", "$L' = [L, U]$; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$."]
-    if system.numbers == "any" and system.n is None:
+    if system.numbers == "any":
         try:
             L, U = typeset(system).lax()
         except InputError:

@@ -13,15 +13,42 @@ from kreisel import algebra
 from kreisel.contract import Parameter, System, call, keywords
 from kreisel.errors import InputError
 
-N = 3
 
-
-def symbols(letter: str, count: int = N) -> np.ndarray:
+def symbols(letter: str, count: int = 3) -> np.ndarray:
     """letter_1, ..., letter_count."""
     return np.array(sp.symbols([f"{letter}_{i + 1}" for i in range(count)], real=True), dtype=object)
 
 
+def entries(letter: str, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """letter_11, letter_12, ... of a matrix."""
+    names = [f"{letter}_{i + 1}{j + 1}" for i, j in zip(rows, columns, strict=True)]
+    return np.array(sp.symbols(names, real=True), dtype=object)
+
+
+def components(letter: str, kind: str, n: int) -> np.ndarray:
+    """The symbols of a component of the state: axial vectors for skew matrices when n = 3."""
+    if kind == "symmetric":
+        return entries(letter, *algebra.triangle_with_diagonal(n))
+    if kind == "skew" and n > 3:
+        return entries(letter, *algebra.triangle(n))
+    return symbols(letter, n)
+
+
+def flat(kind: str, z: np.ndarray) -> np.ndarray:
+    """A component of the state as the numbers that have symbols."""
+    return algebra.axial(z) if kind == "skew" and z.shape[-1] == 3 else algebra.coordinates_of(kind, z)
+
+
+def matrix(kind: str, v: np.ndarray, n: int) -> np.ndarray:
+    """The inverse of `flat`."""
+    if kind == "skew":
+        return algebra.hat(v) if n == 3 else algebra.skew(v, n)
+    return algebra.symmetric(v, n) if kind == "symmetric" else v
+
+
 def _parameter(p: Parameter, on_axis: bool) -> Any:
+    if p.kind == "dimension":
+        return np.array(3)
     if p.kind == "scalar":
         return np.array(sp.Symbol(p.letter, real=True), dtype=object)
     if p.kind == "vector":
@@ -38,20 +65,20 @@ def _parameter(p: Parameter, on_axis: bool) -> Any:
 
 
 class Symbolic:
-    """A record with symbols for parameters and state, n = 3; skew matrices by their axial vectors.
+    """A record with symbols for parameters and state, n = 3 if the system has no other; skew matrices by their axial vectors.
 
     With `on_axis` the vectors among the parameters are the third basis vector.
     """
 
     def __init__(self, system: System, on_axis: bool = False):
-        self.system, self.on_axis = system, on_axis
+        self.system, self.on_axis, self.n = system, on_axis, system.n or 3
         self.state, self.names = [], []
         for letter, kind in system.space.components:
-            if kind not in ("skew", "vector"):
+            if kind not in ("skew", "vector", "symmetric"):
                 raise InputError(f"{letter} of kind {kind} has no symbols")
-            v = symbols(letter)
+            v = components(letter, kind, self.n)
             self.names += list(v)
-            self.state.append(algebra.hat(v) if kind == "skew" else v)
+            self.state.append(matrix(kind, v, self.n))
         self.params = {p.letter: _parameter(p, on_axis) for p in system.parameters}
         self.bare = {k: v.item() if v.ndim == 0 else v for k, v in self.params.items()}
 
@@ -86,7 +113,7 @@ class Symbolic:
         """(symbol, its derivative) for each component of the state."""
         out: list[Any] = []
         for kind, rate in zip(self.system.space.kinds, self.call(self.system.flow), strict=True):
-            out += list(algebra.axial(rate) if kind == "skew" else rate)
+            out += list(flat(kind, rate))
         return [(name, self.simplified(rate)) for name, rate in zip(self.names, out, strict=True)]
 
     def components(self) -> list[tuple[str, str]]:
@@ -104,7 +131,7 @@ class Symbolic:
     def lax(self) -> tuple[str, str]:
         """L and U."""
         lam = sp.Symbol("lambda")
-        return tuple(_matrix(X.tolist(), self.simplified) for X in self.call(self.system.lax, lam=lam))
+        return tuple(_matrix(_entries(X), self.simplified) for X in self.call(self.system.lax, lam=lam))
 
 
 LONGEST = 200  # characters of LaTeX of an equation that still reads well
@@ -123,6 +150,12 @@ def _matrix(rows: list[list[Any]], simplified: Callable[[Any], Any]) -> str:
     lam = sp.Symbol("lambda")
     told = [" & ".join(latex(sp.collect(simplified(x), lam)) for x in row) for row in rows]
     return r"\begin{pmatrix}" + r" \\ ".join(told) + r"\end{pmatrix}"
+
+
+def _entries(X: np.ndarray) -> list[list[Any]]:
+    """The entries of a matrix, complex ones by SymPy's unit."""
+    re, im = algebra.parts(X)
+    return (re if im is None else re + sp.I * im).tolist()
 
 
 def latex(expression: Any) -> str:

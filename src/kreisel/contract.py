@@ -48,7 +48,8 @@ class PhaseSpace:
     their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
     in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
-    vanish on the phase space when it is a submanifold of its coordinate space.
+    vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` makes a random point of
+    random numbers draw(shape), where not every point of the coordinate space will do.
     """
 
     name: str
@@ -59,6 +60,7 @@ class PhaseSpace:
     constraints: Mapping[str, Function] = field(default_factory=dict)
     momentum: Function | None = None
     carried: tuple[int, ...] = (1,)
+    draw: Function | None = None
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -106,6 +108,17 @@ ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
 TWO_FIELDS_SPACE = semidirect(
     "(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), lambda M, P, Q: invariants.gram(P, Q)
 )
+
+
+def on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:
+    """A random (x, q) with |x| = 1, <x, q> = 0 and all |x_i| > least/(2 sqrt(n))."""
+    count = n * (n - 1) // 2
+    while True:
+        x = algebra.cayley(algebra.skew(draw((count,)), n))[:, 0]
+        if all(4 * n * v * v > least for v in x):
+            return x, algebra.act(algebra.skew(draw((count,)), n), x)
+
+
 SPHERE_SPACE = PhaseSpace(
     name="T*S^(n-1)",
     components=(("x", "vector"), ("q", "vector")),
@@ -115,6 +128,7 @@ SPHERE_SPACE = PhaseSpace(
     sign=+1,
     carried=(0,),
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
+    draw=on_sphere,
 )
 
 
@@ -156,9 +170,11 @@ class Map:
                              maps, whose step is then move(*state, X, eps)
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
+    commutes                 whether it commutes with itself at other steps and with the flow
     keeps                    names of the integrals that the map keeps; None: all of the record
     darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
                              D_eps at the point (2/eps, rho) of the spectral curve of the flow
+    rational                 whether the step is a rational function; else it takes no exact numbers
     """
 
     step: Function
@@ -178,6 +194,8 @@ class Map:
     regularity: Function | None = None
     keeps: tuple[str, ...] | None = None
     darboux: Function | None = None
+    rational: bool = True
+    commutes: bool = False
     order: int = 1
     source: str = ""
 
@@ -250,6 +268,7 @@ class System:
 
     energy(*state, eps=0)    at eps = 0 the Hamiltonian H, with F' = {H, F}; else the energy of the map
     integrals                name -> function; those that name `eps` are deformed by the map
+    invariant                name -> (f, k) with f' = k f: f is no integral, but f = 0 stays
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
@@ -275,6 +294,7 @@ class System:
     velocity: Function | None
     scaling: str
     integrals: Mapping[str, Function] = field(default_factory=dict)
+    invariant: Mapping[str, tuple[Function, Function]] = field(default_factory=dict)
     commuting: tuple[str, ...] = ()
     lax: Function | None = None
     inverse_inertia: Function | None = None

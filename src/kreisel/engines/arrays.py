@@ -27,6 +27,11 @@ def power(x, y):
 
 
 @njit({options})
+def root(x):
+    return np.sqrt(x)
+
+
+@njit({options})
 def negative(x):
     return -x
 

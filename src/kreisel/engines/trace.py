@@ -367,7 +367,7 @@ class Matrix:
         return self._new(f"solve({self.name}, {name})", shape, self.name, *needs)
 
     def sqrt(self) -> Matrix:
-        return self._new(f"sqrt({self.name})", self.shape, self.name)
+        return self._new(f"root({self.name})", self.shape, self.name)
 
     def maximum(self, other: Matrix) -> Matrix:
         return self._new(f"max({self.name}, {other.name})", (), self.name, other.name)

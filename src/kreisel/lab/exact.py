@@ -84,14 +84,20 @@ class Dual:
             out = self * out
         return out
 
+    def sqrt(self) -> Dual:
+        root = self.value.sqrt() if hasattr(self.value, "sqrt") else math.sqrt(self.value)
+        return Dual(root, self.slope / (2 * root))
+
     def log(self) -> Dual:
         value = math.log(self.value) if self.inexact else 0 * self.value
         return Dual(value, self.slope * (1 / self.value))
 
 
 def slopes(outputs: Array, count: int) -> Array:
-    """The slopes (..., count) of an array of dual numbers; plain entries have slope 0."""
-    outputs = np.asarray(outputs, dtype=object)
+    """The slopes (..., count) of an array of dual numbers, complex ones too; plain entries have slope 0."""
+    outputs, imaginary = algebra.parts(np.asarray(outputs, dtype=object))
+    if imaginary is not None:
+        return algebra.together(slopes(outputs, count), slopes(imaginary, count))
     out = np.zeros((*outputs.shape, count), dtype=object)
     for place in np.ndindex(outputs.shape):
         if isinstance(outputs[place], Dual):
@@ -180,10 +186,8 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
 
 def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
     """A random point of a phase space."""
-    if space.constraints:
-        turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
-        position = turn[:, 0]
-        return position, algebra.act(algebra.skew(draw((n * (n - 1) // 2,)), n), position)
+    if space.draw is not None:
+        return tuple(space.draw(n, draw))
     return layout.restore(draw((sum(layout.size(k, n) for k in space.kinds),)), space.kinds, n)
 
 

@@ -13,8 +13,10 @@ from kreisel.methods import scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 
-COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-PLATEAU = 1e-12
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # steps in a unit of time
+TIMES = (1, 2, 4, 8)
+WINDOW = 4
+ABOVE = 30.0  # times the error at the finest steps, which is round-off
 SOLVER_ERROR = 1e-11
 
 
@@ -32,20 +34,31 @@ def measured_orders(
 
 
 def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: int) -> list[float]:
-    """The same of a method with a step, by its compiled kernel, over the four finest steps above the plateau.
+    """The same of a method with a step, by its compiled kernel, where the error is closest to a power of dt.
 
-    Errors are taken against the method's own end with an eighth of the finest step, whose distance from the
-    solver's end is added unless the solver may be to blame.  The time is doubled until there are four steps.
+    Errors at several times and for many steps are taken against the method's own end with an eighth of the finest
+    step, whose distance from the solver's end is added unless the solver may be to blame.  Of all runs of WINDOW
+    successive steps above the plateau the one counts whose first and last ones have the closest slopes, for the state
+    and for the orientation each: high orders set in late, how late depends on the point.
     """
-    for time in (1.0, 2.0, 4.0, 8.0, 16.0):
-        own = _end(model, state, method, order, time, 8 * COUNTS[-1])
+    found: list[list[tuple[float, float]]] = [[], []]
+    for time in TIMES:
+        counts = [time * k for k in COUNTS]
+        own = _end(model, state, method, order, time, 8 * counts[-1])
         apart = _errors(model, _truth(model, state, time), [own])[0]
-        ends = [_end(model, state, method, order, time, count) for count in COUNTS]
+        ends = [_end(model, state, method, order, time, count) for count in counts]
         errors = _errors(model, own, ends) + np.where(apart > SOLVER_ERROR, apart, 0)
-        above = [i for i, error in enumerate(errors) if min(error) > PLATEAU][-4:]
-        if len(above) == 4:
-            break
-    return _fitted(time / np.array(COUNTS)[above], errors[above])
+        plateau = ABOVE * np.maximum(errors[-3:].max(0), 1e-16)
+        logs, steps = np.log(np.maximum(errors, 1e-300)), np.log(time / np.array(counts))
+        for first in range(len(counts) - WINDOW + 1):
+            here, half = slice(first, first + WINDOW), WINDOW - 1
+            for of_part, e, least in zip(found, logs.T, np.log(plateau), strict=True):
+                if e[here].min() > least:
+                    parts = (slice(half), slice(-half, None))
+                    halves = [np.polyfit(steps[here][part], e[here][part], 1)[0] for part in parts]
+                    slope = float(np.polyfit(steps[here], e[here], 1)[0])
+                    of_part.append((abs(float(halves[0] - halves[1])), slope))
+    return [min(of_part)[1] for of_part in found]
 
 
 def _end(model: Model, state: tuple[Array, ...], method: str, order: int, time: float, count: int) -> Array:

@@ -103,10 +103,10 @@ def subject(what: Any, *, eps: Any = None, names: tuple[str, ...] | None = None,
 def _of_model(model: Model, eps: Any) -> Subject:
     system, n = model.system, model.n
     space, mapped = system.space, model.map
-    if mapped.turn is not None:
+    if not mapped.rational:
         raise InputError(
-            f"The map of {system.name} is implicit: its step is a root, not a rational function, and exact experiments "
-            "need one. Choose a system with an explicit map."
+            f"The step of the map of {system.name} is a root, not a rational function, and exact experiments need one. "
+            "Choose a system with a rational map."
         )
     constants = {k: _fractions(v) for k, v in model.constants.items()}
 

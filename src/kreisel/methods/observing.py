@@ -59,6 +59,9 @@ def functions(
             by_this_map = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
             meaning = (told or {}).get(name, meaning)
             out[name] = (Outcome("integral", meaning, kept=by_this_map or name in kept), _bind(model, function), True)
+    for name, (function, _) in system.invariant.items():
+        meaning = f"{name}: f with f' = k f, so that f = 0 stays; no integral"
+        out[name] = (Outcome("relation", meaning), _bind(model, function), False)
     return out
 
 

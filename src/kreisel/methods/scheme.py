@@ -17,7 +17,7 @@ Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "m
 class Outcome:
     """One variable that `observe` returns: its kind and what it means.
 
-    kind: "state", "orientation", "casimir" or "integral"; `kept` says of the last two that this method
+    kind: "state", "orientation", "casimir", "integral" or "relation"; `kept` says of the last three that this method
     keeps them constant up to round-off.
     """
 

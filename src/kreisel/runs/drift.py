@@ -17,7 +17,7 @@ from kreisel.errors import InputError
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
-KINDS = ("casimir", "integral")
+KINDS = ("casimir", "integral", "relation")
 
 
 def _place(variable: xr.DataArray) -> tuple[bool, int]:
@@ -36,9 +36,9 @@ def read(variable: xr.DataArray) -> np.ndarray:
 
 
 def drift(run: xr.Dataset) -> pd.DataFrame:
-    """One row for each Casimir and integral of a run.
+    """One row for each Casimir, integral and invariant relation of a run.
 
-    kind        "casimir" or "integral"
+    kind        "casimir", "integral", or "relation": f of an invariant relation f = 0, which stays 0 if it starts so
     kept        whether the method keeps it; a map keeps its deformed integrals, names ending in _eps
     start       value at the first saved time
     max_change  largest |change| since then

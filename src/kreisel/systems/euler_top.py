@@ -136,6 +136,8 @@ SYSTEM = System(
         turn=turn,
         move=move,
         largest_step=largest_step,
+        rational=False,
+        commutes=True,
         order=2,
         source="Veselov 1988; Moser, Veselov 1991",
     ),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kreisel.algebra import identity
+from kreisel.algebra import identity, together
 
 
 def border(m, v, w=None):
@@ -16,3 +16,13 @@ def border(m, v, w=None):
 def diagonal(b):
     """diag(b) for b (..., n)."""
     return b[..., None] * identity(b.shape[-1])
+
+
+SU2_REAL = np.array([[[0, 0], [0, 0]], [[0, -1], [1, 0]], [[0, 0], [0, 0]]], dtype=np.int8)
+SU2_IMAGINARY = np.array([[[0, -1], [-1, 0]], [[0, 0], [0, 0]], [[-1, 0], [0, 1]]], dtype=np.int8)
+
+
+def su2(x):
+    """Sum x_i sigma_i/(2i) for vectors x (..., 3): complex matrices (..., 2, 2), whose brackets are cross products."""
+    half = x[..., None, None] / 2
+    return together((half * SU2_REAL).sum(-3), (half * SU2_IMAGINARY).sum(-3))

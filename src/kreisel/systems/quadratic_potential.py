@@ -5,17 +5,18 @@ J = diag(J_i) > 0 the mass tensor.  Plus bracket, F' = {H, F}.  The map, with Q 
 
     Q W J - J W^T Q = eps M,   P_(k+1) = W^T P W,   M_(k+1) = W^T (M + eps [R, W J + J W^T]) W,   R = (1 - Q)/eps^2,
 
-keeps all integrals of the flow as they are.  For P = p p^T it is a map of Clebsch's case c_jk = 1/(J_j + J_k).
+keeps all integrals of the flow as they are.  For P = p p^T it is the map of `clebsch_body`.
 [Suris 2000, "The motion of a rigid body in a quadratic potential: an integrable discretization", Intern. Math. Res.
 Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 2001, Introduction]
 """
 
+from dataclasses import replace
+
 from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve, turned
-from kreisel.contract import QUADRATIC_SPACE, Frame, Map, Parameter, System
+from kreisel.contract import QUADRATIC_SPACE
 from kreisel.invariants import laurent_spectrum
-from kreisel.systems import implicit
-from kreisel.systems.checks import positive
-from kreisel.systems.euler_top import inverse_inertia, sums
+from kreisel.systems import euler_top, implicit
+from kreisel.systems.euler_top import inverse_inertia
 from kreisel.systems.matrices import diagonal
 
 ROOT_STEPS = 8
@@ -57,9 +58,9 @@ def symmetric_part(S):
     return (S + S.mT) / 2
 
 
-def turn(M, P, *, J, c, eps):
-    """X with W = cay(X), and the square of its last correction."""
-    R, D = deviation(P, eps), diagonal(J)
+def solved(M, R, *, J, c, eps):
+    """X with W = cay(X), and the square of its last correction, from R."""
+    D = diagonal(J)
     Q = identity(M.shape[-1]) - eps * eps * R
     tilt = eps * eps * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]
 
@@ -81,10 +82,17 @@ def turn(M, P, *, J, c, eps):
     return implicit.root(residual, slope, lambda r: c * r, eps / 2 * c * M)
 
 
+def turn(M, P, *, J, c, eps):
+    return solved(M, deviation(P, eps), J=J, c=c, eps=eps)
+
+
+def moved(M, R, X, *, J, eps):  # W^T (M + eps [R, W J + J W^T]) W
+    A = cayley(X) * J[..., None, :]
+    return turned("skew", -X, M + eps * bracket(R, A + A.mT))
+
+
 def move(M, P, X, *, J, eps):
-    W, R = cayley(X), deviation(P, eps)
-    A = W * J[..., None, :]
-    return turned("skew", -X, M + eps * bracket(R, A + A.mT)), turned("symmetric", -X, P)
+    return moved(M, deviation(P, eps), X, J=J, eps=eps), turned("symmetric", -X, P)
 
 
 def step(M, P, *, J, c, eps):
@@ -103,45 +111,46 @@ def generator(M, P, M1, P1, *, J, c, eps):
     return turn(M, P, J=J, c=c, eps=eps)[0]
 
 
-def lagrangian(g, h, A, *, J, eps):  # -(1/eps) tr((1 - eps^2 A_0)^(1/2) h J g^T)
-    root = identity(A.shape[-1]) - eps * eps * deviation(A, eps)
+def action(g, h, root, *, J, eps):
     return -(root * ((g * J[..., None, :]) @ h.mT)).sum(-1).sum(-1) / eps
+
+
+def lagrangian(g, h, A, *, J, eps):  # -(1/eps) tr((1 - eps^2 A_0)^(1/2) h J g^T)
+    return action(g, h, identity(A.shape[-1]) - eps * eps * deviation(A, eps), J=J, eps=eps)
 
 
 def lax_matrix(M, P, *, J, lam, eps):  # (J W^T + l Q)(W J - l Q)
     return diagonal(J * J) + lam * eps * M - lam * lam * (identity(M.shape[-1]) - eps * eps * P)
 
 
-def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
-    Q = identity(M.shape[-1]) - eps * eps * deviation(P, eps)
-    return diagonal(J) + lam * Q @ cayley(turn(M, P, J=J, c=c, eps=eps)[0])
+def conjugated(M, R, *, J, c, lam, eps):  # J + l Q W
+    Q = identity(M.shape[-1]) - eps * eps * R
+    return diagonal(J) + lam * Q @ cayley(solved(M, R, J=J, c=c, eps=eps)[0])
+
+
+def conjugator(M, P, *, J, c, lam, eps):
+    return conjugated(M, deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
 
 
 def largest_step(M, P, *, J):
     return implicit.largest_step(M, J, P)
 
 
-SYSTEM = System(
+SYSTEM = replace(
+    euler_top.SYSTEM,
     name="quadratic-potential",
     title="Rigid body in a quadratic potential",
     equations="M' = [M, Omega] + [P, J],  P' = [P, Omega],  M = J Omega + Omega J",
     source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
-    frame=Frame.MOVING,
     space=QUADRATIC_SPACE,
-    parameters=(
-        Parameter(
-            "J", "vector", "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)", check=positive, positive=True
-        ),
-    ),
     flow=flow,
     energy=energy,
     velocity=velocity,
-    inverse_inertia=inverse_inertia,
     scaling="Any consistent units: the potential energy is -tr(J P)/2; P may have any sign.",
     integrals={"spectrum": spectrum},
-    commuting=("spectrum",),
     lax=lax,
-    map=Map(
+    map=replace(
+        euler_top.SYSTEM.map,
         step=step,
         inverse=inverse,
         adjoint=step,
@@ -153,9 +162,7 @@ SYSTEM = System(
         turn=turn,
         move=move,
         largest_step=largest_step,
-        order=2,
         source="Suris 2000",
     ),
-    derive=sums,
-    notes="The map commutes with the flow and with itself at other steps. The spectrum is complete for distinct J.",
+    relations=(),
 )

@@ -31,6 +31,7 @@ def summary(system: System) -> dict[str, Any]:
         "bracket": "plus" if system.space.sign > 0 else "minus",
         "parameters": {p.letter: p.meaning for p in system.parameters},
         "integrals": [*(["energy"] if system.energy is not None else []), *system.integrals],
+        "invariant_relations": [*system.invariant],
         "lax": system.lax is not None,
         "map": None if system.map is None else _map_summary(system.map),
         "related": [relation.target for relation in system.relations],
@@ -61,6 +62,8 @@ def record(system: System) -> str:
         default = "" if p.default is None else f" (default {p.default:g})"
         lines.append(f"  parameter   {p.letter}: {p.meaning}{default}")
     lines.append(f"  integrals   {', '.join(told['integrals'])}; Casimirs")
+    for name in system.invariant:
+        lines.append(f"  relation    {name} = 0 is invariant")
     lines.append(f"  Lax pair    {'yes' if system.lax else 'none known'}")
     if system.map is None:
         lines.append("  map         no integrable discretization known here")

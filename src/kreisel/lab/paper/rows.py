@@ -198,7 +198,7 @@ def rank(vectors: Array) -> int:
 def residual(sides: Iterable[tuple[Array, Array]], numbers: str) -> float:
     """The largest difference: 0 only if exactly 0 in rationals, relative to the size of the sides in floats."""
     worst = 0.0
-    for left, right in sides:
+    for left, right in laws.real(sides):
         difference = np.asarray(left - right)
         size = 0.0 if numbers == "exact" else max(algebra.magnitude(left), algebra.magnitude(right))
         amount = algebra.magnitude(difference) / (1 + size)
