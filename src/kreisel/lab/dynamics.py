@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from kreisel.methods.scheme import Scheme
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
 ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
-CLEAR = 20.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
+CLEAR = 5.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
 NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
 
@@ -119,7 +120,7 @@ class Orbit:
 def _scheme(what: Subject, tangent: bool) -> Scheme:
     """The step as a scheme, with a tangent vector or without."""
     jax_numbers = what.model is not None and what.model.system.numbers == "jax"
-    constants = {k: np.vectorize(float, otypes=[float])(v) for k, v in what.constants.items()}
+    constants = {k: np.asarray(v) for k, v in what.floats.items()}
     return Scheme(
         name=f"{what.name}{' and its tangent map' if tangent else ''}",
         components=(("x", f"R^{what.dim}"),) + ((("v", f"R^{what.dim}"),) if tangent else ()),
@@ -127,7 +128,7 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
         axes={k: np.ndim(v) for k, v in constants.items()},
         n=3,
         prepare=lambda z: z,
-        step=_pushed_by_jax(what) if jax_numbers else _pushed(what),
+        step=_pushed_by_jax(what.step) if jax_numbers else _pushed(what),
         observe=lambda z: {},
         reopen=lambda z: z,
         outcomes={},
@@ -151,12 +152,14 @@ def _pushed(what: Subject) -> Callable[..., tuple[Array, ...]]:
     return step
 
 
-def _pushed_by_jax(what: Subject) -> Callable[..., tuple[Array, ...]]:
+@lru_cache(16)
+def _pushed_by_jax(own: Callable[..., Array]) -> Callable[..., tuple[Array, ...]]:
+    """The same function for the same step, so that it is compiled once."""
     from kreisel.reduction.double import jax
 
     def step(x: Array, v: Array | None = None, **constants: Array) -> tuple[Array, ...]:
         def one(y: Array) -> Array:
-            return what.step(y, **constants)
+            return own(y, **constants)
 
         return (one(x),) if v is None else tuple(jax.jvp(one, (x,), (v,)))
 
@@ -171,22 +174,6 @@ def _called(what: Subject, x: Array, constants: dict[str, Array]) -> Array:
             f"The step of {what.name} could not be recorded: {error}. It must be a formula in + - * / and whole "
             "powers, without branches and functions of NumPy."
         ) from error
-
-
-def _pushed_by_jax(what: Subject, count: int) -> Callable[..., tuple[Array, ...]]:
-    from kreisel.reduction.double import jax
-
-    def step(x: Array, v: Array | None = None, **constants: Array) -> tuple[Array, ...]:
-        def one(y: Array) -> Array:
-            return what.step(y, **constants)
-
-        if v is None:
-            return (one(x),)
-        push = jax.vmap(lambda u: jax.jvp(one, (x,), (u,)), out_axes=(None, 0))
-        new, slopes = push(v.reshape(count, what.dim))
-        return new, slopes.ravel()
-
-    return step
 
 
 def float_start(what: Subject, seed: int = 0) -> Array:
@@ -221,21 +208,21 @@ def dynamics(
     x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
     frame = tangents(what, x, count, seed)
     k = len(frame)
-    apart = tangents(what, x, count, seed + 1)  # these are only scaled
+    apart = tangents(what, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
     orbit = Orbit(what, x, np.concatenate([frame, apart]))
     logs, sali, reached = [], 2.0, 0
-    gali = np.full(max(0, k - 1), np.nan)
+    gali = np.full(max(0, len(apart) - 1), np.nan)
     for done in range(EVERY, steps + 1, EVERY):
         orbit.advance(EVERY)
         Q, R = np.linalg.qr(orbit.vectors[:k].T)
         logs.append(np.log(np.abs(np.diag(R)) + 1e-300))
         free = orbit.vectors[k:] / np.linalg.norm(orbit.vectors[k:], axis=1)[:, None]
-        if k > 1:
+        if len(free) > 1:
             near = min(np.linalg.norm(free[0] + free[1]), np.linalg.norm(free[0] - free[1]))
             if near < sali:
                 sali, reached = float(near), done
         orbit.put(np.concatenate([Q.T, free]))
-    for j in range(2, k + 1):
+    for j in range(2, len(apart) + 1):
         gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
     logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors turn into place first
     rates = np.array([part.sum(0) / (EVERY * len(part)) for part in np.array_split(logs_, PARTS)])

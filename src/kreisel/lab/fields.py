@@ -96,10 +96,13 @@ def _power(base: Any, exponent: int, p: int) -> Any:
 
 
 def fraction(x: Any) -> Fraction:
-    """An integer, a fraction of any library or a float, as it is, as a Fraction."""
+    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for what is none."""
     if hasattr(x, "q") and hasattr(x, "p"):  # python-flint
         return Fraction(int(x.p), int(x.q))
-    return Fraction(x.item() if isinstance(x, np.generic) else x)
+    try:
+        return Fraction(x.item() if isinstance(x, np.generic) else x)
+    except (ValueError, TypeError, ZeroDivisionError, OverflowError):
+        raise InputError(f"A whole number or a fraction such as 1/3 was expected; {x!r} came.") from None
 
 
 def residue(x: Any, p: int) -> int:

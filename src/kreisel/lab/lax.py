@@ -126,21 +126,26 @@ def _tested(what: Subject, seed: list[int]) -> Lax:
     x = what.point(random_residues(np.random.default_rng([*seed, p]), p, 1))
     G = _spectral_gradients(what, x, p, seed)
     H = G if what.integrals is None else np.concatenate([G, _gradients(what, what.integrals, x, p)])
-    total = _rank(G, p)
+    return counted(what, x, G, H, p, equation, isospectral)
+
+
+def counted(
+    what: Subject, x: Array, G: Array, H: Array, p: int, equation: bool | None = None, isospectral: bool | None = None
+) -> Lax:
+    """Ranks and brackets of the gradients G (rows, d) at x modulo p, and of H, which has further ones."""
     if what.tensor is None:
-        return Lax(what.name, what.dim, what.dim, total, total, _rank(H, p), 0, equation, isospectral, None)
-    tensor = np.asarray(what.tensor(np.array([int(np.ravel(v.v)[0]) for v in x], dtype=object)), dtype=object) % p
-    fields = G @ tensor % p
-    brackets, all_brackets = fields @ G.T % p, (H @ tensor % p) @ H.T % p
-    with_more = _rank(H @ tensor % p, p)
+        return Lax(what.name, what.dim, what.dim, rank(G, p), rank(G, p), rank(H, p), 0, equation, isospectral, None)
+    tensor = _numbers(np.asarray(what.tensor(x), dtype=object), 1, p)[0]
+    fields, more = G @ tensor % p, H @ tensor % p
+    brackets, with_more = fields @ G.T % p, rank(more, p)
     return Lax(
         name=what.name,
         dimension=what.dim,
-        leaf=_rank(tensor, p),
-        rank=total,
-        on_leaf=_rank(fields, p),
+        leaf=rank(tensor, p),
+        rank=rank(G, p),
+        on_leaf=rank(fields, p),
         with_more=with_more,
-        torus=with_more - _rank(all_brackets, p),
+        torus=with_more - rank(more @ H.T % p, p),
         equation=equation,
         isospectral=isospectral,
         involution=not brackets.any(),
@@ -239,9 +244,10 @@ def _gradients(what: Subject, functions: Any, x: Array, p: int) -> Array:
     return _numbers(slopes(out, what.dim), 1, p)[0]
 
 
-def _rank(A: Array, p: int) -> int:
+def rank(A: Array, p: int) -> int:
+    """The rank modulo p."""
     flint = require_flint()
     return int(flint.nmod_mat(*A.shape, [int(v) for v in A.ravel()], p).rank())
 
 
-__all__ = ["Lax", "lax"]
+__all__ = ["Lax", "counted", "lax", "rank"]

@@ -28,6 +28,8 @@ class Subject:
     tensor(x)              the brackets {x_i, x_j} (d, d) that it is claimed to preserve
     lax(x, lam, **constants), conjugator(x, lam, **constants)   L and V with V_k L_(k+1) = L_k V_k
     integrals(x, **constants)   functions that it is claimed to keep, beyond the spectrum of L
+    involution(x, **constants)  R with R step R = step^-1
+    flow(x, **constants)   the right-hand side that it discretizes with the constant eps as its step
     implicit               why the step cannot be made in exact numbers; "" where it can
     """
 
@@ -40,6 +42,8 @@ class Subject:
     lax: Callable[..., Array] | None = None
     conjugator: Callable[..., Array] | None = None
     integrals: Callable[..., Array] | None = None
+    involution: Callable[..., Array] | None = None
+    flow: Callable[..., Array] | None = None
     implicit: str = ""
     model: Model | None = None
 
@@ -85,6 +89,11 @@ class Subject:
 
         return step
 
+    @property
+    def floats(self) -> dict[str, Any]:
+        """The constants as floats."""
+        return {k: np.vectorize(float, otypes=[float])(v)[()] for k, v in self.constants.items()}
+
     def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """Residues (steps + 1, d, lanes) along orbits from random points."""
         rng = np.random.default_rng([seed, p])
@@ -127,10 +136,14 @@ def _of_model(model: Model, eps: Any) -> Subject:
         return layout.restore(_axial(x, space.kinds, n), space.kinds, n)
 
     def packed(state: tuple[Array, ...]) -> Array:
+        if not isinstance(state[0], np.ndarray):  # JAX
+            from kreisel.engines.xla import flat
+
+            return _axial(flat(state, space.kinds), space.kinds, n)
         return _axial(layout.flatten(state, space.kinds), space.kinds, n)
 
-    def step(x: Array, **known: Array) -> Array:
-        return packed(tuple(call(mapped.step, unpacked(x), known)))
+    def on_coordinates(function: Any) -> Any:
+        return None if function is None else lambda x, **known: packed(tuple(call(function, unpacked(x), known)))
 
     def start(draw: Callable[[tuple[int, ...]], Array]) -> Array:
         return packed(exact.random_state(space, n, draw))
@@ -150,7 +163,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
 
     return Subject(
         name=system.name,
-        step=step,
+        step=on_coordinates(mapped.step),
         names=coordinate_names(space.components, n),
         constants={**constants, "eps": eps},
         start=start,
@@ -158,6 +171,8 @@ def _of_model(model: Model, eps: Any) -> Subject:
         lax=of_record(mapped.lax),
         conjugator=of_record(mapped.conjugator),
         integrals=integrals if extra else None,
+        involution=on_coordinates(mapped.involution),
+        flow=on_coordinates(system.flow),
         implicit=implicit,
         model=model,
     )
