@@ -1,8 +1,8 @@
 """kr.lab: the laws, and instruments that tell whether a map is integrable.
 
-    kr.lab.investigate(kr.Clebsch(b=(1, 2, 4)))          # one page: every instrument, its evidence, a verdict
-    kr.lab.investigate(step, names=("x", "y"))           # a rational map of your own
-    kr.lab.search                                        # families of discrete Lagrangians, ranked
+kr.lab.investigate(kr.Clebsch(b=(1, 2, 4)))          # one page: every instrument, its evidence, a verdict
+kr.lab.investigate(step, names=("x", "y"))           # a rational map of your own
+kr.lab.search                                        # families of discrete Lagrangians, ranked
 """
 
 from __future__ import annotations

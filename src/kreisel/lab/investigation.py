@@ -433,7 +433,9 @@ def _growth(c: _Clues) -> Finding:
         answer = f"k^{found.power}, entropy 0"
     drops = f"; singularities confine first at iterate {found.drops[0]}" if found.drops else "; no degree is lost"
     evidence = f"degrees {', '.join(map(str, found.degrees))} on two primes{drops}"
-    return Finding("degree growth", answer, evidence, 1 if found.power is not None else -1 if _exponential(found) else 0)
+    return Finding(
+        "degree growth", answer, evidence, 1 if found.power is not None else -1 if _exponential(found) else 0
+    )
 
 
 def _exponential(found: growth.Growth) -> bool:
@@ -455,7 +457,9 @@ def _integrals(c: _Clues) -> Finding:
         count += f"; {told.with_more} on leaves of dimension {told.leaf}, "
         count += "in involution" if told.involution else "not all in involution"
     shown = "; ".join(_short(str(f)) for f in c.found) or f"none of degree {c.degree} or less"
-    return Finding("integrals", count if c.found else "none found", shown, 1 if told is not None and _enough(told) else 0)
+    return Finding(
+        "integrals", count if c.found else "none found", shown, 1 if told is not None and _enough(told) else 0
+    )
 
 
 def _short(text: str) -> str:

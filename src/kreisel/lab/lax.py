@@ -173,9 +173,7 @@ def _random(what: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:
 def _residual(what: Subject, seed: list[int], p: int) -> bool:
     (x, lam), known = _random(what, seed, p), what.known(p)
     new = what.over(p)(x)
-    V, L, L1 = (
-        _matrix(what, f, z, lam, known) for f, z in ((what.conjugator, x), (what.lax, x), (what.lax, new))
-    )
+    V, L, L1 = (_matrix(what, f, z, lam, known) for f, z in ((what.conjugator, x), (what.lax, x), (what.lax, new)))
     if V.shape != L.shape:
         raise InputError(f"L and V of {what.name} must have one shape; {L.shape} and {V.shape} came.")
     return not any(np.any(np.asarray(getattr(v, "v", v)) % p) for v in (V @ L1 - L @ V).flat)
@@ -193,9 +191,7 @@ def _residual_over_q(what: Subject, seed: list[int]) -> bool:
     x, lam = what.point(draw), Fraction(int(rng.integers(2, 9)), 7)
     known = {k: np.vectorize(fraction, otypes=[object])(v)[()] for k, v in what.constants.items()}
     new = what.step(x, **known)
-    V, L, L1 = (
-        _matrix(what, f, z, lam, known) for f, z in ((what.conjugator, x), (what.lax, x), (what.lax, new))
-    )
+    V, L, L1 = (_matrix(what, f, z, lam, known) for f, z in ((what.conjugator, x), (what.lax, x), (what.lax, new)))
     return not any(v != 0 for v in (V @ L1 - L @ V).flat)
 
 

@@ -29,6 +29,7 @@ class Subject:
     lax(x, lam, **constants), conjugator(x, lam, **constants)   L and V with V_k L_(k+1) = L_k V_k
     integrals(x, **constants)   functions that it is claimed to keep, beyond the spectrum of L
     involution(x, **constants)  R with R step R = step^-1
+    energy(x, **constants)   the one that the map keeps
     flow(x, **constants)   the right-hand side that it discretizes with the constant eps as its step
     implicit               why the step cannot be made in exact numbers; "" where it can
     """
@@ -44,6 +45,7 @@ class Subject:
     integrals: Callable[..., Array] | None = None
     involution: Callable[..., Array] | None = None
     flow: Callable[..., Array] | None = None
+    energy: Callable[..., Any] | None = None
     implicit: str = ""
     model: Model | None = None
 
@@ -173,6 +175,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         integrals=integrals if extra else None,
         involution=on_coordinates(mapped.involution),
         flow=on_coordinates(system.flow),
+        energy=None if system.energy is None else lambda x, **known: call(system.energy, unpacked(x), known),
         implicit=implicit,
         model=model,
     )
