@@ -48,7 +48,7 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
-    from kreisel import analysis, physical, units, view
+    from kreisel import analysis, lab, physical, units, view
     from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
     from kreisel.runs.citing import cite
@@ -74,7 +74,7 @@ _LAZY = {
     "sweep": "kreisel.runs.sweep",
     "plot": "kreisel.view.plots",
 }
-_PARTS = ("analysis", "physical", "units", "view")
+_PARTS = ("analysis", "lab", "physical", "units", "view")
 
 __all__ = [
     "Clebsch",
@@ -111,6 +111,7 @@ __all__ = [
     "drift",
     "export",
     "failures",
+    "lab",
     "nutation",
     "open_run",
     "physical",

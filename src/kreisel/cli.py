@@ -345,6 +345,69 @@ def _print_bench(told: dict[str, Any]) -> None:
         print(told["note"])
 
 
+@app.command()
+def investigate(
+    what: Annotated[
+        str | None, typer.Argument(help="A system, or a Python file with a step, a Lagrangian or a model.")
+    ] = None,
+    eps: Annotated[str | None, typer.Option("--eps", help="The step, a whole number or a fraction; 1/3.")] = None,
+    n: Annotated[int | None, typer.Option("--n", help="The dimension of a system; 3.")] = None,
+    constants: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter of a system, such as b=1,2,4; may be repeated.")
+    ] = None,
+    degree: Annotated[int | None, typer.Option("--degree", help="Of the integrals that are sought.")] = None,
+    iterates: Annotated[int | None, typer.Option("--iterates", help="How many degrees.")] = None,
+    steps: Annotated[int, typer.Option("--steps", help="Of the orbits for Lyapunov's exponents.")] = 10_000,
+    seed: Annotated[int, typer.Option("--seed", help="Of the random points.")] = 0,
+    html: Annotated[Path | None, typer.Option("--html", help="Write the page to this file.")] = None,
+    as_json: AsJson = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Every map of the registry, as a table.")] = False,
+) -> None:
+    """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
+    from kreisel.lab import investigation, report
+
+    known = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
+    if markdown:
+        print(report.registry_table(), end="")
+        return
+    if what is None:
+        raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
+    given = dict(_parameter_of(told) for told in constants or [])
+    file = what.endswith(".py")
+    found = (
+        investigation.investigate_file(Path(what), **known, **given)
+        if file
+        else investigation.investigate(what, **known, **given)
+    )
+    if html is not None:
+        found.save(html)
+    if as_json:
+        _print_json(report.plain(found))
+    else:
+        print(report.text(found, _width()))
+        if html is not None:
+            print(f"page: {html}")
+
+
+def _width() -> int:
+    import shutil
+
+    return max(60, shutil.get_terminal_size((110, 24)).columns) if sys.stdout.isatty() else 110
+
+
+def _parameter_of(told: str) -> tuple[str, Any]:
+    from fractions import Fraction
+
+    name, sign, value = told.partition("=")
+    try:
+        numbers = [Fraction(part) for part in value.split(",")]
+    except (ValueError, ZeroDivisionError):
+        numbers = []
+    if not sign or not name or not numbers:
+        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2; {told!r} came.")
+    return name, numbers[0] if len(numbers) == 1 else numbers
+
+
 def _print_finding(finding: Any) -> None:
     from kreisel.lab.paper import rows
 

@@ -8,6 +8,7 @@ put in for some parameters (`kreisel.engines.folding`) computes the same as one 
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -230,7 +231,7 @@ def _names(*numbers: Any) -> tuple[str, ...]:
 
 
 def _is_number(x: Any) -> bool:
-    return isinstance(x, Scalar | int | float | np.integer | np.floating)
+    return isinstance(x, Scalar | int | float | Fraction | np.integer | np.floating)
 
 
 def text(x: Any) -> str:

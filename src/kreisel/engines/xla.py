@@ -21,7 +21,8 @@ lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
 
 
-def _flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
+def flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
+    """The state of one lane as one array (d,)."""
     return jnp.concatenate(
         [algebra.coordinates(p) if k == "skew" else jnp.ravel(p) for p, k in zip(parts, kinds, strict=True)]
     )
@@ -34,7 +35,7 @@ def _compiled_loop(
     """The loop for a step, compiled at its first call and kept for further runs; `lanes` are constants with lanes."""
 
     def one(z: Array, constants: Mapping[str, Array]) -> Array:
-        return _flat(step(*layout.restore(z, kinds, n), **constants), kinds)
+        return flat(step(*layout.restore(z, kinds, n), **constants), kinds)
 
     every_lane = jax.vmap(one, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
 
@@ -109,7 +110,7 @@ def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
             size = int(np.prod(shape))
             constants[k] = row[start : start + size].reshape(shape)
             start += size
-        return _flat(function(*layout.restore(y, kinds, scheme.n), **constants), kinds)
+        return flat(function(*layout.restore(y, kinds, scheme.n), **constants), kinds)
 
     with double():
         compiled = jax.jit(rate)

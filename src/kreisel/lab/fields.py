@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any
 
@@ -18,6 +19,20 @@ ROOT = 3
 
 class Pole(ArithmeticError):
     """A division by 0 at one of the points: another seed, or another prime, avoids it."""
+
+
+_MARKS: list[Any] = []
+
+
+@contextmanager
+def poles_marked(lanes: int) -> Iterator[Any]:
+    """Within, a division by 0 marks its lane in the array that this gives, and goes on with 1."""
+    marks = np.zeros(lanes, dtype=bool)
+    _MARKS.append(marks)
+    try:
+        yield marks
+    finally:
+        _MARKS.pop()
 
 
 class Mod:
@@ -54,9 +69,13 @@ class Mod:
         return Mod(_power(self.v, exponent, self.p), self.p)
 
     def inverse(self) -> Mod:
-        if not np.all(self.v):
-            raise Pole("division by 0 modulo a prime")
-        return Mod(_power(self.v, self.p - 2, self.p), self.p)
+        v = self.v
+        if not np.all(v):
+            if not _MARKS:
+                raise Pole("division by 0 modulo a prime")
+            _MARKS[-1][...] |= v == 0
+            v = np.where(v == 0, 1, v)
+        return Mod(_power(v, self.p - 2, self.p), self.p)
 
     def __truediv__(self, other: Any) -> Any:
         n = _operand(other, self.p)
@@ -96,10 +115,13 @@ def _power(base: Any, exponent: int, p: int) -> Any:
 
 
 def fraction(x: Any) -> Fraction:
-    """An integer, a fraction of any library or a float, as it is, as a Fraction."""
+    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for what is none."""
     if hasattr(x, "q") and hasattr(x, "p"):  # python-flint
         return Fraction(int(x.p), int(x.q))
-    return Fraction(x.item() if isinstance(x, np.generic) else x)
+    try:
+        return Fraction(x.item() if isinstance(x, np.generic) else x)
+    except (ValueError, TypeError, ZeroDivisionError, OverflowError):
+        raise InputError(f"A whole number or a fraction such as 1/3 was expected; {x!r} came.") from None
 
 
 def residue(x: Any, p: int) -> int:

@@ -30,7 +30,7 @@ def measured_orders(
     """Slopes of log error against log dt for the state and the orientation, over four steps."""
     g0, kinds = np.eye(model.n), (*model.system.space.kinds, "matrix")
     ends = [layout.flatten(_iterate(model, state, g0, time / k, k, conjugate), kinds) for k in counts]
-    return _fitted(time / np.array(counts), _errors(model, _truth(model, state, time), ends))
+    return fitted(time / np.array(counts), _errors(model, _truth(model, state, time), ends))
 
 
 def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: int) -> list[float]:
@@ -87,7 +87,7 @@ def baecklund_orders(
         z = (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
         return layout.flatten(z, (*model.system.space.kinds, "matrix"))
 
-    return _fitted(time / np.array(counts), _errors(model, _truth(model, state, time), [end(k) for k in counts]))
+    return fitted(time / np.array(counts), _errors(model, _truth(model, state, time), [end(k) for k in counts]))
 
 
 def flowed(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, ...]:
@@ -117,8 +117,9 @@ def _errors(model: Model, truth: Array, ends: list[Array]) -> Array:
     return np.array([[abs(end - truth)[:own].max(), abs(end - truth)[own:].max()] for end in ends])
 
 
-def _fitted(steps: Array, errors: Array) -> list[float]:
-    return [float(np.polyfit(np.log(steps), np.log(errors[:, i]), 1)[0]) for i in (0, 1)]
+def fitted(steps: Array, errors: Array) -> list[float]:
+    """Slopes of log error against log step."""
+    return [float(np.polyfit(np.log(steps), np.log(errors[:, i]), 1)[0]) for i in range(errors.shape[1])]
 
 
 def _iterate(

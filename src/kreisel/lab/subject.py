@@ -26,6 +26,12 @@ class Subject:
     names                  of the d coordinates
     start(draw)            a point, from draw(shape) of random numbers: where coordinates are not free
     tensor(x)              the brackets {x_i, x_j} (d, d) that it is claimed to preserve
+    lax(x, lam, **constants), conjugator(x, lam, **constants)   L and V with V_k L_(k+1) = L_k V_k
+    integrals(x, **constants)   functions that it is claimed to keep, beyond the spectrum of L
+    involution(x, **constants)  R with R step R = step^-1
+    energy(x, **constants)   the one that the map keeps
+    flow(x, **constants)   the right-hand side that it discretizes with the constant eps as its step
+    implicit               why the step cannot be made in exact numbers; "" where it can
     """
 
     name: str
@@ -34,11 +40,23 @@ class Subject:
     constants: Mapping[str, Any] = field(default_factory=dict)
     start: Callable[[Callable[[tuple[int, ...]], Array]], Array] | None = None
     tensor: Callable[[Array], Array] | None = None
+    lax: Callable[..., Array] | None = None
+    conjugator: Callable[..., Array] | None = None
+    integrals: Callable[..., Array] | None = None
+    involution: Callable[..., Array] | None = None
+    flow: Callable[..., Array] | None = None
+    energy: Callable[..., Any] | None = None
+    implicit: str = ""
+    model: Model | None = None
 
     @property
     def dim(self) -> int:
         """The number of coordinates."""
         return len(self.names)
+
+    def known(self, p: int) -> dict[str, Any]:
+        """The constants as residues modulo p."""
+        return {k: residues(v, p)[()] for k, v in self.constants.items()}
 
     def point(self, draw: Callable[[tuple[int, ...]], Array]) -> Array:
         """A point made of random numbers."""
@@ -49,7 +67,12 @@ class Subject:
 
         Raises `InputError` where it is not a rational function.
         """
-        known = {k: residues(v, p)[()] for k, v in self.constants.items()}
+        if self.implicit:
+            raise InputError(
+                f"{self.implicit}: its step is a root, not a rational function, and exact experiments need one. "
+                "Choose a system with an explicit map."
+            )
+        known = self.known(p)
 
         def step(x: Array) -> Array:
             try:
@@ -67,6 +90,11 @@ class Subject:
             return out
 
         return step
+
+    @property
+    def floats(self) -> dict[str, Any]:
+        """The constants as floats."""
+        return {k: np.vectorize(float, otypes=[float])(v)[()] for k, v in self.constants.items()}
 
     def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """Residues (steps + 1, d, lanes) along orbits from random points."""
@@ -103,21 +131,21 @@ def subject(what: Any, *, eps: Any = None, names: tuple[str, ...] | None = None,
 def _of_model(model: Model, eps: Any) -> Subject:
     system, n = model.system, model.n
     space, mapped = system.space, model.map
-    if not mapped.rational:
-        raise InputError(
-            f"The step of the map of {system.name} is a root, not a rational function, and exact experiments need one. "
-            "Choose a system with a rational map."
-        )
+    implicit = f"The map of {system.name} is implicit" if not mapped.rational or system.numbers != "any" else ""
     constants = {k: _fractions(v) for k, v in model.constants.items()}
 
     def unpacked(x: Array) -> tuple[Array, ...]:
         return layout.restore(_axial(x, space.kinds, n), space.kinds, n)
 
     def packed(state: tuple[Array, ...]) -> Array:
+        if not isinstance(state[0], np.ndarray):  # JAX
+            from kreisel.engines.xla import flat
+
+            return _axial(flat(state, space.kinds), space.kinds, n)
         return _axial(layout.flatten(state, space.kinds), space.kinds, n)
 
-    def step(x: Array, **known: Array) -> Array:
-        return packed(tuple(call(mapped.step, unpacked(x), known)))
+    def on_coordinates(function: Any) -> Any:
+        return None if function is None else lambda x, **known: packed(tuple(call(function, unpacked(x), known)))
 
     def start(draw: Callable[[tuple[int, ...]], Array]) -> Array:
         return packed(exact.random_state(space, n, draw))
@@ -127,13 +155,29 @@ def _of_model(model: Model, eps: Any) -> Subject:
         place, sign = abs(turn) - 1, np.sign(turn)
         return (space.tensor(*unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
 
+    def of_record(function: Any) -> Any:
+        return None if function is None else lambda x, lam, **known: call(function, unpacked(x), {**known, "lam": lam})
+
+    extra = [f for name, f in system.integrals.items() if name not in system.commuting]
+
+    def integrals(x: Array, **known: Array) -> Array:
+        return np.concatenate([np.ravel(call(f, unpacked(x), known)) for f in extra])
+
     return Subject(
         name=system.name,
-        step=step,
+        step=on_coordinates(mapped.step),
         names=coordinate_names(space.components, n),
         constants={**constants, "eps": eps},
         start=start,
         tensor=tensor,
+        lax=of_record(mapped.lax),
+        conjugator=of_record(mapped.conjugator),
+        integrals=integrals if extra else None,
+        involution=on_coordinates(mapped.involution),
+        flow=on_coordinates(system.flow),
+        energy=None if system.energy is None else lambda x, **known: call(system.energy, unpacked(x), known),
+        implicit=implicit,
+        model=model,
     )
 
 
@@ -145,13 +189,13 @@ def _axial(flat: Array, kinds: tuple[str, ...], n: int) -> Array:
     """Skew components by their axial vectors for n = 3, and back: the same change both ways."""
     if n != 3:
         return flat
-    out, place = flat.copy(), 0
+    place, sign = np.arange(flat.shape[-1]), np.ones(flat.shape[-1], dtype=np.int8)
+    start = 0
     for kind in kinds:
         if kind == "skew":
-            a, b, c = flat[place : place + 3]
-            out[place : place + 3] = [-c, b, -a]
-        place += layout.size(kind, n)
-    return out
+            place[start : start + 3], sign[start : start + 3] = place[start : start + 3][::-1], (-1, 1, -1)
+        start += layout.size(kind, n)
+    return flat[..., place] * sign
 
 
 def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[str, ...]:

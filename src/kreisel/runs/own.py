@@ -9,6 +9,7 @@ from __future__ import annotations
 import runpy
 import traceback
 from pathlib import Path
+from typing import Any
 
 from kreisel.contract import System
 from kreisel.errors import InputError, nearest
@@ -21,16 +22,7 @@ def load(name: str, file: Path | None) -> System:
         return find(name)
     if not file.is_file():
         raise InputError(f"There is no file {file}, which [system] names; it is looked for beside the TOML file.")
-    try:
-        defined = runpy.run_path(str(file))
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from error
-    except Exception as error:  # whatever a user's code raises
-        where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
-        line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
-        raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
-    systems = {value.name: value for value in defined.values() if isinstance(value, System)}
-    own = {k: v for k, v in systems.items() if REGISTRY.get(k) is not v}
+    own = own_systems(executed(file))
     if name in own:
         if name in REGISTRY:
             raise InputError(f"{file} calls its system {name!r}, as one of Kreisel's is called. Choose another name.")
@@ -39,3 +31,21 @@ def load(name: str, file: Path | None) -> System:
         f"{file} defines no system called {name!r} at its top level.{nearest(name, own)} "
         f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...)."
     )
+
+
+def executed(file: Path) -> dict[str, Any]:
+    """What a Python file defines at its top level.  Raises `InputError` with the line of whatever it raises."""
+    try:
+        return runpy.run_path(str(file))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    except Exception as error:  # whatever a user's code raises
+        where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
+        line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
+        raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
+
+
+def own_systems(defined: dict[str, Any]) -> dict[str, System]:
+    """The systems among them that are not Kreisel's."""
+    systems = {value.name: value for value in defined.values() if isinstance(value, System)}
+    return {k: v for k, v in systems.items() if REGISTRY.get(k) is not v}

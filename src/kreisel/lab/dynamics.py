@@ -1,0 +1,308 @@
+"""Orbits of a map in floats: Lyapunov's exponents, SALI and GALI from the tangent map, frequencies, sections.
+
+The tangent map is the step itself on dual numbers, recorded and compiled like any step; of a Lagrangian in JAX it is
+its derivative by the implicit function theorem.
+
+    exponents   lim log |Dphi^k v| / k of k vectors, kept apart by QR     [Benettin et al., Meccanica 15 (1980)]
+    GALI_j      volume of the box of j unit tangent vectors; SALI the smaller of |v + w|, |v - w| for j = 2.  On a
+                regular orbit they fall like a power of the step at most, on a chaotic one like
+                exp(-(sum of differences of exponents) k)
+                [Skokos, J. Phys. A 34 (2001); Skokos, Bountis, Antonopoulos, Physica D 231 (2007)]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.engines.cpu import Kernel
+from kreisel.errors import InputError, RunError
+from kreisel.lab import exact
+from kreisel.lab.exact import Dual
+from kreisel.lab.fields import fraction
+from kreisel.lab.subject import Subject
+from kreisel.methods.scheme import Scheme
+
+EVERY = 10  # steps between two orthogonalizations
+PARTS = 10  # of an orbit, for the uncertainty of an exponent
+ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
+CLEAR = 5.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
+FURTHEST = 1e8  # an orbit beyond it has escaped
+NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What one orbit of `steps` steps from `start` does.
+
+    exponents     per step, the largest first; `errors` their spread over the parts of the orbit
+    sali          the smallest SALI, and the step at which it was reached
+    gali          the last GALI_j, j = 2, 3, ...
+    """
+
+    start: Array
+    steps: int
+    exponents: Array
+    errors: Array
+    sali: float
+    reached: int
+    gali: Array
+
+    @property
+    def threshold(self) -> float:
+        """Exponents of regular orbits are of the order log(T)/T."""
+        return CLEAR * math.log(self.steps) / self.steps
+
+    @property
+    def chaotic(self) -> bool:
+        """Two tangent vectors became one, and the largest exponent is beyond the threshold and its error."""
+        first = float(self.exponents[0])
+        return self.sali < ALIGNED and first > max(self.threshold, 3 * float(self.errors[0]))
+
+    @property
+    def regular(self) -> bool:
+        """The largest exponent is as small as that of a regular orbit, and the tangent vectors stay apart."""
+        return self.sali > ALIGNED and float(self.exponents[0]) < self.threshold
+
+    def __str__(self) -> str:
+        word = "chaotic" if self.chaotic else "regular" if self.regular else "not told"
+        shown = ", ".join(f"{v:.2g}" for v in self.exponents)
+        return (
+            f"{word}: exponents a step {shown} (+- {self.errors[0]:.1g} of the first) over {self.steps:,} steps, "
+            f"SALI {self.sali:.1e} at step {self.reached:,}"
+        )
+
+
+class Orbit:
+    """A compiled step, with tangent vectors (k, d) along: a lane for each; a point is x (d,)."""
+
+    def __init__(self, what: Subject, x: Array, vectors: Array | None = None):
+        self.what = what
+        start = np.asarray(x, dtype=np.float64)
+        if start.shape != (what.dim,) or not np.isfinite(start).all():
+            raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}; {x!r} came.")
+        rows = start[None]
+        if vectors is not None:
+            rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)
+        scheme = _scheme(what, vectors is not None)
+        if scheme.numbers == "jax":
+            from kreisel.engines.xla import Compiled
+
+            self._kernel: Any = Compiled(scheme, rows, 1.0)
+        else:
+            self._kernel = Kernel(scheme, rows)
+
+    @property
+    def vectors(self) -> Array:
+        """The tangent vectors (k, d)."""
+        return self._kernel.z[:, self.what.dim :]
+
+    def put(self, vectors: Array) -> None:
+        """Other tangent vectors."""
+        self._kernel.z[:, self.what.dim :] = vectors
+
+    def advance(self, steps: int, rows: int = 1) -> Array:
+        """`rows` points (rows, d), `steps` steps apart.  Raises `RunError` where the orbit escapes."""
+        out = np.empty((rows, *self._kernel.z.shape))
+        self._kernel.advance(out, steps)
+        points = out[:, 0, : self.what.dim]
+        if not (np.abs(points) < FURTHEST).all():
+            raise RunError(f"The orbit of {self.what.name} escapes, or meets a pole. Choose another start.")
+        return points
+
+
+def _scheme(what: Subject, tangent: bool) -> Scheme:
+    """The step as a scheme, with a tangent vector or without."""
+    jax_numbers = what.model is not None and what.model.system.numbers == "jax"
+    constants = {k: np.asarray(v) for k, v in what.floats.items()}
+    return Scheme(
+        name=f"{what.name}{' and its tangent map' if tangent else ''}",
+        components=(("x", f"R^{what.dim}"),) + ((("v", f"R^{what.dim}"),) if tangent else ()),
+        constants=constants,
+        axes={k: np.ndim(v) for k, v in constants.items()},
+        n=3,
+        prepare=lambda z: z,
+        step=_pushed_by_jax(what.step) if jax_numbers else _pushed(what),
+        observe=lambda z: {},
+        reopen=lambda z: z,
+        outcomes={},
+        numbers="jax" if jax_numbers else "any",
+    )
+
+
+def _pushed(what: Subject) -> Callable[..., tuple[Array, ...]]:
+    def step(x: Array, v: Array | None = None, **constants: Array) -> tuple[Array, ...]:
+        if v is None:
+            return (_called(what, x, constants),)
+        duals = np.empty(what.dim, dtype=object)
+        for i in range(what.dim):
+            duals[i] = Dual(x[i], v[i : i + 1])
+        new = _called(what, duals, constants)
+        values = np.empty(what.dim, dtype=object)
+        for i, y in enumerate(new):
+            values[i] = y.value if isinstance(y, Dual) else y
+        return values, exact.slopes(new, 1)[:, 0]
+
+    return step
+
+
+@lru_cache(16)
+def _pushed_by_jax(own: Callable[..., Array]) -> Callable[..., tuple[Array, ...]]:
+    """The same function for the same step, so that it is compiled once."""
+    from kreisel.reduction.double import jax
+
+    def step(x: Array, v: Array | None = None, **constants: Array) -> tuple[Array, ...]:
+        def one(y: Array) -> Array:
+            return own(y, **constants)
+
+        return (one(x),) if v is None else tuple(jax.jvp(one, (x,), (v,)))
+
+    return step
+
+
+def _called(what: Subject, x: Array, constants: dict[str, Array]) -> Array:
+    try:
+        return np.asarray(what.step(x, **constants), dtype=object)
+    except (TypeError, AttributeError) as error:
+        raise InputError(
+            f"The step of {what.name} could not be recorded: {error}. It must be a formula in + - * / and whole "
+            "powers, without branches and functions of NumPy."
+        ) from error
+
+
+def float_start(what: Subject, seed: int = 0) -> Array:
+    """A random point of size about 1."""
+    draw = exact.float_random(np.random.default_rng(seed))
+    return np.asarray(what.point(draw), dtype=np.float64)
+
+
+def tangents(what: Subject, x: Array, count: int | None, seed: int = 0) -> Array:
+    """Random orthonormal tangent vectors (k, d) at x: as many as the phase space has dimensions, or `count`."""
+    vectors = np.random.default_rng([seed, 7]).normal(size=(what.dim, what.dim))
+    if what.model is not None and what.model.system.space.constraints:
+        pi = np.asarray(what.tensor(x), dtype=float) if what.tensor is not None else np.eye(what.dim)
+        left, sizes, _ = np.linalg.svd(pi)
+        basis = left[:, sizes > 1e-9 * sizes[0]]
+        vectors = (vectors @ basis) @ basis.T
+        free = basis.shape[1]
+    else:
+        free = what.dim
+    return np.linalg.qr(vectors.T)[0][:, : min(free, count or free)].T
+
+
+def dynamics(
+    what: Subject, x: Array | None = None, steps: int = 10_000, *, count: int | None = None, seed: int = 0
+) -> Dynamics:
+    """Exponents, SALI and GALI along one orbit from x (by default a random point of size 1).
+
+    Raises `InputError` for a step that cannot be recorded, and `RunError` for orbits that escape.
+    """
+    if steps < 100 * PARTS:
+        raise InputError(f"steps must be {100 * PARTS} or more; {steps} came.")
+    x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
+    frame = tangents(what, x, count, seed)
+    k = len(frame)
+    apart = tangents(what, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
+    orbit = Orbit(what, x, np.concatenate([frame, apart]))
+    logs, sali, reached = [], 2.0, 0
+    gali = np.full(max(0, len(apart) - 1), np.nan)
+    for done in range(EVERY, steps + 1, EVERY):
+        orbit.advance(EVERY)
+        Q, R = np.linalg.qr(orbit.vectors[:k].T)
+        logs.append(np.log(np.abs(np.diag(R)) + 1e-300))
+        free = orbit.vectors[k:] / np.linalg.norm(orbit.vectors[k:], axis=1)[:, None]
+        if len(free) > 1:
+            near = min(np.linalg.norm(free[0] + free[1]), np.linalg.norm(free[0] - free[1]))
+            if near < sali:
+                sali, reached = float(near), done
+        orbit.put(np.concatenate([Q.T, free]))
+    for j in range(2, len(apart) + 1):
+        gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
+    logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors turn into place first
+    rates = np.array([part.sum(0) / (EVERY * len(part)) for part in np.array_split(logs_, PARTS)])
+    exponents = logs_.sum(0) / (EVERY * len(logs_))
+    order = np.argsort(-exponents, kind="stable")
+    errors = rates.std(0, ddof=1) / math.sqrt(PARTS)
+    return Dynamics(x, steps, exponents[order], errors[order], sali, reached, gali)
+
+
+def points(what: Subject, x: Array | None = None, steps: int = 4096, seed: int = 0) -> Array:
+    """The orbit (steps + 1, d)."""
+    x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
+    return np.concatenate([x[None], Orbit(what, x).advance(1, steps)])
+
+
+def frequencies(what: Subject, x: Array | None = None, steps: int = 4096, lines: int = 6, seed: int = 0) -> Any:
+    """Angular frequencies a step of a generic function along the orbit: `kreisel.analysis.frequencies.Lines`."""
+    from kreisel.analysis.frequencies import lines_of
+
+    orbit = points(what, x, steps, seed)
+    weights = np.random.default_rng([seed, 3]).uniform(0.5, 1.5, what.dim)
+    return lines_of(np.arange(len(orbit), dtype=float), (orbit - orbit.mean(0)) @ weights, lines)
+
+
+def section(
+    what: Subject,
+    f: Callable[[Array], Array],
+    x: Array | None = None,
+    steps: int = 4096,
+    *,
+    rising: bool | None = True,
+    seed: int = 0,
+) -> tuple[Array, Array]:
+    """Poincare's section f = 0 of the curve on which the iterates lie: times (in steps) and points (count, d).
+
+    The curve is that of the interpolating flow of the map itself, not of the system that it discretizes: the
+    polynomial through 2 NEIGHBOURS iterates.  f takes points (..., d).  Near-identity maps only: where the iterates
+    are so far apart that two polynomials, of NEIGHBOURS and of one fewer on each side, differ, it says so.
+    """
+    from scipy.optimize import brentq
+
+    orbit = points(what, x, steps, seed)
+    value = np.asarray(f(orbit))
+    if value.shape != (len(orbit),):
+        raise InputError(f"f must give one number a point, {(len(orbit),)}; shape {value.shape} came.")
+    up, down = (value[:-1] < 0) & (value[1:] >= 0), (value[:-1] > 0) & (value[1:] <= 0)
+    wanted = up | down if rising is None else up if rising else down
+    times, found, worst = [], [], 0.0
+    for k in np.nonzero(wanted)[0]:
+        if not NEIGHBOURS <= k < len(orbit) - NEIGHBOURS:
+            continue
+        curve, check = (_interpolant(orbit, int(k), m) for m in (NEIGHBOURS, NEIGHBOURS - 1))
+        t = float(brentq(lambda s, curve=curve: float(f(curve(s)[None])[0]), 0.0, 1.0, xtol=1e-15))
+        times.append(k + t)
+        found.append(curve(t))
+        worst = max(worst, float(np.abs(curve(t) - check(t)).max()))
+    if worst > 1e-6:
+        raise InputError(
+            f"The iterates of {what.name} are too far apart for a curve through them (it is known to {worst:.1g}). "
+            "Use a smaller step."
+        )
+    return np.array(times), np.array(found).reshape(-1, what.dim)
+
+
+def _interpolant(orbit: Array, k: int, m: int) -> Callable[[float], Array]:
+    """The polynomial through the iterates k - m + 1 ... k + m, at k + s; barycentric."""
+    nodes = np.arange(1 - m, m + 1)
+    weights = np.array([(-1.0) ** j * math.comb(2 * m - 1, j) for j in range(2 * m)])
+    rows = orbit[k + nodes]
+
+    def curve(s: float) -> Array:
+        gap = s - nodes
+        if (gap == 0).any():
+            return rows[int(np.argmin(np.abs(gap)))]
+        scale = weights / gap
+        return scale @ rows / scale.sum()
+
+    return curve
+
+
+def rational_start(what: Subject, seed: int = 0) -> Array:
+    """A random rational point with small numerators and denominators."""
+    return np.vectorize(fraction, otypes=[object])(what.point(exact.rational_random(np.random.default_rng(seed))))

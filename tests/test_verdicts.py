@@ -1,0 +1,203 @@
+"""kr.lab.investigate and `kreisel investigate`: verdicts on maps with a known answer, pages, and bad input."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.lab import controls, growth, investigation
+from kreisel.lab.investigation import investigate, typical
+from kreisel.systems import REGISTRY
+
+F = Fraction
+SHORT = {"steps": 2000}
+
+
+def array(*entries: object) -> np.ndarray:
+    out = np.empty(len(entries), dtype=object)
+    out[:] = entries
+    return out
+
+
+def henon(x, *, a, b):
+    return array(1 + x[1] - a * x[0] * x[0], b * x[0])
+
+
+def mcmillan(x, *, a):
+    return array(x[1], a * x[1] / (1 + x[1] * x[1]) - x[0])
+
+
+def qrt(x):  # of Quispel, Roberts and Thompson, asymmetric: two reflections that share a pencil of biquadratics
+    y = (1 - x[1]) / x[0]
+    return array(y, (2 + y) / x[1])
+
+
+def test_an_integrable_map_of_the_registry() -> None:
+    found = investigate("lagrange-top", **SHORT)
+    assert found.verdict == "integrable"
+    assert [found[q].answer for q in ("Poisson", "volume", "reversible", "Lax pair")] == ["yes"] * 3 + ["complete"]
+    assert abs(float(found["order"].answer) - 1) < 0.15
+    assert found["integrals"].evidence.endswith("3 m1^2 - m1 a2 + 3 m2^2 + m2 a1 + 6 a3")
+    assert "integrable" in str(found) and "deg" in str(found)
+
+
+def test_an_implicit_map_in_floats() -> None:
+    found = investigate("euler-top", **SHORT)
+    assert found.verdict == "integrable" and found.reason.endswith("in floats")
+    assert abs(float(found["order"].answer) - 2) < 0.15
+    assert found["degree growth"].answer == "does not apply"
+
+
+@pytest.mark.parametrize("control", controls.controls(), ids=lambda control: control[0])
+def test_negative_controls(control) -> None:
+    _, what, options = control
+    found = investigate(what, **options, steps=4000)
+    assert found.verdict == "not integrable"
+    assert found["Poisson"].answer == ("no bracket found" if "Euler" in control[0] else "yes")
+
+
+def test_plane_maps() -> None:
+    found = investigate(mcmillan, names=("x", "y"), a=F(3, 2), **SHORT)
+    assert found.verdict == "integrable" and "(y, x)" in found["reversible"].evidence
+    found = investigate(henon, names=("x", "y"), a=F(7, 5), b=F(3, 10), start=lambda draw: draw((2,)) / 9, **SHORT)
+    assert found.verdict == "not integrable" and "0.693147" in found["degree growth"].answer
+    assert found["Poisson"].answer == "no bracket found"
+
+
+def test_a_step_on_the_group() -> None:
+    from kreisel.systems.clebsch import step
+
+    def own(M, P, *, b, eps):
+        return step(M, P, b=b, eps=eps)
+
+    found = investigate(own, n=3, b=(1, 2, 4), **SHORT)
+    assert found.verdict == "integrable" and found["Lax pair"].answer == "none stated"
+
+
+def spoiled(name: str):
+    """A discretization with one thing wrong keeps the verdict from being given."""
+    model = typical(REGISTRY[name])
+    system = model.system
+
+    def step(m, a, *, p, eps):
+        new = system.map.step(m, a, p=p, eps=eps)
+        return new[0] + eps**3 / 64 * (a[0] * a[0]) * (new[0] - m), new[1]
+
+    return replace(system, name="spoiled", map=replace(system.map, step=step))(**model.params)
+
+
+def test_the_lax_pair_of_another_map_carries_nothing() -> None:
+    found = investigate(spoiled("lagrange-top"), **SHORT)
+    assert found.verdict != "integrable"
+    assert found["Lax pair"].answer == "no Lax pair of this map"
+
+
+def test_evidence_that_contradicts_itself_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "growth", lambda *_: growth.fitted(tuple(2**k for k in range(9))))
+    found = investigate("lagrange-top", **SHORT)
+    assert found.verdict == "undecided" and "contradicts" in found.reason
+
+
+def test_the_rule_needs_all_of_its_parts() -> None:
+    """Mutants of the rule's own inputs: no bracket, too few integrals, integrals not in involution."""
+    told = investigation._liouville
+    what = investigation.subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
+    found = investigation.integrals.integrals(what, 2)
+    assert investigation._enough(told(what, what.tensor, found, 0))
+    assert not investigation._enough(told(what, what.tensor, found[:3], 0))
+    m = [f for f in investigation.integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
+    assert not investigation._enough(told(what, what.tensor, m, 0))
+
+
+# -- pages and the command ----------------------------------------------------------------------------
+
+
+def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
+    found = investigate(mcmillan, names=("x", "y"), a=F(3, 2), **SHORT)
+    found.save(tmp_path / "deep" / "page.html")
+    html = (tmp_path / "deep" / "page.html").read_text(encoding="utf-8")
+    assert "<script" not in html and not re.search(r"(src|href)=", html) and "default-src 'none'" in html
+    assert "integrable" in html and html.count("<circle") == len(found.degrees) - 1
+    odd = replace(found, name="<b>&", about="<i>")
+    assert "<b>" not in odd.html and "&lt;b&gt;&amp;" in odd.html
+    with pytest.raises(kr.InputError, match="needs a name"):
+        found.save(tmp_path)
+
+
+OWN = """
+import numpy as np
+names = ("x", "y")
+constants = {"a": 2}
+def step(x, *, a):  # Lyness
+    out = np.empty(2, dtype=object)
+    out[:] = [x[1], (a + x[1]) / x[0]]
+    return out
+"""
+
+
+def command(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "kreisel", "investigate", *words], capture_output=True, text=True, check=False
+    )
+
+
+def test_the_command(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN)
+    out = command(str(tmp_path / "own.py"), "--steps", "1000", "--html", str(tmp_path / "p.html"))
+    assert out.returncode == 0, out.stderr
+    assert "integrable: 1 independent integrals" in out.stdout and (tmp_path / "p.html").is_file()
+    out = command("lagrange-top", "--set", "alpha=2", "--eps", "1/2", "--steps", "1000", "--json", "--iterates", "6")
+    told = json.loads(out.stdout)
+    assert told["verdict"] == "integrable" and told["degrees"][:4] == [1, 3, 9, 19]
+    assert "alpha = 2" in told["about"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["lagrange-tap"], "Did you mean 'lagrange-top'"),
+        (["heavy-top"], "no map to investigate"),
+        (["nowhere.py"], "no file nowhere.py"),
+        ([], "Name a system"),
+        (["clebsch", "--set", "b"], "--set takes"),
+        (["clebsch", "--set", "q=3"], "'q' came"),
+        (["clebsch", "--eps", "fast"], "'fast'"),
+        (["clebsch", "--steps", "5"], "steps must be"),
+    ],
+)
+def test_bad_commands(words: list[str], message: str) -> None:
+    out = command(*words)
+    assert out.returncode == 2 and message in out.stderr and "Traceback" not in out.stderr
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    for text, message in (
+        ("x = 1", "0 came"),
+        ("def step(x):\n    return x", "Say where the step lives"),
+        ("names = ('x', 'y')\ndef step(x):\n    return [x[0] ** 0.5, x[1]]", "rational"),
+        ("1/0", "line 1: ZeroDivisionError"),
+        ("names = ('x', 'y')\ndef step(x):\n    return [x[0] / (x[1] - x[1]), x[1]]", "divides by 0"),
+    ):
+        (tmp_path / "own.py").write_text(text)
+        with pytest.raises(kr.InputError, match=re.escape(message)):
+            investigation.investigate_file(tmp_path / "own.py")
+
+
+def test_bad_calls() -> None:
+    with pytest.raises(kr.InputError, match="model"):
+        investigate(3)
+    with pytest.raises(kr.InputError, match="by keyword"):
+        investigate(lambda M, P, *, c, eps: (M, P), n=3)
+    with pytest.raises(kr.InputError, match="A model has its parameters"):
+        investigate(kr.Clebsch(b=(1, 2, 4)), a=1)
+    with pytest.raises(kr.InputError, match="frame"):
+        investigate(lambda M, P: (M, P), n=3, frame="space")
