@@ -1,8 +1,8 @@
 """A million turns: the exact flow, a map that keeps every integral, and RK4.
 
 A Lagrange top spins 10^6 times about its axis.  Left: how far the axis is from where it should be, by the closed form
-at each time (`kr.at`).  At equal order 4 and equal step the error of RK4 grows like the square of the time, because its
-energy (right) drifts; that of the map grows linearly, and its energy stays.  Of order 8 the map is still right at the
+at each time (`kr.at`).  At equal order 4 and equal step the error of RK4 grows faster than the time, in the end like its
+square, because its energy (right) drifts; that of the map grows linearly, and its energy stays.  Of order 8 the map is still right at the
 end.  The exact flow has no error that grows.
 
 Source: docs/exact.md and docs/baecklund.md of this project; RK4 with the same step, compiled as every scheme is.
@@ -85,7 +85,7 @@ for name, (time, distance, change) in found.items():
 print(f"exact: energy off by {abs(start - start[0]).max():.1e}; begun again in the middle {gap.max():.1e} apart")
 low, high = found["baecklund, order 4"], found["baecklund, order 8"]
 assert max(low[2].max(), high[2].max()) < 1e-10 and abs(start - start[0]).max() < 1e-13
-assert found["RK4"][2].max() > (1e-3 if SMALL else 1e-1)
+assert found["RK4"][2].max() > (1e-3 if SMALL else 1e-2)
 growth = {name: np.polyfit(np.log(d[0][:ROWS]), np.log(d[1][:ROWS]), 1)[0] for name, d in found.items()}
 print("distance ~ time^k in the first turns, k =", {name: round(float(k), 2) for name, k in growth.items()})
 assert growth["RK4"] > 1.5 and max(growth["baecklund, order 4"], growth["baecklund, order 8"]) < 1.3

@@ -222,6 +222,11 @@ def _array(value: Any, name: str) -> Array:
         array = np.asarray(value)
     except ValueError:
         raise InputError(f"{name} must be an array of numbers; a ragged list came: {value!r}.") from None
+    if array.dtype == object and all(isinstance(v, int | float) for v in array.flat):  # some beyond 64 bits
+        try:
+            array = array.astype(np.float64)
+        except OverflowError:
+            raise InputError(f"{name} must be numbers that a double can hold; {str(value)[:80]}... came.") from None
     if array.dtype == object and all(hasattr(v, "__mul__") and not isinstance(v, str | list) for v in array.flat):
         return array
     if array.dtype.kind not in "iuf":
