@@ -19,7 +19,7 @@ from pathlib import Path
 INTRODUCTION = """# Gallery
 
 Each picture is made by one script of `examples/gallery`, which runs as it stands. The
-pictures shown may come from its short form (KREISEL_SMALL); `make gallery` makes them in full."""
+pictures come from `make gallery`, which runs every script in full."""
 
 
 def write(docs: Path) -> None:
