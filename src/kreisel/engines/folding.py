@@ -5,16 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
-from kreisel.engines.lines import Line, needed
+from kreisel.engines.lines import KEPT, Line, needed
 from kreisel.engines.trace import Scalar, Tape, text
 
 
 def folded(lines: list[Line], new: list[str], values: Mapping[str, float], mark: str) -> tuple[list[Line], list[str]]:
     """The lines and the outputs `new` with numbers for some names: recorded once more, so folded, exactly."""
+    found, outputs = _folded(tuple(lines), tuple(new), tuple(values.items()), mark)
+    return list(found), list(outputs)
+
+
+@lru_cache(KEPT)
+def _folded(
+    lines: tuple[Line, ...], new: tuple[str, ...], values: tuple[tuple[str, float], ...], mark: str
+) -> tuple[tuple[Line, ...], tuple[str, ...]]:
     tape = Tape(mark)
-    known: dict[str, Any] = {**FUNCTIONS, **values}
+    known: dict[str, Any] = {**FUNCTIONS, **dict(values)}
     try:
         for line in lines:
             for name in line.needs:
@@ -28,7 +37,7 @@ def folded(lines: list[Line], new: list[str], values: Mapping[str, float], mark:
         outputs = [text(_value(output, known, tape)) for output in new]
     except ZeroDivisionError:  # 1/0 on a branch that is not taken, or a fault that the run will name
         return lines, new
-    return needed(tape.lines, [output.strip("(-)") for output in outputs]), outputs
+    return tuple(needed(tape.lines, [output.strip("(-)") for output in outputs])), tuple(outputs)
 
 
 def _value(output: str, known: dict[str, Any], tape: Tape) -> Any:

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection
+from functools import lru_cache
 from typing import NamedTuple
+
+KEPT = 32  # records whose arrangement is remembered: the same step is recorded for every run of it
 
 
 class Line(NamedTuple):
@@ -41,6 +44,11 @@ def arranged(lines: list[Line], outputs: list[str]) -> list[Line]:
     A product that one sum alone needs is fused into it, unrounded: the corrections that keep round-off from adding
     up rest on that (`kreisel.algebra.cayley_columns`).  Several quotients by one number take its reciprocal.
     """
+    return list(_arranged(tuple(lines), tuple(outputs)))
+
+
+@lru_cache(KEPT)
+def _arranged(lines: tuple[Line, ...], outputs: tuple[str, ...]) -> tuple[Line, ...]:
     lines = _with_reciprocals(lines)
     uses = Counter(n for line in lines for n in line.needs) + Counter(outputs)
     products = {line.names[0]: line for line in lines if _operation(line)[1] == "*" and uses[line.names[0]] == 1}
@@ -59,10 +67,10 @@ def arranged(lines: list[Line], outputs: list[str]) -> list[Line]:
         needs = (*products[inner].needs, *(n for n in line.needs if n != inner))
         out.append(Line((name,), f"{name} = fma({first}{p}, {q}, {last}{other})", needs))
         gone.add(inner)
-    return [line for line in out if line.names[0] not in gone]
+    return tuple(line for line in out if line.names[0] not in gone)
 
 
-def _with_reciprocals(lines: list[Line]) -> list[Line]:
+def _with_reciprocals(lines: tuple[Line, ...]) -> tuple[Line, ...]:
     quotients = [_operation(line) for line in lines]
     shared = {y for y, count in Counter(y for _, o, y in quotients if o == "/").items() if count > 1 and y[0].isalpha()}
     out, made = [], set()
@@ -75,7 +83,7 @@ def _with_reciprocals(lines: list[Line]) -> list[Line]:
             made.add(y)
         name, needs = line.names[0], (*(n for n in line.needs if n == x), f"r{y}")
         out.append(Line((name,), f"{name} = r{y}" if x == "1.0" else f"{name} = {x} * r{y}", needs))
-    return out
+    return tuple(out)
 
 
 def split(lines: list[Line], known: Collection[str]) -> tuple[list[Line], list[Line]]:
