@@ -21,7 +21,9 @@ from kreisel.runs.plan import make_plan
 
 SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
 FROM = 100  # of the fit
-DENSE = {"lagrange-top": (10, 30, 100, 300, 1000), "lagrange-top-moving": (10, 100), "neumann": (10, 100)}  # compared
+DENSE = {"lagrange-top": (10, 100, 1000)}  # where the dense kernel is compared
+COMPARED = {"lagrange-top": (("suris", 1), ("baecklund", 4)), "lagrange-top-moving": (("suris", 1),),
+            "neumann": (("suris", 1),)}  # fmt: skip
 SECONDS, TURNS = 0.05, 5
 
 
@@ -67,7 +69,7 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
             rows.append((f"{system}, large", system, 1, "suris", "large"))
         if n in DENSE.get(system, ()):
             rows.append((f"{system}, dense", system, 1, "suris", "cpu"))
-    if n > 8:
+    if n >= FROM:
         rows.append(("lagrange-top, baecklund of order 8", "lagrange-top", 8, "baecklund", None))
     return rows
 
@@ -87,10 +89,8 @@ def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
     """Worst kept integral over `steps` steps, in bands, of both kernels."""
     out: dict[str, dict[str, float]] = {}
     for name, (model, state) in models(n).items():
-        if name == "clebsch":
-            continue
-        for method, order in (("suris", 2), ("baecklund", 4)) if name != "lagrange-top-moving" else (("suris", 2),):
-            row = out[f"{name}, {method}"] = {}
+        for method, order in COMPARED.get(name, ()):
+            row = out[f"{name}, {method} of order {order}"] = {}
             for engine in ("large", "cpu"):
                 run = kr.simulate(model, model.state(**state), dt=0.1, steps=steps, every=steps // 100, method=method,
                                   order=order, engine=engine)  # fmt: skip
