@@ -2,7 +2,7 @@
 
 The engine that a run chooses ("chosen": straight-line code up to n = 8, beyond structured code of O(n) a step where the
 step has that form, else array code with a dense solve), and the other ones for comparison.  The exponent is that of the
-least squares line through the logarithms from n = 128 on.  The thread's processor time, least of some turns.
+least squares line through the logarithms from n = 100 on.  The thread's processor time, least of some turns.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst kept integral in bands.
 """
@@ -19,9 +19,11 @@ from cases import machine, parser, write
 import kreisel as kr
 from kreisel.runs.plan import make_plan
 
-SIZES = (3, 4, 5, 6, 10, 16, 32, 64, 128, 256, 512, 1000)
-FROM = 128  # of the fit
-LARGEST_DENSE = {"lagrange-top": 1000, "clebsch": 1000}  # of the dense engine for comparison; 128 else
+SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
+FROM = 100  # of the fit
+DENSE = {"lagrange-top": (10, 100, 1000)}  # where the dense kernel is compared
+COMPARED = {"lagrange-top": (("suris", 1), ("baecklund", 4)), "lagrange-top-moving": (("suris", 1),),
+            "neumann": (("suris", 1),)}  # fmt: skip
 SECONDS, TURNS = 0.05, 5
 
 
@@ -38,9 +40,7 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     }
 
 
-def nanoseconds(
-    model: Any, state: dict[str, Any], method: str, order: int, engine: str | None
-) -> tuple[str, float]:
+def nanoseconds(model: Any, state: dict[str, Any], method: str, order: int, engine: str | None) -> tuple[str, float]:
     """The engine's name, and nanoseconds a step."""
     plan = make_plan(model, model.state(**state), dt=0.01, steps=1, every=1, method=method, order=order,
                      orientation=None, engine=engine)  # fmt: skip
@@ -65,11 +65,11 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
     rows: list[tuple[str, str, int, str, str | None]] = []
     for system in models(4):
         rows.append((system, system, 1, "suris", None))
-        if n > 3 and system != "clebsch":
+        if 3 < n < 10 and system != "clebsch":
             rows.append((f"{system}, large", system, 1, "suris", "large"))
-        if n > 8 and n <= LARGEST_DENSE.get(system, 128) and system != "clebsch":
+        if n in DENSE.get(system, ()):
             rows.append((f"{system}, dense", system, 1, "suris", "cpu"))
-    if n > 8:
+    if n >= FROM:
         rows.append(("lagrange-top, baecklund of order 8", "lagrange-top", 8, "baecklund", None))
     return rows
 
@@ -89,10 +89,8 @@ def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
     """Worst kept integral over `steps` steps, in bands, of both kernels."""
     out: dict[str, dict[str, float]] = {}
     for name, (model, state) in models(n).items():
-        if name == "clebsch":
-            continue
-        for method, order in (("suris", 2), ("baecklund", 4)):
-            row = out[f"{name}, {method}"] = {}
+        for method, order in COMPARED.get(name, ()):
+            row = out[f"{name}, {method} of order {order}"] = {}
             for engine in ("large", "cpu"):
                 run = kr.simulate(model, model.state(**state), dt=0.1, steps=steps, every=steps // 100, method=method,
                                   order=order, engine=engine)  # fmt: skip

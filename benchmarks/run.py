@@ -1,4 +1,4 @@
-"""Every benchmark that needs no GPU, some minutes; `run.py --all` also follows round-off over 1e8 steps."""
+"""Every benchmark that needs no GPU, half an hour; `run.py --all` also follows round-off over 1e8 steps."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import ensemble
 import roundoff
 import saving
 import single
+import startup
 
 from kreisel.bench.compiled import MISSING, compiler
 
@@ -27,8 +28,10 @@ def main() -> None:
     ensemble.main([])
     print("\n== saving: what saved states and integrals cost (some minutes)")
     saving.main([])
-    print("\n== dimension: time of a step against n (about a minute)")
+    print("\n== dimension: time of a step against n, and round-off of large n (a quarter of an hour)")
     dimension.main([])
+    print("\n== startup: import and first step, fresh processes (about a minute)")
+    startup.main([])
     if options.all:
         print("\n== roundoff: do rounding errors walk at random? (some minutes)")
         roundoff.main([])

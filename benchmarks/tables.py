@@ -58,7 +58,46 @@ def saving_cost() -> str:
     return _table(["system, method; n = 3", *every], rows)
 
 
-TABLES = (speed_and_stillness, ensembles, saving_cost)
+def dimensions() -> str:
+    """Time of a step against n, and the exponents."""
+    told = _result("dimension")
+    sizes = list(dict.fromkeys(n for row in told["ns"].values() for n in row))
+    rows = []
+    for name, row in told["ns"].items():
+        exponent = f"{told['exponents'][name]:.2f}" if name in told["exponents"] else "-"
+        rows.append([name, *(_time(row[n]) if n in row else "-" for n in sizes), exponent])
+    head = ["system; n =", *sizes, f"exponent, n ≥ {told['fitted_from']}"]
+    return _table(head, rows)
+
+
+def _time(ns: float) -> str:
+    """Nanoseconds in a unit that is easy to read."""
+    for unit, size in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
+        if ns < 1000 * size or unit == "ms":
+            return f"{ns / size:.3g} {unit}"
+    raise AssertionError
+
+
+def dimension_accuracy() -> str:
+    """Worst kept integral of the structured and of the dense kernel."""
+    told = _result("dimension")["accuracy"]
+    rows = [[name, f"{row['large']:.2f}", f"{row['cpu']:.2f}"] for name, row in told["bands"].items()]
+    return _table([f"n = {told['n']}, {told['steps']:,} steps; worst integral in bands", "structured", "dense"], rows)
+
+
+def startup() -> str:
+    """Seconds of fresh processes."""
+    told = _result("startup")
+    rows = [
+        [f"`{name}`", *(f"{row[k][v]:.2f}" for k in ("processor", "wall") for v in ("least", "median")),
+         f"{row['to import numpy']:.1f}", str(row.get("goal", "-"))]
+        for name, row in told["starts"].items()
+    ]  # fmt: skip
+    head = ["", "processor s, least", "median", "clock s, least", "median", "times `import numpy`", "goal, s"]
+    return _table(head, rows)
+
+
+TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, dimension_accuracy, startup)
 
 if __name__ == "__main__":
     for table in TABLES:

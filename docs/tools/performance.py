@@ -15,7 +15,7 @@ def write(docs: Path) -> None:
 
     folder = docs / "generated"
     folder.mkdir(exist_ok=True)
-    for table in (tables.ensembles, tables.saving_cost):
+    for table in tables.TABLES[1:]:
         (folder / f"performance-{table.__name__}.md").write_text(table() + "\n", encoding="utf-8")
     parts = [tables.speed_and_stillness()]
     for figure in sorted((benchmarks / "results").glob("*.png")):

@@ -58,7 +58,7 @@ def cases(n: int = 3, generic: bool = False) -> list[Case]:
 
 
 def _states(skew: str, vector: str, n: int) -> dict[str, dict[str, Any]]:
-    out = {"standard": {skew: (0.1, 0.2, 1.5), vector: (0.6, 0.0, 0.8)}} if n == 3 else {}
+    out: dict[str, dict[str, Any]] = {"standard": {skew: (0.1, 0.2, 1.5), vector: (0.6, 0.0, 0.8)}} if n == 3 else {}
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         X = rng.standard_normal((n, n))
@@ -67,7 +67,7 @@ def _states(skew: str, vector: str, n: int) -> dict[str, dict[str, Any]]:
 
 
 def _on_sphere(n: int) -> dict[str, dict[str, Any]]:
-    out = {"standard": {"x": (0.6, 0.0, 0.8), "q": (0.8, 0.5, -0.6)}}
+    out: dict[str, dict[str, Any]] = {"standard": {"x": (0.6, 0.0, 0.8), "q": (0.8, 0.5, -0.6)}}
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         x, q = unit(rng.standard_normal(n)), rng.standard_normal(n)

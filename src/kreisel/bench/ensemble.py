@@ -150,7 +150,8 @@ def bound(kernel: Any) -> dict[str, Any] | None:
 
 def _longest_loop(assembly: str) -> list[str]:
     best: list[str] = []
-    label, block = "", []
+    label = ""
+    block: list[str] = []
     for line in assembly.splitlines():
         found = re.match(r"(\.LBB\S+):", line)
         if found:

@@ -19,8 +19,8 @@ EVERY, PART = 100, 10  # saving: steps between two rows, and the part of the ste
 def bench(tell: Callable[[str], None] = lambda name: None) -> dict[str, Any]:
     """The five maps for n = 3, each timed in turns with C++ of the same formula where g++ is installed.
 
-    ns a step of one trajectory, and of a lane of an ensemble, on one core; their ratios to C++; one core over all cores;
-    time with a row saved every 100 steps over time without.  `tell` is called with the name of the map under way.
+    ns a step of one trajectory, and of a lane of an ensemble, on one core; their ratios to C++; one core over all
+    cores; time with a row saved every 100 steps over time without.  `tell` is called with the name of each map.
     """
     rows: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:

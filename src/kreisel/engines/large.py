@@ -105,7 +105,12 @@ class Form:
 
     def known(self, tape: Tape, letters: str) -> dict[str, Any]:
         """The recorded constants that a function takes: c those of the trajectory, s those that vary with the stage."""
-        makers = {"number": self._number, "axis": self._p, "turn": self._turn, "vector": self._vector}
+        makers: dict[str, Callable[[Tape, str], Any]] = {
+            "number": self._number,
+            "axis": self._p,
+            "turn": self._turn,
+            "vector": self._vector,
+        }
         return {
             name: makers[role](tape, f"{letter}_{name}")
             for name, (letter, role) in self.roles.items()
@@ -261,7 +266,9 @@ class Basis:
                 out[name] = (self.y * moved).sum(-2)
                 off = abs(moved - self.y * out[name][..., None, :]).max(initial=0)
                 if off > IN_PLANES * max(1.0, abs(value).max(initial=0)):
-                    raise InputError(f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'.")
+                    raise InputError(
+                        f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'."
+                    )
         return out
 
     def into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -332,30 +339,33 @@ class Printer:
         self.rows = 0
         self.entries: set[str] = set()
 
-    def __call__(self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str) -> str:
+    def __call__(
+        self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
+    ) -> str:
         """The source; `columns` say where each constant stands in its row."""
         pieces = [recorded(self.form, self.kinds, *function) for function in _functions(self.scheme)]
-        h = self.form.h
-        place = 0
-        load, numbers, store, stored, save, saved = ([f"for k in range({h}):"], [], [f"for k in range({h}):"], [], [f"for k in range({h}):"], [])  # fmt: skip
+        h, place = self.form.h, 0
+        copies: list[tuple[int, int]] = []  # row of w and place in z of each block
+        numbers: list[tuple[str, int]] = []
         for name in self.names:
             if name[-1] == "t":
-                numbers.append(f"{name} = z[lane, {place}]")
-                stored.append(f"z[lane, {place}] = {name}")
-                saved.append(f"out[row, lane, {place}] = {name}")
+                numbers.append((name, place))
                 place += 1
-                continue
-            row = self._keep(name)
-            load.append(f"    w[{row * h} + k] = z[lane, {place} + k]")
-            store.append(f"    z[lane, {place} + k] = w[{row * h} + k]")
-            save.append(f"    out[row, lane, {place} + k] = w[{row * h} + k]")
-            place += h
-        for name, where in columns.items():
-            if where.stop - where.start == 1 and self.form.roles.get(name, ("c", "turn"))[1] != "vector" and name != TURN_NAME:
-                numbers.append(f"c_{name} = c[lane, {where.start}]")
             else:
-                row = self._keep(f"c_{name}")
-                load.append(f"    w[{row * h} + k] = c[lane, {where.start} + k]")
+                copies.append((self._keep(name), place))
+                place += h
+        load = [f"    w[{row * h} + k] = z[lane, {at} + k]" for row, at in copies]
+        given = [f"{name} = z[lane, {at}]" for name, at in numbers]
+        for name, where in columns.items():
+            if self._is_number(name):
+                given.append(f"c_{name} = c[lane, {where.start}]")
+            else:
+                load.append(f"    w[{self._keep(f'c_{name}') * h} + k] = c[lane, {where.start} + k]")
+
+        def put(target: str) -> list[str]:
+            blocks = [f"    {target}{at} + k] = w[{row * h} + k]" for row, at in copies]
+            return [f"for k in range({h}):", *blocks, *(f"{target}{at}] = {name}" for name, at in numbers)]
+
         stage = [f"s_{name} = s[lane, stage, {where.start}]" for name, where in stage_columns.items()]
         constant = {f"c_{name}" for name in columns}
         fixed: list[Line] = []
@@ -370,11 +380,20 @@ class Printer:
         first = self._printed(fixed, wanted, None)
         body, *close = [self._printed(rest, set(), new) for rest, new in bodies]
         return head + KERNEL.format(
-            total=SUM, options=options, room=self.rows * h, load=indented(load + numbers, 8), once=indented(first, 8),
-            stage=indented(stage, 20), body=indented(body, 20),
+            total=SUM,
+            options=options,
+            room=self.rows * h,
+            load=indented([f"for k in range({h}):", *load, *given], 8),
+            once=indented(first, 8),
+            stage=indented(stage, 20),
+            body=indented(body, 20),
             close=indented([line for lines in close for line in lines], 16),
-            save=indented(save + saved, 12), store=indented(store + stored, 8),
-        )  # fmt: skip
+            save=indented(put("out[row, lane, "), 12),
+            store=indented(put("z[lane, "), 8),
+        )
+
+    def _is_number(self, name: str) -> bool:
+        return name == AXIS_NAME or self.form.roles.get(name, ("c", "turn"))[1] == "number"
 
     def _keep(self, name: str) -> int:
         self.entries.add(name)
@@ -399,7 +418,7 @@ class Printer:
         outputs = dict(zip(self.names, new, strict=True)) if new is not None else {}
         last = max(level.values(), default=0)
         ends = {name: value for name, value in outputs.items() if name[-1] != "t" and value != name}
-        used: dict[str, int] = {}  # the last level at which an entry is needed
+        used: dict[str, float] = {}  # the last level at which an entry is needed
         for line in lines:
             at = level[line.names[0]] - (0.5 if _is_total(line) else 0)
             for n in line.needs:
