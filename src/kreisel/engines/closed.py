@@ -5,7 +5,7 @@ A row depends on its own phases alone, so neither the cut into calls nor the num
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
@@ -24,33 +24,37 @@ from kreisel.methods.scheme import Orbit, Scheme
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
 CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
+CHUNK = 8192  # rows at once, whose phases stay in the second cache
 ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
 
 ROWS = """
-@njit("void(u8[:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8, f8, f8[:,:,::1], i8, i8, i8)", {options})
-def kernel(phases, where, table, circle, c, places, unit, out, lane, first, last):
+@njit("void(u8[:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8, f8, f8[:,:,::1], i8, i8)", {options})
+def kernel(phases, where, table, circle, c, places, unit, out, lane, first):
 {constants}
     w = np.empty({rows})
-    for start in range(first, last, {width}):
-        count = min({width}, last - start)
+    for start in range(0, len(where), {width}):
+        count = min({width}, len(where) - start)
         for i in range(count):
             row = start + i
             j = where[row]
 {place}
             w[{h} + i] = np.float64(np.int64(phases[row, 0] << np.uint64(places))) * unit
-            for side in range(2):
-                phase = phases[row, 1 + side]
-                j = np.int64((phase + np.uint64({half})) >> np.uint64({shift}))
-                at = {turns} + side * {side} + i
-                w[at] = circle[j, 0]
-                w[at + {width}] = circle[j, 1]
-                w[at + 2 * {width}] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
+{turns}
         for i in range(count):
 {begin}
 {body}
 {save}
         for i in range(count):
 {store}
+"""
+
+
+TURN = """
+            phase = phases[row, {phase}]
+            j = np.int64((phase + np.uint64({half})) >> np.uint64({shift}))
+            w[{at} + i] = circle[j, 0]
+            w[{at} + {width} + i] = circle[j, 1]
+            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
 """
 
 
@@ -77,6 +81,9 @@ def dyadic(times: Floats) -> tuple[Array, Array]:
     return (fraction * 2.0**53).astype(np.int64).astype(object), exponent.astype(np.int64) - 53
 
 
+Phases = Callable[[int, int], Array]  # of the rows from the first to the one before the last, (rows, 3)
+
+
 class ClosedForm:
     """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|."""
 
@@ -89,17 +96,24 @@ class ClosedForm:
 
     def advance(self, out: Floats, every: int) -> None:
         for lane, rows in enumerate(self._lanes):
-            rates = rows.orbit.rates
-            if rates is None:
-                k = self._done + every * np.arange(1, len(out) + 1).astype(object)
-                phases = rows.orbit.phases(k * self._dt, np.broadcast_to(self._exponent, k.shape))
-            else:
-                shift = 128 - rows.orbit.bits + int(self._exponent)
-                steps = [rate * self._dt << shift if shift >= 0 else rate * self._dt >> -shift for rate in rates]
-                phases = progression([(self._done + every) * s for s in steps], [every * s for s in steps], len(out))
-            rows.fill(out, lane, phases)
+            rows.fill(out, lane, self._progression(rows.orbit, every))
         self._done += every * len(out)
         self.z[:] = out[-1]
+
+    def _progression(self, orbit: Orbit, every: int) -> Phases:
+        """The phases of every so many steps from here on."""
+        done, rates = self._done, orbit.rates
+        if rates is None:
+
+            def phases(first: int, last: int) -> Array:
+                k = done + every * np.arange(first + 1, last + 1).astype(object)
+                return orbit.phases(k * self._dt, np.broadcast_to(self._exponent, k.shape))
+
+            return phases
+        shift = 128 - orbit.bits + int(self._exponent)
+        steps = [rate * self._dt << shift if shift >= 0 else rate * self._dt >> -shift for rate in rates]
+        each = [every * s for s in steps]
+        return lambda first, last: progression([(done + every * (first + 1)) * s for s in steps], each, last - first)
 
     def snapshot(self) -> dict[str, Floats]:
         return {"steps": np.asarray(self._done, dtype=np.float64), "z": self.z}
@@ -111,7 +125,8 @@ class ClosedForm:
         """The states (times, lanes, d) at times in any order."""
         out = np.empty((len(times), *self.z.shape))
         for lane, rows in enumerate(self._lanes):
-            rows.fill(out, lane, rows.orbit.phases(*dyadic(times)))
+            at = rows.orbit.phases
+            rows.fill(out, lane, lambda first, last, at=at: at(*dyadic(times[first:last])))  # type: ignore[misc]
         return out
 
 
@@ -169,8 +184,22 @@ class Rows:
         self.source = _source(orbit, kinds, name, self._numbers)
         self._kernel = load(self.source).kernel
 
-    def fill(self, out: Floats, lane: int, phases: Array) -> None:
+    def fill(self, out: Floats, lane: int, phases: Phases) -> None:
         """The states at these phases into out[:, lane]."""
+
+        def share(first: int, last: int) -> None:
+            for start in range(first, last, CHUNK):
+                self._fill(out, lane, phases(start, min(start + CHUNK, last)), start)
+
+        parts = list(shares(len(out), ROW_WORK * len(out)))
+        if len(parts) < 2:
+            share(0, len(out))
+            return
+        with ThreadPoolExecutor(len(parts)) as pool:
+            for done in [pool.submit(share, *part) for part in parts]:
+                done.result()
+
+    def _fill(self, out: Floats, lane: int, phases: Array, start: int) -> None:
         places, table = self.orbit.places, self._table
         where, seen = np.empty(len(phases), dtype=np.int64), np.zeros(len(table), dtype=bool)
         _locate(phases, places, where, seen)
@@ -182,14 +211,7 @@ class Rows:
             self._sparse |= {j: self.orbit.place(j) for j in needed.tolist() if j not in self._sparse}
             table = np.array([self._sparse[j] for j in needed.tolist()])
         unit = self.orbit.part * 2.0**-64
-        given = (phases, where, table, circle(), self._constants, places, unit, out, lane)
-        parts = list(shares(len(out), ROW_WORK * len(out)))
-        if len(parts) < 2:
-            self._kernel(*given, 0, len(out))
-            return
-        with ThreadPoolExecutor(len(parts)) as pool:
-            for done in [pool.submit(self._kernel, *given, *part) for part in parts]:
-                done.result()
+        self._kernel(phases, where, table, circle(), self._constants, places, unit, out, lane, start)
 
 
 def _source(orbit: Orbit, kinds: list[str], name: str, numbers: int) -> str:
@@ -205,22 +227,32 @@ def _source(orbit: Orbit, kinds: list[str], name: str, numbers: int) -> str:
     constants = sorted((n for n in used if n[0] == "c" and n[1:].isdigit()), key=lambda n: int(n[1:]))
     fixed, varying = split(lines, constants)
     inputs = sorted((n for n in used if n[0] == "z" and n[1:].isdigit()), key=lambda n: int(n[1:]))
-    begin, turns = count * WIDTH, (numbers + 1) * WIDTH
+    begin = count * WIDTH
+    turns = "".join(
+        TURN.format(
+            phase=1 + side,
+            at=first * WIDTH,
+            width=WIDTH,
+            bits=CIRCLE_BITS,
+            shift=64 - CIRCLE_BITS,
+            half=1 << (63 - CIRCLE_BITS),
+            rest=float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+        )
+        for side, first in enumerate((numbers + 1, numbers + 4))
+        if f"z{first}" in used
+    )
     return HEAD.format(name=f"{name} in closed form") + ROWS.format(
         options=EXACT,
         width=WIDTH,
         rows=(count + len(values)) * WIDTH,
         h=numbers * WIDTH,
-        turns=turns,
-        side=3 * WIDTH,
-        bits=CIRCLE_BITS,
-        shift=64 - CIRCLE_BITS,
-        half=1 << (63 - CIRCLE_BITS),
-        rest=float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+        turns=turns.strip("\n"),
         constants=indented([*(f"{n} = c[{n[1:]}]" for n in constants), *(line.text for line in fixed)], 4),
-        place=indented([f"w[{d * WIDTH} + i] = table[j, {d}]" for d in range(numbers)], 12),
+        place=indented([f"w[{d * WIDTH} + i] = table[j, {d}]" for d in range(numbers) if f"z{d}" in used], 12),
         begin=indented([f"{n} = w[{int(n[1:]) * WIDTH} + i]" for n in inputs], 12),
         body=indented([line.text for line in varying], 12),
         save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),
-        store=indented([f"out[start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12),
+        store=indented(
+            [f"out[first + start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12
+        ),
     )
