@@ -33,6 +33,7 @@ STATES = {  # m, b or a, p
     "E J c < 0": ((0.3, -0.7, -1.1), (0.2, 0.5, -0.4), (0.3, -0.8, 0.5)),
 }
 IDENTITY = (1, 0, 0, 0)
+TOPS = 1000  # against Taylor series; 4 % of them in jumps
 
 
 def tops(count: int) -> list[Any]:
@@ -204,8 +205,8 @@ def cost() -> dict[str, Any]:
 
 
 PARTS = {
-    "taylor": lambda quick: against_taylor(40 if quick else 1000),
-    "jumps": lambda quick: jumps(5 if quick else 40),
+    "taylor": lambda quick: against_taylor(40 if quick else TOPS),
+    "jumps": lambda quick: jumps(5 if quick else max(5, TOPS // 25)),
     "phase": lambda quick: phase(6 if quick else 8),
     "rows": lambda quick: rows((10**4, 10**6) if quick else (10**4, 10**5, 10**6, 10**7, 10**8, 10**12)),
     "cost": lambda quick: cost(),
