@@ -3,7 +3,8 @@
 taylor    kr.at in both frames, orientation included, at one random time each, against Taylor series in 20 digits
 jumps     kr.at after 1 to 10^12 nutation periods and 0.12 more, against quadrature and Taylor in 50 digits
 phase     the paper's map, stepped, against its iterates in closed form: what round-off does to the phase
-cost      set-up of a motion, a state from it, a saved row; the plain map's step, in one run
+rows      every step saved, after up to 10^12 steps, against the closed form in many digits
+cost      set-up of a motion, a state from it, a row of a run; the plain map's step, in one run
 
 Errors are the largest of any component, relative to 1 or the largest entry, whichever is larger.
 """
@@ -22,9 +23,9 @@ from cases import RESULTS, machine
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.engines.closed import dyadic
 from kreisel.lab.taylor import quadrature, taylor
 from kreisel.methods.motion import Motion, rotation
+from kreisel.runs.plan import make_plan
 
 STATES = {  # m, b or a, p
     "generic": ((0.1, 0.2, 1.5), (0.6, 0, 0.8), (0, 0, 1)),
@@ -32,6 +33,7 @@ STATES = {  # m, b or a, p
     "E J c < 0": ((0.3, -0.7, -1.1), (0.2, 0.5, -0.4), (0.3, -0.8, 0.5)),
 }
 IDENTITY = (1, 0, 0, 0)
+TOPS = 1000  # against Taylor series; 4 % of them in jumps
 
 
 def tops(count: int) -> list[Any]:
@@ -116,39 +118,97 @@ def phase(most: int) -> list[dict[str, Any]]:
     return rows
 
 
-def cost() -> dict[str, float]:
-    m, b, p = STATES["generic"]
-    top = kr.LagrangeTop(p=p)
-    took: dict[str, list[float]] = {"set-up ms": [], "state us": [], "state and orientation us": [], "row us": []}
-    took["plain map ns a step"] = []
-    times = np.random.default_rng(1).uniform(-1e9, 1e9, 100_000)
-    steps = 2 * 10**7
-    for turn in range(6):
-        begun = time.perf_counter()
-        here = Motion(m, b, p, reach=1e9)
-        here.at(*dyadic(np.linspace(0, 20, 50)))  # every part of the period
-        lap = time.perf_counter()
-        here.at(*dyadic(times))
-        lap2 = time.perf_counter()
-        here.at(*dyadic(times), oriented=True)
-        lap3 = time.perf_counter()
-        kr.at(top, {"m": m, "a": b}, times)
-        lap4 = time.perf_counter()
-        kr.simulate(top, {"m": m, "a": b}, dt=0.1, steps=steps, every=steps, method="suris", order=1)
-        end = time.perf_counter()
-        laps = np.diff([begun, lap, lap2, lap3, lap4, end])
-        if turn:  # the first compiles
-            for name, lap_time, unit in zip(took, laps, (1e-3, 0.1, 0.1, 0.1, steps * 1e-9), strict=True):
-                took[name].append(float(lap_time / unit))
-    out = {name: float(f"{np.median(values):.3g}") for name, values in took.items()}
-    out["steps for a state"] = round(1e3 * out["state us"] / out["plain map ns a step"])
+def rows(counts: tuple[int, ...]) -> list[dict[str, Any]]:
+    """Every one of the last 200 steps of so many, against the closed form in 40 digits at the exact times."""
+    out = []
+    for name, (m, b, p) in STATES.items():
+        for dt in (0.1, 0.33, 1.0):
+            row: dict[str, Any] = {"state": name, "dt": dt}
+            start = {"m": m, "a": b}
+            plan = make_plan(kr.LagrangeTop(p=p), start, **OPTIONS | {"dt": dt, "steps": 10**15}, orientation=IDENTITY)
+            here = Motion(m, b, p, reach=dt * counts[-1])
+            for count in counts:
+                plan.engine.restore({"steps": np.asarray(float(count - 200)), "z": plan.engine.z})
+                found = np.empty((200, 1, 10))
+                plan.engine.advance(found, 1)
+                seen, worst = plan.observe(found), [0.0, 0.0]
+                for i in range(19, 200, 20):
+                    state, turn = in_digits(here, here.ctx.mpf(dt) * (count - 199 + i))
+                    got = np.concatenate([seen["m"][i], seen["a"][i]])
+                    worst = [max(worst[0], off(got, state)), max(worst[1], off_turn(seen["g"][i], turn))]
+                row[f"{count:.0e}"] = [float(f"{v:.2g}") for v in worst]
+            out.append(row)
+            print(row, flush=True)
     return out
 
 
+def in_digits(here: Motion, time: Any) -> tuple[Any, Any]:
+    """The m and b, and the orientation from time 0, at a time in the digits of the motion."""
+    ctx, period = here.ctx, 2 * here.nutation.half_period
+    m, b, q = here.jump(time - ctx.nint(time / period) * period)
+    left, right = (
+        here._about(
+            np.array([ctx.convert(float(x)) for x in axis]), 2 * ctx.pi * (rate * time - ctx.floor(rate * time))
+        )
+        for axis, rate in ((here.p, here.means[0]), (here.b, -here.means[1]))
+    )
+    R = algebra.rotation_matrix(left)
+    turned = algebra.quaternion_product(left, algebra.quaternion_product(q, right))
+    return np.concatenate([R @ m, R @ b]), turned
+
+
+OPTIONS = {"every": 1, "method": "exact", "order": None}
+
+
+def cost() -> dict[str, Any]:
+    """Times of one core, by the processor time of the thread, in turns; rows as in a run, a block of 2 MB at once."""
+    import numba
+
+    numba.config.NUMBA_NUM_THREADS = 1
+    m, b, p = STATES["generic"]
+    top, state, steps, count = kr.LagrangeTop(p=p), {"m": m, "a": b}, 10**6, 40_000
+    body, inside = kr.LagrangeTopMoving(A=b), {"M": m, "P": p}
+    axes = {"dt": 0.1, "steps": 10**9, **OPTIONS}
+    plans = {
+        "row ns": make_plan(top, state, **axes, orientation=None),
+        "row with orientation ns": make_plan(top, state, **axes, orientation=IDENTITY),
+        "row in the moving frame ns": make_plan(body, inside, **axes, orientation=None),
+    }
+    plain = make_plan(top, state, **axes | {"method": "suris", "order": 1}, orientation=None)
+    times = np.random.default_rng(1).uniform(-1e9, 1e9, count)
+    took: dict[str, list[float]] = {}
+
+    def note(name: str, unit: float, call: Any) -> None:
+        begun = time.thread_time()
+        call()
+        took.setdefault(name, []).append((time.thread_time() - begun) / unit)
+
+    def set_up() -> None:
+        here = Motion(m, b, p, reach=1e9)
+        for j in range(1 << here.places):
+            here.place(j)
+
+    last = np.empty((1, 1, 6))
+    blocks = {name: np.empty((count, *plan.engine.z.shape)) for name, plan in plans.items()}
+    for _ in range(25):
+        for name, plan in plans.items():
+            note(name, count * 1e-9, lambda name=name, plan=plan: plan.engine.advance(blocks[name], 1))
+        note("integrals of a row ns", count * 1e-9, lambda: plans["row ns"].observe(blocks["row ns"]))
+        note("state at any time us", count * 1e-6, lambda: plans["row ns"].engine.at(times))
+        note("plain map ns a step", steps * 1e-9, lambda: plain.engine.advance(last, steps))
+    for _ in range(4):
+        note("set-up ms", 1e-3, lambda: set_up())
+    for values in took.values():
+        del values[0]  # the first compiles, and touches memory
+    figures = {"median": np.median, "least": min}
+    return {name: {k: float(f"{f(values):.3g}") for k, f in figures.items()} for name, values in took.items()}
+
+
 PARTS = {
-    "taylor": lambda quick: against_taylor(40 if quick else 1000),
-    "jumps": lambda quick: jumps(5 if quick else 40),
+    "taylor": lambda quick: against_taylor(40 if quick else TOPS),
+    "jumps": lambda quick: jumps(5 if quick else max(5, TOPS // 25)),
     "phase": lambda quick: phase(6 if quick else 8),
+    "rows": lambda quick: rows((10**4, 10**6) if quick else (10**4, 10**5, 10**6, 10**7, 10**8, 10**12)),
     "cost": lambda quick: cost(),
 }
 

@@ -306,13 +306,9 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     assert off(alone[:, 0], wanted) < DOUBLE
 
 
-@pytest.mark.parametrize("first", [0, 3, (1 << 128) - 1])
-def test_phases_are_sums_of_128_bits(first: int) -> None:
-    step = (1 << 128) // 3 + (1 << 64) - 5
-    found = closed.progression([first, 1], [step, (1 << 127) + 1], 50)
-    assert [[int(v) for v in row] for row in found] == [
-        [((a + k * s) >> 64) % (1 << 64) for a, s in ((first, step), (1, (1 << 127) + 1))] for k in range(50)
-    ]
+def test_words_are_numbers_of_128_places() -> None:
+    numbers = [0, 3, -1, (1 << 128) + (5 << 64) + 7]
+    assert closed.words(numbers).tolist() == [[0, 0, 2**64 - 1, 5], [0, 3, 2**64 - 1, 7]]
 
 
 @pytest.mark.parametrize("name", ["generic", "fast, hanging"])

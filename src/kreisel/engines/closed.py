@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from threading import Lock
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from kreisel.algebra import Array
 from kreisel.engines import layout
@@ -24,33 +24,58 @@ from kreisel.methods.scheme import Orbit, Scheme
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
 CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
+NO_PHASES, NO_PLACES = np.empty((0, 3), dtype=np.uint64), np.empty(0, dtype=np.int64)
 ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
 
 ROWS = """
-@njit("void(u8[:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8, f8, f8[:,:,::1], i8, i8, i8)", {options})
-def kernel(phases, where, table, circle, c, places, unit, out, lane, first, last):
+@njit(
+    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1], f8[::1], i8, f8, f8[:,:,::1], "
+    "i8, i8, i8)",
+    {options},
+)
+def kernel(at, step, phases, where, known, table, circle, c, places, unit, out, lane, first, last):
 {constants}
     w = np.empty({rows})
-    for start in range(first, last, {width}):
+    given, half, shift = len(phases) > 0, np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places)
+    h0, h1, h2, l0, l1, l2 = at[0, 0], at[0, 1], at[0, 2], at[1, 0], at[1, 1], at[1, 2]
+    start, stopped = first, False
+    while start < last and not stopped:
         count = min({width}, last - start)
         for i in range(count):
-            row = start + i
-            j = where[row]
+            if given:
+                j = where[start + i]
+                phase0, phase1, phase2 = phases[start + i, 0], phases[start + i, 1], phases[start + i, 2]
+            else:
+                j = np.int64((h0 + half) >> shift)
+                if not known[j]:
+                    count, stopped = i, True
+                    break
+                phase0, phase1, phase2 = h0, h1, h2
+                l0 += step[1, 0]
+                l1 += step[1, 1]
+                l2 += step[1, 2]
+                h0 += step[0, 0] + np.uint64(l0 < step[1, 0])
+                h1 += step[0, 1] + np.uint64(l1 < step[1, 1])
+                h2 += step[0, 2] + np.uint64(l2 < step[1, 2])
 {place}
-            w[{h} + i] = np.float64(np.int64(phases[row, 0] << np.uint64(places))) * unit
-            for side in range(2):
-                phase = phases[row, 1 + side]
-                j = np.int64((phase + np.uint64({half})) >> np.uint64({shift}))
-                at = {turns} + side * {side} + i
-                w[at] = circle[j, 0]
-                w[at + {width}] = circle[j, 1]
-                w[at + 2 * {width}] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
+            w[{h} + i] = np.float64(np.int64(phase0 << np.uint64(places))) * unit
+{turns}
         for i in range(count):
 {begin}
 {body}
 {save}
         for i in range(count):
 {store}
+        start += count
+    at[0, 0], at[0, 1], at[0, 2], at[1, 0], at[1, 1], at[1, 2] = h0, h1, h2, l0, l1, l2
+    return start
+"""
+
+TURN = """
+            j = np.int64((phase{phase} + np.uint64({half})) >> np.uint64({shift}))
+            w[{at} + i] = circle[j, 0]
+            w[{at} + {width} + i] = circle[j, 1]
+            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase{phase} << np.uint64({bits}))) * {rest!r}
 """
 
 
@@ -92,12 +117,11 @@ class ClosedForm:
             rates = rows.orbit.rates
             if rates is None:
                 k = self._done + every * np.arange(1, len(out) + 1).astype(object)
-                phases = rows.orbit.phases(k * self._dt, np.broadcast_to(self._exponent, k.shape))
+                rows.fill(out, lane, rows.orbit.phases(k * self._dt, np.broadcast_to(self._exponent, k.shape)))
             else:
                 shift = 128 - rows.orbit.bits + int(self._exponent)
                 steps = [rate * self._dt << shift if shift >= 0 else rate * self._dt >> -shift for rate in rates]
-                phases = progression([(self._done + every) * s for s in steps], [every * s for s in steps], len(out))
-            rows.fill(out, lane, phases)
+                rows.march(out, lane, [self._done * s for s in steps], [every * s for s in steps])
         self._done += every * len(out)
         self.z[:] = out[-1]
 
@@ -115,33 +139,9 @@ class ClosedForm:
         return out
 
 
-def progression(first: list[int], step: list[int], count: int) -> Array:
-    """Phases (count, len(first)): the upper words of first + k step, all of 128 binary places and mod 1."""
-    begin, more = (np.array([[v >> 64 & WORD, v & WORD] for v in values], dtype=np.uint64) for values in (first, step))
-    out = np.empty((count, len(first)), dtype=np.uint64)
-    _sum_up(begin, more, out)
-    return out
-
-
-@njit("void(u8[:,::1], u8[:,::1], u8[:,::1])", cache=True, nogil=True)
-def _sum_up(first: Any, step: Any, out: Any) -> None:
-    for i in range(out.shape[1]):
-        high, low = first[i, 0], first[i, 1]
-        more, less = step[i, 0], step[i, 1]
-        for row in range(out.shape[0]):
-            out[row, i] = high
-            low += less
-            high += more + np.uint64(low < less)
-
-
-@njit("void(u8[:,::1], i8, i8[::1], b1[::1])", cache=True, nogil=True)
-def _locate(phases: Any, places: Any, where: Any, seen: Any) -> None:
-    """The part that the first phase is nearest to, and which parts there are."""
-    half, shift = np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places)
-    for row in range(len(where)):
-        where[row] = np.int64((phases[row, 0] + half) >> shift)
-        if len(seen):
-            seen[where[row]] = True
+def words(numbers: list[int]) -> Array:
+    """Numbers of 128 binary places, mod 1, as their upper and lower words (2, count)."""
+    return np.array([[v >> 64 & WORD for v in numbers], [v & WORD for v in numbers]], dtype=np.uint64)
 
 
 @cache
@@ -166,30 +166,61 @@ class Rows:
         self._table = np.empty((1 << orbit.places if dense else 0, self._numbers))
         self._known = np.zeros(len(self._table), dtype=bool)
         self._sparse: dict[int, Array] = {}
+        self._one_at_a_time = Lock()  # numbers in many digits change their context
         self.source = _source(orbit, kinds, name, self._numbers)
         self._kernel = load(self.source).kernel
 
-    def fill(self, out: Floats, lane: int, phases: Array) -> None:
-        """The states at these phases into out[:, lane]."""
-        places, table = self.orbit.places, self._table
-        where, seen = np.empty(len(phases), dtype=np.int64), np.zeros(len(table), dtype=bool)
-        _locate(phases, places, where, seen)
-        if len(table):
-            for j in np.flatnonzero(seen & ~self._known).tolist():
-                table[j], self._known[j] = self.orbit.place(j), True
-        else:
-            needed, where = np.unique(where, return_inverse=True)
-            self._sparse |= {j: self.orbit.place(j) for j in needed.tolist() if j not in self._sparse}
-            table = np.array([self._sparse[j] for j in needed.tolist()])
-        unit = self.orbit.part * 2.0**-64
-        given = (phases, where, table, circle(), self._constants, places, unit, out, lane)
+    def march(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
+        """The states at the phases before + step, before + 2 step, ..., of 128 binary places, into out[:, lane]."""
+        if not len(self._table):
+            at = np.array([[b + k * s for b, s in zip(before, step, strict=True)] for k in range(1, len(out) + 1)])
+            self.fill(out, lane, (at >> 64 & WORD).astype(np.uint64))
+            return
+
+        def share(first: int, last: int) -> None:
+            at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
+            while (
+                first := self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
+            ) < last:
+                self._place(at[0, 0])
+
         parts = list(shares(len(out), ROW_WORK * len(out)))
         if len(parts) < 2:
-            self._kernel(*given, 0, len(out))
+            share(0, len(out))
             return
         with ThreadPoolExecutor(len(parts)) as pool:
-            for done in [pool.submit(self._kernel, *given, *part) for part in parts]:
+            for done in [pool.submit(share, *part) for part in parts]:
                 done.result()
+
+    def fill(self, out: Floats, lane: int, phases: Array) -> None:
+        """The states at these phases (rows, 3) into out[:, lane]."""
+        needed, where = np.unique(self._nearest(phases[:, 0]), return_inverse=True)
+        if len(self._table):
+            for j in needed[~self._known[needed]].tolist():
+                self._place(np.uint64(j << (64 - self.orbit.places)))
+            table, where = self._table, needed[where]
+        else:
+            self._sparse |= {j: self.orbit.place(j) for j in needed.tolist() if j not in self._sparse}
+            table = np.array([self._sparse[j] for j in needed.tolist()])
+        self._call(words([0] * 3), words([0] * 3), phases, where, table, out, lane, 0, len(out))
+
+    def _nearest(self, phase: Array) -> Array:
+        """The parts that phases are nearest to."""
+        half, shift = np.uint64(1 << (63 - self.orbit.places)), np.uint64(64 - self.orbit.places)
+        return ((phase + half) >> shift).astype(np.int64)
+
+    def _place(self, phase: Array) -> None:
+        j = int(self._nearest(np.asarray([phase]))[0])
+        with self._one_at_a_time:
+            if not self._known[j]:
+                self._table[j] = self.orbit.place(j)
+                self._known[j] = True
+
+    def _call(self, at: Array, step: Array, phases: Array, where: Array, table: Floats, *rest: Any) -> int:
+        """The kernel, up to a row whose place is not known; its number."""
+        unit = self.orbit.part * 2.0**-64
+        given = (at, step, phases, where, self._known, table, circle(), self._constants, self.orbit.places, unit)
+        return int(self._kernel(*given, *rest))
 
 
 def _source(orbit: Orbit, kinds: list[str], name: str, numbers: int) -> str:
@@ -205,20 +236,28 @@ def _source(orbit: Orbit, kinds: list[str], name: str, numbers: int) -> str:
     constants = sorted((n for n in used if n[0] == "c" and n[1:].isdigit()), key=lambda n: int(n[1:]))
     fixed, varying = split(lines, constants)
     inputs = sorted((n for n in used if n[0] == "z" and n[1:].isdigit()), key=lambda n: int(n[1:]))
-    begin, turns = count * WIDTH, (numbers + 1) * WIDTH
+    begin = count * WIDTH
+    turns = "".join(
+        TURN.format(
+            phase=1 + side,
+            at=first * WIDTH,
+            width=WIDTH,
+            bits=CIRCLE_BITS,
+            shift=64 - CIRCLE_BITS,
+            half=1 << (63 - CIRCLE_BITS),
+            rest=float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+        )
+        for side, first in enumerate((numbers + 1, numbers + 4))
+        if f"z{first}" in used
+    )
     return HEAD.format(name=f"{name} in closed form") + ROWS.format(
         options=EXACT,
         width=WIDTH,
         rows=(count + len(values)) * WIDTH,
         h=numbers * WIDTH,
-        turns=turns,
-        side=3 * WIDTH,
-        bits=CIRCLE_BITS,
-        shift=64 - CIRCLE_BITS,
-        half=1 << (63 - CIRCLE_BITS),
-        rest=float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+        turns=turns.strip("\n"),
         constants=indented([*(f"{n} = c[{n[1:]}]" for n in constants), *(line.text for line in fixed)], 4),
-        place=indented([f"w[{d * WIDTH} + i] = table[j, {d}]" for d in range(numbers)], 12),
+        place=indented([f"w[{d * WIDTH} + i] = table[j, {d}]" for d in range(numbers) if f"z{d}" in used], 12),
         begin=indented([f"{n} = w[{int(n[1:]) * WIDTH} + i]" for n in inputs], 12),
         body=indented([line.text for line in varying], 12),
         save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),

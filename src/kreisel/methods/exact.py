@@ -22,7 +22,7 @@ from kreisel.model import Model
 
 def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
     """The motion in space of the top that the record states.  Raises `InputError` if it states none."""
-    m, b, p = call(model.system.top, state, constants)
+    m, b, p = call(model.system.top, state[:2], constants)
     kappa = 1 / Fraction(float(constants.get("alpha", 1.0))) - 1  # omega = m + kappa (m.b) b/|b|^2
     return Motion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
 

@@ -21,7 +21,7 @@ from kreisel.errors import InputError
 from kreisel.methods.nutation import Integrals, Number, Nutation, darboux, number, rationals, squared_length
 from kreisel.methods.scheme import Orbit
 
-TERMS = 28  # of the power series in h^2
+TERMS = 16  # of the power series in h^2, a multiple of four; with 28 a row took a tenth longer, the set-up half
 TAIL = 1e-19  # what they leave out, by the size of their last terms
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
@@ -130,12 +130,15 @@ class Motion:
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         Y = _weierstrass(nutation)
         eps = _power(Y, ctx.mpf(-0.5))
+        rising = [(2 * k + 1) * e for k, e in enumerate(eps)]  # d eps/dh
         series = [eps, _theta_series(nutation, known, Y, eps), _theta_series(nutation, known.dual, Y, eps)]
         tail = [(k, f[k]) for f in series for k in range(TERMS - 4, TERMS) if f[k] != 0]
         rate = ctx.sqrt(algebra.dot(self._mp[0], self._mp[0])) + ctx.sqrt(ctx.sqrt(number(ctx, known.A * known.P2)))
         most = [1 / rate] if rate else [ctx.one]
         self.longest = min(most + [(TAIL / abs(v)) ** (ctx.one / (2 * k)) for k, v in tail])
-        self.series = [np.array([float(v * self.longest ** (2 * k)) for k, v in enumerate(f)]) for f in series]
+        self.series = [
+            np.array([float(v * self.longest ** (2 * k)) for k, v in enumerate(f)]) for f in (*series, rising)
+        ]
 
     def _clock(self, reach: float, spin_factor: Fraction) -> None:
         """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady."""
@@ -152,7 +155,7 @@ class Motion:
             self.part = ctx.ldexp(nutation.half_period, 1 - self.places)
             turns = [nutation.period_turn(dual) / turn for dual in (False, True)]
             self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
-        for series, mean, sign in zip(self.series[1:], self.means, (-1, 1), strict=True):
+        for series, mean, sign in zip(self.series[1:3], self.means, (-1, 1), strict=True):
             series[0] += float(mean * turn)  # h turns on too
             series *= sign / 2  # half-angles
         spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
@@ -233,7 +236,6 @@ class Motion:
         own = {
             "series": np.stack(self.series),
             "scale": np.asarray(float(1 / self.longest)),
-            "roots": np.array([float(x) for x in self.nutation.x]),
             **{f"known_{k}": np.asarray(float(getattr(self.integrals, k))) for k in ("A", "J", "c", "E")},
             "p": self.p.astype(np.float64),
             "up": _unit(self.p),
@@ -281,7 +283,6 @@ def ahead(
     *,
     series: Array,
     scale: Array,
-    roots: Array,
     known_A: Array,
     known_J: Array,
     known_c: Array,
@@ -297,8 +298,9 @@ def ahead(
     """
     y = h * scale * (h * scale)
     eps, turned, spun = (h * _polynomial(series[k], y) for k in range(3))
+    s, root = eps * eps / 4, _polynomial(series[3], y)  # (1 - s x1)(1 - s x2)(1 - s x3) = (d eps/dh)^2
     m, b = algebra.hat(place[..., :3]), place[..., 3:6]
-    r = squared_length(algebra.sqrt, eps * eps / 4, roots, known_A, known_J, known_c, known_E)
+    r = squared_length(s, root, known_A, known_J, known_c, known_E)
     m1, b1, a = darboux(m, b, p, eps, r)
     turn = _turned(up, left, turned)
     R = algebra.rotation_matrix(turn)

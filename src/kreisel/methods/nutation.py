@@ -193,14 +193,14 @@ class Nutation:
 
     def length(self, eps: Number) -> Number:
         """The constant r = |a|^2 on the branch that is |b|^2 at eps = 0."""
-        x, known, eps = self.x, self.integrals, self.ctx.convert(eps)
+        known, s = self.integrals, self.ctx.convert(eps) ** 2 / 4
         A, J, c, E = (number(self.ctx, v) for v in (known.A, known.J, known.c, known.E))
-        return squared_length(self.ctx.sqrt, eps * eps / 4, x, A, J, c, E)
+        root = self.ctx.one
+        for x in self.x:
+            root = root * self.ctx.sqrt(1 - s * x)
+        return squared_length(s, root, A, J, c, E)
 
 
-def squared_length(sqrt: Any, s: Array, x: Any, A: Any, J: Any, c: Any, E: Any) -> Array:
+def squared_length(s: Array, root: Array, A: Any, J: Any, c: Any, E: Any) -> Array:
     """The |a|^2 = 2 (A + s J^2)/(1 + 2sE + 2 s^2 Jc + root), root^2 = (1 - s x1)(1 - s x2)(1 - s x3)."""
-    root = 1
-    for xj in x:
-        root = root * sqrt(1 - s * xj)
     return 2 * (A + s * J * J) / (1 + 2 * s * E + 2 * s * s * J * c + root)
