@@ -1,4 +1,4 @@
-"""method="exact": the flow of the Lagrange top for n = 3, in closed form at any time."""
+"""method="exact": the flow of the Lagrange top for n = 3, in closed form at any time; others by their modules."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from kreisel.algebra import Array
 from kreisel.contract import Frame
 from kreisel.errors import InputError
 from kreisel.methods.exact_pair import exact_pair
+from kreisel.methods.jacobi import jacobi
 from kreisel.methods.motion import Motion
 from kreisel.methods.nutation import Number, number, rationals
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
@@ -20,6 +21,7 @@ from kreisel.methods.scheme import Orbit, Scheme
 from kreisel.model import Model
 
 KNOWN = ("lagrange-top", "lagrange-top-moving", "symmetric-top")
+JACOBI = "euler-top"
 
 
 def motion(frame: Frame, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
@@ -62,16 +64,16 @@ def iterates(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float
 
 
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame.
+    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
     all integrals are kept.  Raises `InputError` for other systems, n > 3 and an order.
     """
     system, frame = model.system, model.system.frame
-    if system.baecklund is None and system.name not in KNOWN:
+    if system.baecklund is None and system.name not in (*KNOWN, JACOBI):
         raise InputError(
-            f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case and "
-            "Neumann's system with n = 3. Use another method, such as method='suris' or 'dop853'."
+            f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case, "
+            "Neumann's system and the Euler top with n = 3. Use another method, such as method='suris' or 'dop853'."
         )
     if model.n != 3:
         raise InputError(
@@ -79,6 +81,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         )
     if order is not None:
         raise InputError(f"method='exact' has no order, it is the flow itself; order={order!r} came. Leave order out.")
+    if system.name == JACOBI:
+        return jacobi(model, oriented)
     if system.name not in KNOWN:
         if oriented:
             raise InputError(
