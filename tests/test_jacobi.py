@@ -1,4 +1,4 @@
-"""The Euler top, n = 3, in Jacobi's functions: against a solver, at far times, and as the flow that Moser-Veselov follows."""
+"""The Euler top, n = 3, in Jacobi's functions: against a solver, at far times, and along Moser-Veselov's map."""
 
 from __future__ import annotations
 

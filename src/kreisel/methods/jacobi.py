@@ -1,8 +1,8 @@
 """method="exact" of the Euler top, n = 3: mu' = mu x mu/I in Jacobi's elliptic functions, at any time.
 
 With I_1 <= I_2 <= I_3 (the axes put in order, with mu -> -mu for an odd order), L = |mu|^2, T = sum mu_i^2/I_i and
-u = lambda t + u_0, the motion about the third axis (L > T I_2) is mu = (a_1 cn u, s a_2 sn u, s a_3 dn u), s = sign mu_3;
-about the first axis the same with 1 and 3 exchanged.  For it the moments are taken in the opposite order.
+u = lambda t + u_0, the motion about the third axis (L > T I_2) is mu = (a_1 cn u, s a_2 sn u, s a_3 dn u), s = sign
+mu_3; about the first axis the same with 1 and 3 exchanged.  For it the moments are taken in the opposite order.
 [Jacobi 1849; Whittaker, Analytical Dynamics, section 69]
 """
 
@@ -47,11 +47,8 @@ class Jacobi:
         if self.still:
             self.start = mu
             return
-        squares = [
-            p * (T * r - L) / (r - p),
-            q * (T * r - L) / (r - q) if q != r else Fraction(0),
-            r * (L - T * p) / (r - p),
-        ]
+        across = q * (T * r - L) / (r - q) if q != r else Fraction(0)
+        squares = [p * (T * r - L) / (r - p), across, r * (L - T * p) / (r - p)]
         rate = (r - q) * (L - T * p) / (p * q * r)
         m = (q - p) * (T * r - L) / ((r - q) * (L - T * p)) if rate else Fraction(0)
         ctx.dps = DIGITS + int(math.log10(1 + reach * float(rate) ** 0.5 if rate else 1)) + 1
@@ -88,9 +85,7 @@ class Jacobi:
         whole = int(self.ctx.nint(self.ctx.ldexp(self.period, bits + 64)))
         t = M.astype(object) << (np.asarray(e, dtype=object) + (bits + 64))
         rest = (t + whole // 2) % whole - whole // 2
-        short = np.array(
-            [math.ldexp(int(v) >> 64, -bits) if v >= 0 else -math.ldexp(int(-v) >> 64, -bits) for v in rest]
-        )
+        short = np.array([math.copysign(math.ldexp(abs(int(v)) >> 64, -bits), v) for v in rest])
         sn, cn, dn, _ = ellipj(float(self.lam) * short + float(self.u0), float(self.m))
         return cn, sn, dn
 
