@@ -18,7 +18,7 @@ from kreisel.view.charts import figure
 SMALL = "KREISEL_SMALL" in os.environ
 M = algebra.skew(np.array([0.6, -0.3, 0.5, 0.2, -0.4, 0.8]), 4)
 G = algebra.skew(np.array([0.3, 0.8, -0.2, 0.4, 0.5, 0.1]), 4)
-titles, halves = ("Ratiu's top, G+", "G−", "the bitop, G+", "G−"), []
+titles, halves = ("Ratiu's top, G+", "G-", "the bitop, G+", "G-"), []
 for chi34 in (0.0, 0.7):
     body = kr.RatiuBitop(a=0.4, b=0.7, chi12=1.0, chi34=chi34)
     run = kr.simulate(body, {"M": M, "G": G}, dt=0.02, steps=5_000 if SMALL else 30_000, every=2, method="suris")
@@ -36,4 +36,4 @@ with figure("light", 9.6, 3.2) as (made, theme):
         axes.set_box_aspect((1, 1, 1), zoom=1.3)
         axes.set_axis_off()
         axes.set_title(title, y=1.02)
-    made.savefig("bitop.png")
+    made.savefig("bitop.png", dpi=110)

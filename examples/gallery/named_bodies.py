@@ -1,7 +1,8 @@
 """The other integrable bodies that the paper names, each by the path of its vector P in the body.
 
 Kovalevskaya's and Goryachev and Chaplygin's tops; Kirchhoff's, Steklov's and Lyapunov's cases of a body in a fluid; the
-flow of a body in Clebsch's case, by Suris's map of 2000.  Each path lies on a torus: it fills a band of its sphere or a part of one.
+flow of a body in Clebsch's case, by Suris's map of 2000.  Each path
+lies on a torus: it fills a band of its sphere or a part of one.
 
 Source: Suris 2001, Introduction and Conclusions.
 """
@@ -38,4 +39,4 @@ with figure("light", 9.6, 6.6) as (made, theme):
         axes.set_box_aspect((1, 1, 1), zoom=1.25)
         axes.set_axis_off()
         axes.set_title(name, y=1.02)
-    made.savefig("named_bodies.png")
+    made.savefig("named_bodies.png", dpi=100)

@@ -17,7 +17,7 @@ from kreisel.systems import implicit
 from kreisel.systems.checks import positive
 from kreisel.systems.matrices import diagonal
 
-SCALAR_STEPS = 6
+SCALAR_STEPS = 4
 SECOND, THIRD = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
@@ -62,8 +62,9 @@ def turn_in_space(M, J, eps):
     """For n = 3 with X = hat(x), h = eps/2: (I - sigma) x + h x x mu = h mu, sigma = h <x, mu>.
 
     Hence x as a function of sigma, and <x, mu> h = sigma is a quartic equation p(sigma) = 0 whose coefficients are
-    integrals of the map.  Newton's method for its least root from h^2 sum mu_i^2/I_i, which is below it, goes up
-    without overshooting.
+    integrals of the map.  Halley's method for its least root, from h^2 sum mu_i^2/I_i, which is below it.  With the
+    step in percent of the longest that has a solution, forty random bodies: round-off left up to 97, square of the
+    last correction 1e-13 at 99.
     """
     h, u = eps / 2, axial(M)
     moments = J[..., SECOND] + J[..., THIRD]
@@ -77,7 +78,8 @@ def turn_in_space(M, J, eps):
     for _ in range(SCALAR_STEPS):
         value = (((e1 - s) * s - quadratic) * s + linear) * s - constant
         slope = ((3 * e1 - 4 * s) * s - 2 * quadratic) * s + linear
-        change = value / slope
+        curvature = (3 * e1 - 6 * s) * s - quadratic  # p''/2
+        change = value * slope / (slope * slope - value * curvature)
         s = s - change
     d = moments - vec(s)
     minors = d[..., SECOND] * d[..., THIRD]
@@ -132,6 +134,24 @@ def largest_step(M, *, J):
     return implicit.largest_step(M, J, 0 * M)
 
 
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    adjoint=step,
+    involution=involution,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
+    turn=turn,
+    move=move,
+    largest_step=largest_step,
+    rational=False,
+    commutes=True,
+    order=2,
+    source="Veselov 1988; Moser, Veselov 1991",
+)
+
 SYSTEM = System(
     name="euler-top",
     title="Euler top, moving frame",
@@ -152,23 +172,7 @@ SYSTEM = System(
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,
-    map=Map(
-        step=step,
-        inverse=inverse,
-        adjoint=step,
-        involution=involution,
-        generator=generator,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
-        turn=turn,
-        move=move,
-        largest_step=largest_step,
-        rational=False,
-        commutes=True,
-        order=2,
-        source="Veselov 1988; Moser, Veselov 1991",
-    ),
+    map=MAP,
     derive=sums,
     relations=(
         Relation("manakov-top", lambda M, g, *, J: ((M,), {"a": J * J, "b": J}), meaning="the metric a = J^2, b = J"),
