@@ -1,8 +1,8 @@
 """Moser and Veselov's map of the Euler top walks along the flow, with a clock of its own.
 
 For n = 3 every orbit of the map lies on one motion of the free body, at equal spaces of time: only the space differs
-from the step, by O(step^3), and tells how late the map is.  Left: orbits of the map on the sphere |M| = 1, on the closed
-curves of the flow in Jacobi's functions.  Right: how the space of time differs from the step.
+from the step, by O(step^3), and tells how late the map is.  Left: orbits of the map on the sphere |M| = 1, on the
+closed curves of the flow in Jacobi's functions.  Right: how the space of time differs from the step.
 
 Source: J. Moser, A. P. Veselov, Discrete versions of some classical integrable systems, 1991.
 """
