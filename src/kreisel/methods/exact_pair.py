@@ -74,7 +74,7 @@ def exact_pair(model: Model, dt: float) -> Scheme:
         prepare=carry,
         step=step,
         close=put_back,
-        observe=lambda z, **constants: observe(back(z), **constants),
+        observe=lambda z, /, **constants: observe(back(z), **constants),
         reopen=carry,
         outcomes=outcomes,
         trajectory=trajectory,
