@@ -153,11 +153,8 @@ def _components(system: System) -> list[str]:
     except InputError:  # a component or a parameter without symbols
         return []
     skew = [letter for letter, kind in system.space.components if kind == "skew"]
-    axial = (
-        f"; ${', '.join(f'{x}_i' for x in skew)}$ are the components of the axial vector"
-        if skew and symbolic.n == 3
-        else ""
-    )
+    skew = skew if symbolic.n == 3 else []
+    axial = f"; ${', '.join(f'{x}_i' for x in skew)}$ are the components of the axial vector" if skew else ""
     vector = next((p.letter for p in system.parameters if p.kind == "vector"), "")
     axis = f" and ${vector} = (0, 0, 1)$" if symbolic.on_axis else ""
     diagonal = [p.letter for p in system.parameters if p.kind == "symmetric"]

@@ -65,7 +65,7 @@ def _parameter(p: Parameter, on_axis: bool) -> Any:
 
 
 class Symbolic:
-    """A record with symbols for parameters and state, n = 3 if the system has no other; skew matrices by their axial vectors.
+    """A record with symbols for parameters and state, n = 3 if the system has no other; then axial vectors.
 
     With `on_axis` the vectors among the parameters are the third basis vector.
     """

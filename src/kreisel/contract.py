@@ -275,6 +275,7 @@ class System:
     inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
+    moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
     n                        the dimension, where the parameters do not tell it
@@ -303,6 +304,7 @@ class System:
     baecklund: Baecklund | None = None
     relations: tuple[Relation, ...] = ()
     top: Function | None = None
+    moments: Function | None = None
     derive: Function | None = None
     check_state: Function | None = None
     notes: str = ""

@@ -19,8 +19,9 @@ from kreisel.engines.cpu import EXACT, HEAD, WIDTH, load, shares
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import split
 from kreisel.engines.recording import indented, recorded_function
-from kreisel.methods.scheme import Orbit, Scheme
+from kreisel.methods.scheme import Orbit, Scheme, States
 
+AT_ONCE = 4096  # times that a function is asked for
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
 CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
@@ -79,7 +80,7 @@ TURN = """
 """
 
 
-def orbits(scheme: Scheme, z0: Floats, reach: float) -> list[Orbit]:
+def orbits(scheme: Scheme, z0: Floats, reach: float) -> list[Orbit | States]:
     """The orbit of each lane of z0 (lanes, d), up to |time| = reach.  Raises `InputError` if the scheme knows none."""
     if scheme.orbit is None:
         raise TypeError(f"the scheme {scheme.name} states no orbit")
@@ -110,17 +111,19 @@ class ClosedForm:
         self._done = 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         kinds = [kind for _, kind in scheme.components]
-        self._lanes = [Rows(orbit, kinds, scheme.name) for orbit in orbits(scheme, self.z, reach)]
+        self._lanes = [
+            Rows(orbit, kinds, scheme.name) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
+            for orbit in orbits(scheme, self.z, reach)
+        ]
 
     def advance(self, out: Floats, every: int) -> None:
         for lane, rows in enumerate(self._lanes):
-            rates = rows.orbit.rates
-            if rates is None:
+            if isinstance(rows, Samples) or rows.orbit.rates is None:
                 k = self._done + every * np.arange(1, len(out) + 1).astype(object)
-                rows.fill(out, lane, rows.orbit.phases(k * self._dt, np.broadcast_to(self._exponent, k.shape)))
+                rows.at(out, lane, k * self._dt, np.broadcast_to(self._exponent, k.shape))
             else:
                 shift = 128 - rows.orbit.bits + int(self._exponent)
-                steps = [rate * self._dt << shift if shift >= 0 else rate * self._dt >> -shift for rate in rates]
+                steps = [v * self._dt << shift if shift >= 0 else v * self._dt >> -shift for v in rows.orbit.rates]
                 rows.march(out, lane, [self._done * s for s in steps], [every * s for s in steps])
         self._done += every * len(out)
         self.z[:] = out[-1]
@@ -135,7 +138,7 @@ class ClosedForm:
         """The states (times, lanes, d) at times in any order."""
         out = np.empty((len(times), *self.z.shape))
         for lane, rows in enumerate(self._lanes):
-            rows.fill(out, lane, rows.orbit.phases(*dyadic(times)))
+            rows.at(out, lane, *dyadic(times))
         return out
 
 
@@ -152,6 +155,19 @@ def circle() -> Floats:
     angles = [mpmath.mpf(i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
     with mpmath.workdps(30):
         return np.array([[float(mpmath.cospi(a)), float(mpmath.sinpi(a))] for a in angles])
+
+
+class Samples:
+    """The states of one orbit that a function of the time states."""
+
+    def __init__(self, states: States, kinds: list[str]):
+        self._states, self._kinds = states, kinds
+
+    def at(self, out: Floats, lane: int, M: Array, e: Array) -> None:
+        """The states at the times M 2^e into out[:, lane]."""
+        for first in range(0, len(out), AT_ONCE):
+            here = slice(first, first + AT_ONCE)
+            out[here, lane] = layout.flatten(self._states(M[here], e[here]), self._kinds)
 
 
 class Rows:
@@ -191,6 +207,10 @@ class Rows:
         with ThreadPoolExecutor(len(parts)) as pool:
             for done in [pool.submit(share, *part) for part in parts]:
                 done.result()
+
+    def at(self, out: Floats, lane: int, M: Array, e: Array) -> None:
+        """The states at the times M 2^e into out[:, lane]."""
+        self.fill(out, lane, self.orbit.phases(M, e))
 
     def fill(self, out: Floats, lane: int, phases: Array) -> None:
         """The states at these phases (rows, 3) into out[:, lane]."""

@@ -662,7 +662,7 @@ def test(law: Law, case: Case, seed: int = 0) -> Verdict:
     return Verdict(case.system.name, law.name, case.model.n, case.numbers, seed, residual, holds)
 
 
-def real(sides: Sides) -> Sides:
+def real(sides: Iterable[tuple[Array, Array]]) -> Sides:
     """The same sides, complex ones by their real and imaginary parts."""
     for left, right in sides:
         (re, im), (other_re, other_im) = algebra.parts(left), algebra.parts(right)

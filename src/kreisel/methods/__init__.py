@@ -31,7 +31,7 @@ SOURCES: dict[str, tuple[str, ...]] = {  # keys of refs.bib
     "variational": ("marsden1999", "suris2001"),
     "lagrangian": ("suris2001",),
     "veselov": ("moser1991", "suris2000"),
-    "exact": ("suris2001", "carlson1995"),
+    "exact": ("suris2001", "carlson1995", "whittaker1937"),
     "dop853": ("hairer1993",),
 }
 COMPOSED = {4: ("suzuki1990",), 6: ("kahan1997",), 8: ("kahan1997",)}  # orders of method="variational"

@@ -1,4 +1,4 @@
-"""method="exact": the flow of the Lagrange top for n = 3, in closed form at any time."""
+"""method="exact": the flow of the Lagrange top for n = 3, in closed form at any time; others by their modules."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from kreisel.algebra import Array
 from kreisel.contract import Frame, call
 from kreisel.errors import InputError
 from kreisel.methods.exact_pair import exact_pair
+from kreisel.methods.jacobi import jacobi
 from kreisel.methods.motion import Motion
 from kreisel.methods.nutation import Number, number, rationals
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
@@ -72,16 +73,16 @@ def _iterated(
 
 
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame.
+    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
     all integrals are kept.  Raises `InputError` for other systems, n > 3 and an order.
     """
     system, frame = model.system, model.system.frame
-    if system.baecklund is None and system.top is None:
+    if system.baecklund is None and system.top is None and system.moments is None:
         raise InputError(
-            f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case and "
-            "Neumann's system with n = 3. Use another method, such as method='suris' or 'dop853'."
+            f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case, "
+            "Neumann's system and the Euler top with n = 3. Use another method, such as method='suris' or 'dop853'."
         )
     if model.n != 3:
         raise InputError(
@@ -89,6 +90,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         )
     if order is not None:
         raise InputError(f"method='exact' has no order, it is the flow itself; order={order!r} came. Leave order out.")
+    if system.moments is not None:
+        return jacobi(model, oriented)
     if system.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None)

@@ -87,7 +87,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         prepare=prepare,
         step=step,
         close=close,
-        observe=lambda z, **constants: observe((*back(z[:2]), *z[2:]), **constants),
+        observe=lambda z, /, **constants: observe((*back(z[:2]), *z[2:]), **constants),
         reopen=prepare,
         outcomes=outcomes,
         trajectory=trajectory,

@@ -82,7 +82,7 @@ def observer(
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
 
-    def observe(z: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
+    def observe(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
         batch = np.ndim(own[0]) - component_axes(space.kinds[0])
         known = {k: v for k, v in constants.items() if k in model.constants}

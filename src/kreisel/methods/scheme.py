@@ -49,6 +49,9 @@ class Orbit:
     constants: Mapping[str, Array]
 
 
+States = Callable[[Array, Array], tuple[Array, ...]]  # (M, e) -> z at the times M 2^e: an orbit as a function
+
+
 @dataclass(frozen=True)
 class Guard:
     """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
@@ -69,7 +72,7 @@ class Scheme:
     trajectory(x0)         -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
                               their axes stand in `axes`.  `on(x0)` puts them in
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
-    orbit(z0, consts, reach) -> Orbit   the states at any |time| <= reach in closed form, for one lane; a map, which
+    orbit(z0, consts, reach) -> Orbit or States   the states at any |time| <= reach in closed form, for one lane; a map, which
                                         also states its step, has whole times and counts steps
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; constants other than the
                                         model's own are for an engine that records it
@@ -91,7 +94,7 @@ class Scheme:
     reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
-    orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None = None
+    orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit | States] | None = None
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     close: Callable[..., tuple[Array, ...]] | None = None
     options: Mapping[str, Any] | None = None

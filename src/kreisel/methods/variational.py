@@ -80,7 +80,7 @@ def variational(model: Model, dt: float, order: int | None, oriented: bool) -> S
         n=model.n,
         prepare=reopen,
         step=step,
-        observe=lambda z, **constants: observe(z[:-1], **constants),
+        observe=lambda z, /, **constants: observe(z[:-1], **constants),
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},

@@ -63,7 +63,7 @@ def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Schem
         n=model.n,
         prepare=prepare,
         step=step,
-        observe=(lambda z, **constants: observe(z[:-1], **constants)) if implicit else observe,
+        observe=(lambda z, /, **constants: observe(z[:-1], **constants)) if implicit else observe,
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},

@@ -98,7 +98,7 @@ SYSTEM = replace(
     lax=lax,
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",
     map=replace(
-        euler_top.SYSTEM.map,
+        euler_top.MAP,
         step=step,
         inverse=inverse,
         adjoint=step,

@@ -8,12 +8,17 @@ keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 
 [Veselov 1988; Moser, Veselov, Comm. Math. Phys. 139 (1991); named in Suris 2001, Introduction]
 """
 
-from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
+import numpy as np
+
+from kreisel.algebra import axial, cayley, cayley_conjugate, cross, dot, hat, identity, pairing, repeat, vec
 from kreisel.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import metric_spectrum
 from kreisel.systems import implicit
 from kreisel.systems.checks import positive
 from kreisel.systems.matrices import diagonal
+
+SCALAR_STEPS = 4
+SECOND, THIRD = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 def sums(*, J):
@@ -48,44 +53,69 @@ def lax(M, *, J, c, lam):  # L = lambda J^2 + M,   U = lambda J + Omega
     return lam * diagonal(J * J) + M, lam * diagonal(J) + inverse_inertia(M, c=c)
 
 
-def turn(M, *, c, eps):
+def turn(M, *, J, c, eps):
     """X with W = cay(X), and the square of its last correction."""
+    return turn_in_space(M, J, eps) if M.shape[-1] == 3 else turn_by_sweeps(M, c, eps)
+
+
+def turn_in_space(M, J, eps):
+    """For n = 3 with X = hat(x), h = eps/2: (I - sigma) x + h x x mu = h mu, sigma = h <x, mu>.
+
+    Hence x as a function of sigma, and <x, mu> h = sigma is a quartic equation p(sigma) = 0 whose coefficients are
+    integrals of the map.  Halley's method for its least root, from h^2 sum mu_i^2/I_i, which is below it.  With the
+    step in percent of the longest that has a solution, forty random bodies: round-off left up to 97, square of the
+    last correction 1e-13 at 99.
+    """
+    h, u = eps / 2, axial(M)
+    moments = J[..., SECOND] + J[..., THIRD]
+    square = u * u * vec(h * h)
+    pairs = moments[..., SECOND] * moments[..., THIRD]
+    e1, e2, e3 = moments.sum(-1), pairs.sum(-1), moments[..., 0] * pairs[..., 0]
+    m, a, b = square.sum(-1), dot(moments, square), dot(pairs, square)
+    linear, constant = e3 + a + (e1 * m - a), b + m * m  # p = -s^4 + e1 s^3 - (e2 + 2m) s^2 + linear s - constant
+    quadratic = e2 + 2 * m
+    s = b / e3
+    for _ in range(SCALAR_STEPS):
+        value = (((e1 - s) * s - quadratic) * s + linear) * s - constant
+        slope = ((3 * e1 - 4 * s) * s - 2 * quadratic) * s + linear
+        curvature = (3 * e1 - 6 * s) * s - quadratic  # p''/2
+        change = value * slope / (slope * slope - value * curvature)
+        s = s - change
+    d = moments - vec(s)
+    minors = d[..., SECOND] * d[..., THIRD]
+    x = vec(h / (d[..., 0] * minors[..., 0] + dot(d, square))) * (minors * u + vec(m) * u + vec(h) * cross(d * u, u))
+    return hat(x), change * change / (e1 * e1)
+
+
+def turn_by_sweeps(M, c, eps):
     h = eps / 2
 
-    def residual(X):
+    def improved(X):
         XM = X @ M
-        return X - h * c * (M - (XM - XM.mT) - XM @ X)
+        new = h * c * (M - (XM - XM.mT) - XM @ X)
+        return new, pairing(new - X, new - X)
 
-    def slope(X):
-        XM = X @ M
-
-        def along(D):
-            DM = D @ M
-            return D + h * c * ((DM - DM.mT) + DM @ X + XM @ D)
-
-        return along
-
-    return implicit.root(residual, slope, lambda R: R, h * c * M)
+    return repeat(improved, h * c * M, implicit.SMALL, implicit.MOST_SWEEPS)
 
 
 def move(M, X):
     return (cayley_conjugate(-X, M),)
 
 
-def step(M, *, c, eps):
-    return move(M, turn(M, c=c, eps=eps)[0])
+def step(M, *, J, c, eps):
+    return move(M, turn(M, J=J, c=c, eps=eps)[0])
 
 
-def inverse(M, *, c, eps):
-    return step(M, c=c, eps=-eps)
+def inverse(M, *, J, c, eps):
+    return step(M, J=J, c=c, eps=-eps)
 
 
 def involution(M):
     return (-M,)
 
 
-def generator(M, M1, *, c, eps):
-    return turn(M, c=c, eps=eps)[0]
+def generator(M, M1, *, J, c, eps):
+    return turn(M, J=J, c=c, eps=eps)[0]
 
 
 def lagrangian(g, h, *, J, eps):  # -(1/eps) tr(W J)
@@ -97,12 +127,30 @@ def lax_matrix(M, *, J, lam, eps):  # (J W^T + l)(W J - l)
 
 
 def conjugator(M, *, J, c, lam, eps):
-    return diagonal(J) + lam * cayley(turn(M, c=c, eps=eps)[0])
+    return diagonal(J) + lam * cayley(turn(M, J=J, c=c, eps=eps)[0])
 
 
 def largest_step(M, *, J):
     return implicit.largest_step(M, J, 0 * M)
 
+
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    adjoint=step,
+    involution=involution,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
+    turn=turn,
+    move=move,
+    largest_step=largest_step,
+    rational=False,
+    commutes=True,
+    order=2,
+    source="Veselov 1988; Moser, Veselov 1991",
+)
 
 SYSTEM = System(
     name="euler-top",
@@ -124,23 +172,8 @@ SYSTEM = System(
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,
-    map=Map(
-        step=step,
-        inverse=inverse,
-        adjoint=step,
-        involution=involution,
-        generator=generator,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
-        turn=turn,
-        move=move,
-        largest_step=largest_step,
-        rational=False,
-        commutes=True,
-        order=2,
-        source="Veselov 1988; Moser, Veselov 1991",
-    ),
+    map=MAP,
+    moments=lambda *, J: np.stack([J[1] + J[2], J[2] + J[0], J[0] + J[1]]),
     derive=sums,
     relations=(
         Relation("manakov-top", lambda M, g, *, J: ((M,), {"a": J * J, "b": J}), meaning="the metric a = J^2, b = J"),

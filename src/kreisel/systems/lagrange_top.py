@@ -219,6 +219,21 @@ def to_moving_frame(m, a, g, *, p, alpha):
     return (g.mT @ m @ g, act(g.mT, p)), {"A": act(g.mT, a), "alpha": alpha}
 
 
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
+    to_symmetric=half_kick,
+    from_symmetric=half_kick_back,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
+    darboux=darboux_variables,
+    source="Suris 2001, section 6.1, (dLT rest frame)",
+)
+
 SYSTEM = System(
     name="lagrange-top",
     title="Lagrange top, rest frame",
@@ -247,20 +262,7 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
-    map=Map(
-        step=step,
-        inverse=inverse,
-        adjoint=adjoint,
-        involution=involution,
-        to_symmetric=half_kick,
-        from_symmetric=half_kick_back,
-        generator=generator,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
-        darboux=darboux_variables,
-        source="Suris 2001, section 6.1, (dLT rest frame)",
-    ),
+    map=MAP,
     baecklund=Baecklund(
         point=curve,
         vector=eigenvector,

@@ -200,6 +200,20 @@ BAECKLUND = Baecklund(
     source="lagrange-top under (m, a, p) = (-M, P, A)",
 )
 
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
+    to_symmetric=half_kick_back,
+    from_symmetric=half_kick,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
+    source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
+)
+
 SYSTEM = System(
     name="lagrange-top-moving",
     title="Lagrange top, moving frame",
@@ -225,19 +239,7 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
-    map=Map(
-        step=step,
-        inverse=inverse,
-        adjoint=adjoint,
-        involution=involution,
-        to_symmetric=half_kick_back,
-        from_symmetric=half_kick,
-        generator=generator,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
-        source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
-    ),
+    map=MAP,
     baecklund=BAECKLUND,
     top=lambda M, P, *, A: (M, A, P),
     relations=(

@@ -55,7 +55,7 @@ SYSTEM = replace(
     commuting=("squares",),
     lax=lax,
     map=replace(
-        lagrange_top.SYSTEM.map,
+        lagrange_top.MAP,
         lagrangian=lagrangian,
         lax=lax_matrix,
         conjugator=conjugator,

@@ -51,7 +51,7 @@ SYSTEM = replace(
     commuting=("squares",),
     lax=lax,
     map=replace(
-        moving.SYSTEM.map,
+        moving.MAP,
         lagrangian=lagrangian,
         lax=lax_matrix,
         conjugator=conjugator,

@@ -150,7 +150,7 @@ SYSTEM = replace(
     integrals={"spectrum": spectrum},
     lax=lax,
     map=replace(
-        euler_top.SYSTEM.map,
+        euler_top.MAP,
         step=step,
         inverse=inverse,
         adjoint=step,

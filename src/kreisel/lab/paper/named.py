@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from kreisel.algebra import act, axial, bracket, dot, hat, identity, mat
+from kreisel.algebra import act, axial, bracket, cayley, dot, hat, identity, mat
+from kreisel.contract import System
 from kreisel.invariants import faddeev_leverrier, trace
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, law_row, row
-from kreisel.systems import lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving
+from kreisel.systems import REGISTRY, lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving
 from kreisel.systems.matrices import su2
 
 EARLIER = "Introduction, the map of Bobenko and Suris 1999"
@@ -41,7 +42,7 @@ def su2_moving(s: Setting) -> Sides:
     M1, P1 = lagrange_top_moving.step(M, P, A=A, alpha=alpha, eps=s.eps)
     X = lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=s.eps)
     w = su2(2 * axial(X))
-    W, A1 = ONE + w, act(lagrange_top_moving.cayley(X), A)  # up to a factor
+    W, A1 = ONE + w, act(cayley(X), A)  # up to a factor
     yield W @ su2(A), su2(A1) @ W
     force = bracket(su2(A), su2(A1)) * mat(2 * (1 - alpha) / (dot(A, A) + dot(A, A1)))
     yield s.eps * su2(axial(M)), alpha * w + force  # (W - W^-1)/tr W = w
@@ -57,7 +58,7 @@ def su2_moving(s: Setting) -> Sides:
 )
 def su2_trace(s: Setting) -> Sides:
     v = s.vector()
-    R, square = lagrange_top_moving.cayley(hat(v)), 4 / (1 + dot(v, v))  # w = (1 + 2v)/sqrt(1 + |v|^2) in su(2)
+    R, square = cayley(hat(v)), 4 / (1 + dot(v, v))  # w = (1 + 2v)/sqrt(1 + |v|^2) in su(2)
     yield 1 + trace(R), square
     yield -faddeev_leverrier(2 * identity(3) + R + R.mT)[0][3], 4 * square * square
 
@@ -77,4 +78,60 @@ for name, system in (
         "discrete-euler-lagrange",
         "relations",
         dimensions=(3,),
+    )
+
+# -- further systems -------------------------------------------------------------------------------------
+
+FLOWS = ("hamiltonian-flow", "integrals-of-the-flow")
+COMPLETE = (*FLOWS, "involution", "lax-equation")
+CONTINUOUS = {
+    "euler-top": ("Introduction, the Euler top in n dimensions", COMPLETE),
+    "manakov-top": ("Introduction, the Euler top in n dimensions", COMPLETE),
+    "quadratic-potential": ("Introduction, the rigid body in a quadratic potential", COMPLETE),
+    "clebsch-body": ("Section 7, the other flow of Clebsch's case", COMPLETE),
+    "kovalevskaya-top": ("Introduction, Kovalevskaya's top", COMPLETE),
+    "kovalevskaya-gyrostat": ("Introduction, Kovalevskaya's top", COMPLETE),
+    "goryachev-chaplygin": ("Introduction, Goryachev and Chaplygin", (*FLOWS, "involution")),
+    "hess-appelrot": ("Introduction, Hess and Appelrot", (*FLOWS, "invariant-relations")),
+    "kirchhoff-case": ("Introduction, Kirchhoff's case", (*FLOWS, "involution")),
+    "steklov": ("Conclusions, Steklov's case", (*COMPLETE, "relations")),
+    "lyapunov": ("Conclusions, Lyapunov's case", (*COMPLETE, "relations")),
+    "steklov-lyapunov": ("Conclusions, Steklov's and Lyapunov's cases", COMPLETE),
+    "ratiu-top": ("Conclusions, Ratiu's Lagrange top", COMPLETE),
+    "ratiu-bitop": ("Conclusions, Ratiu's Lagrange top", COMPLETE),
+    "rosochatius": ("Section 7, end, beside Neumann's system", COMPLETE),
+}
+MAPS = {
+    "euler-top": ("Introduction, the discrete Euler top of Veselov, Moser and Veselov", True),
+    "quadratic-potential": ("Introduction, the earlier paper's discretization", True),
+    "clebsch-body": ("Conclusions, the other discretization of Clebsch's case", True),
+    "neumann-veselov": ("Introduction, Veselov's discretization of Neumann's system", True),
+    "rosochatius": ("Section 7, end, beside Neumann's system", True),
+    "ratiu-bitop": ("Conclusions, a map for n = 4", False),
+}
+
+
+def sizes(system: System) -> tuple[int, ...]:
+    """The dimensions of a row: two, since the laws of the registry go further."""
+    return (3, 4) if system.n is None else (system.n,)
+
+
+for name, (place, names) in CONTINUOUS.items():
+    system = REGISTRY[name]
+    told = "Hamiltonian; integrals" + (" in involution; Lax pair" if "lax-equation" in names else "")
+    law_row(f"{name}-flow", place, f"{system.equations}: {told}", system, *names, dimensions=sizes(system))
+for name, (place, commutes) in MAPS.items():
+    system = REGISTRY[name]
+    law_row(
+        f"{name}-map",
+        place,
+        "the map is Poisson, keeps its integrals and has a Lax pair"
+        + ("; it commutes with the flow and with itself at other steps" if commutes else ""),
+        system,
+        "poisson",
+        "integrals-of-the-map",
+        "discrete-lax-equation",
+        *(["commuting-maps"] if commutes else []),
+        in_rationals=False,
+        dimensions=sizes(system),
     )

@@ -1,0 +1,83 @@
+"""Moser and Veselov's map, n = 3: kreisel's kernel against C++ by Newton's method for quaternions, in one run.
+
+One trajectory, and 1024 lanes on one core; the Lagrange top's map beside it, as a measure of the machine.  Medians over
+turns.  Writes results/moser_veselov.json.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ["NUMBA_NUM_THREADS"] = "1"
+
+import numpy as np
+from cases import RESULTS, machine
+from single import FLAGS, compiler
+
+import kreisel as kr
+from kreisel.runs.plan import make_plan
+
+DT, TURNS = 0.1, 9
+J, MU = (1.0, 2.0, 3.0), (1.0, -0.5, 0.75)
+SIZES = {"single": (1, 200_000), "lane": (1024, 400)}
+
+
+def kernel(model: object, state: dict[str, object], lanes: int, method: str) -> tuple[Callable[[int], None], object]:
+    """A march of a number of steps, and the engine."""
+    start = {k: np.tile(v, (lanes, 1)) for k, v in state.items()} if lanes > 1 else state
+    plan = make_plan(model, model.state(**start), dt=DT, steps=1, every=1, method=method, order=2, orientation=None)
+    out = np.empty((1, *plan.engine.z.shape))
+    return lambda steps: plan.engine.advance(out, steps), plan.engine
+
+
+def by_hand(library: ctypes.CDLL, lanes: int, start: np.ndarray) -> tuple[Callable[[int], None], np.ndarray]:
+    function = library.moser_veselov
+    function.restype, function.argtypes = None, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long, ctypes.c_long]
+    rows = np.ascontiguousarray(np.tile(start, (lanes, 1)))
+    constants = np.array([J[1] + J[2], J[2] + J[0], J[0] + J[1], DT])
+    return lambda steps: function(rows.ctypes.data, constants.ctypes.data, lanes, steps), rows
+
+
+def main() -> None:
+    top, other = kr.EulerTop(J=J), kr.LagrangeTop(p=(0.3, -0.2, 0.9))
+    told: dict[str, object] = {"machine": machine(), "flags": FLAGS, "dt": DT, "turns": TURNS}
+    with tempfile.TemporaryDirectory() as folder:
+        target, source = Path(folder) / "mv.so", Path(__file__).with_name("moser_veselov.cpp")
+        subprocess.run([compiler(), *FLAGS, str(source), "-o", str(target)], check=True)
+        library = ctypes.CDLL(str(target))
+        for name, (lanes, steps) in SIZES.items():
+            mine, engine = kernel(top, {"M": MU}, lanes, "veselov")
+            theirs, rows = by_hand(library, lanes, engine.z[0, :3].copy())
+            beside, _ = kernel(other, {"m": MU, "a": (0.6, 0.0, 0.8)}, lanes, "suris")
+            for march in (mine, theirs, beside):
+                march(1000)
+            apart = float(abs(engine.z[:, :3] - rows).max())
+            assert apart < 1e-12, f"kernel and C++ are {apart} apart after 1000 steps"
+            ns = np.empty((TURNS, 3))
+            for turn in range(TURNS):
+                for place, march in enumerate((mine, theirs, beside)):
+                    begun = time.perf_counter()
+                    march(steps)
+                    ns[turn, place] = (time.perf_counter() - begun) / steps / lanes * 1e9
+            middle = np.median(ns, 0)
+            told[name] = {
+                "kernel": round(float(middle[0]), 2),
+                "cpp_quaternions": round(float(middle[1]), 2),
+                "lagrange_top": round(float(middle[2]), 2),
+                "kernel/cpp": round(float(np.median(ns[:, 0] / ns[:, 1])), 3),
+                "kernel/lagrange_top": round(float(np.median(ns[:, 0] / ns[:, 2])), 3),
+                "apart_after_1000": apart,
+            }
+            print(name, told[name], flush=True)
+    RESULTS.joinpath("moser_veselov.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
