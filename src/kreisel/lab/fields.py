@@ -115,7 +115,7 @@ def _power(base: Any, exponent: int, p: int) -> Any:
 
 
 def fraction(x: Any) -> Fraction:
-    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for what is none."""
+    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for others."""
     if hasattr(x, "q") and hasattr(x, "p"):  # python-flint
         return Fraction(int(x.p), int(x.q))
     try:

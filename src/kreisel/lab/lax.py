@@ -1,4 +1,4 @@
-"""Lax pairs put to the test: is the spectrum kept, and are its integrals enough?
+"""Lax pairs put to the test: whether the spectrum is kept, and whether its integrals are enough.
 
 For matrices L(x, lambda), V(x, lambda) of a map x -> x': the residual V L(x') - L(x) V, the coefficients of
 det(L(lambda) - mu) at x and x', the rank of their differentials, their brackets, and how many there are on a leaf

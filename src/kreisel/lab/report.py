@@ -150,6 +150,8 @@ def registry_table() -> str:
     from kreisel.lab.investigation import investigate
     from kreisel.systems import REGISTRY
 
-    maps = [(f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None]
-    asked: list[tuple[str, Any, dict[str, Any]]] = [*maps, *controls()]
+    asked: list[tuple[str, Any, dict[str, Any]]] = [
+        (f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None
+    ]
+    asked += controls()
     return markdown([(shown, investigate(what, **options)) for shown, what, options in asked])
