@@ -5,9 +5,9 @@ explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
 
     M' = M + P ^ grad U(P),   P' = cay(-(eps/2) M') P,
 
-rational where grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the integrals
-that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other kinetic parts
-are Lagrangians in JAX.  Those are judged by their orbits in floats, which can condemn but not acquit.
+rational where grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
+integrals that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other
+kinetic parts are Lagrangians in JAX.  Those are judged by their orbits in floats, which can condemn but not acquit.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from kreisel.contract import MOVING_SPACE, Frame, Map, System
 from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
 from kreisel.lab.fields import fraction
-from kreisel.lab.questions import Clues, enough
 from kreisel.lab.questions import QUESTIONS as _QUESTIONS
+from kreisel.lab.questions import Clues, enough
 from kreisel.lab.subject import Subject, subject
 from kreisel.model import Model
 from kreisel.runs.workers import check_workers, pool
@@ -199,7 +199,7 @@ def judge(
     parameters: Mapping[str, Any],
     eps: Any = Fraction(1, 3),
     degree: int | None = None,
-    iterates: int = 7,
+    iterates: int = 9,
     steps: int = 4000,
     orbits: int = 2,
 ) -> Score:
@@ -257,7 +257,11 @@ class Ranking:
             {
                 **{k: str(v) for k, v in s.parameters.items()},
                 "verdict": s.verdict,
-                "growth": f"k^{s.power}" if s.power is not None else "" if math.isnan(s.entropy) else f"{s.entropy:.3g}",
+                "growth": f"k^{s.power}"
+                if s.power is not None
+                else ""
+                if math.isnan(s.entropy)
+                else f"{s.entropy:.3g}",
                 "integrals": f"{s.on_leaf} of {s.needed}" if s.needed else "",
                 "exponent": s.exponent,
                 "chaotic": f"{s.chaotic} of {s.orbits}",

@@ -43,7 +43,6 @@ class Here:
                 return
             yield compute(*tasks.arguments(block))
 
-
     def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """The place of each item and function(item), in order."""
         for place, item in enumerate(items):
