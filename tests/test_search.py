@@ -27,7 +27,7 @@ def test_the_constant_of_clebsch() -> None:
     found = search.search(search.logarithmic, {"c": [4, F(3, 2), 2]}, **EXACT)
     assert verdicts(found, "c") == {4: "not integrable", F(3, 2): "not integrable", 2: "integrable"}
     assert found.scores[0].parameters["c"] == 2
-    assert list(found.table["verdict"])[0] == "integrable"
+    assert found.table["verdict"].iloc[0] == "integrable"
 
 
 def test_the_potential_of_lagrange() -> None:
