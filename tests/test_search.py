@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import dynamics, search
+from kreisel.lab import controls, dynamics, search
+from kreisel.lab.numerical import integrals_in_floats
 from kreisel.lab.subject import subject
 from kreisel.systems import clebsch, symmetric_top
 
@@ -52,9 +53,9 @@ def test_members_are_the_maps_of_the_registry() -> None:
 
 
 @FULL
-def test_veselov_is_not_condemned_and_gravity_is() -> None:
+def test_veselov_is_found_and_gravity_spoils_it() -> None:
     found = search.search(search.veselov_with_potential, {"gravity": [0, 1]}, steps=4000, orbits=2)
-    assert verdicts(found, "gravity") == {0: "undecided", 1: "not integrable"}
+    assert verdicts(found, "gravity") == {0: "integrable", 1: "not integrable"}
 
 
 @FULL
@@ -65,6 +66,24 @@ def test_a_lagrangian_in_jax() -> None:
     top = subject(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=F(1, 2)), eps=F(1, 3))
     ours, theirs = dynamics.points(what, x, 3), dynamics.points(top, x, 3)
     assert np.allclose(ours, theirs, atol=1e-11)
+
+
+def test_integrals_in_floats() -> None:
+    """As many as the record has; those of a map that lost them are not seen."""
+    good = integrals_in_floats(subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3)))
+    assert (good.count, good.on_leaf, good.leaf, good.enough) == (4, 2, 4, True)
+    assert good.largest < 1e-14 and good.next > 1e-3
+    _, perturbed, options = controls.controls()[1]
+    from kreisel.lab.investigation import _subject
+
+    bad = integrals_in_floats(_subject(perturbed, 3, "rest", F(1, 3), None, {}))
+    assert (bad.count, bad.on_leaf, bad.enough) == (2, 0, False) and options["frame"] == "rest"
+
+
+@FULL
+def test_veselov_comes_out_of_a_family_of_kinetic_parts() -> None:
+    found = search.search(search.mixed_kinetic, {"theta": [1.0, 0.5]}, steps=0)
+    assert verdicts(found, "theta") == {1.0: "integrable", 0.5: "undecided"}
 
 
 def test_trouble_is_told_and_the_search_goes_on() -> None:

@@ -5,7 +5,7 @@ The verdict follows from the evidence alone:
     integrable       the map preserves a Poisson bracket, and half as many independent functions in involution as a leaf
                      has dimensions (Liouville), or so many more that the leaf is filled: rank + dimension of the tori =
                      dimension of the leaf (superintegrable).  Exact identities at random points; of implicit maps in
-                     floats.
+                     floats, where they must stand still to round-off with a gap.
     not integrable   the degrees of the iterates grow exponentially, told by a recurrence or by an estimate beyond its
                      uncertainty; or an orbit is chaotic (a float experiment, not a proof).
     undecided        everything else, and evidence for both.
@@ -27,6 +27,7 @@ from kreisel.lab import brackets, dynamics, growth, integrals
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, Pole, random_residues
 from kreisel.lab.lax import Lax, counted, lax
+from kreisel.lab.numerical import Numerical, integrals_in_floats
 from kreisel.lab.subject import Subject
 
 MONOMIALS = 400  # of the integral finder, as a rule
@@ -63,6 +64,7 @@ class Clues:
         self.found: list[Any] = []
         self.lax: Lax | None = None
         self.told: Lax | None = None
+        self.numeric: Numerical | None = None  # of a map that is no rational function
         self.in_floats = False
         self.orbits: list[dynamics.Dynamics] = []
 
@@ -238,7 +240,14 @@ def _exponential(found: growth.Growth) -> bool:
 def _integrals(c: Clues) -> Finding:
     what = c.what
     if not c.rational:
-        return Finding("integrals", "does not apply", f"{what.implicit}: see the Lax pair")
+        try:
+            numeric = c.numeric = integrals_in_floats(replace(what, tensor=c.tensor), 2, c.seed)
+        except RunError as error:
+            return Finding("integrals", "not told", str(error))
+        answer = (
+            f"{numeric.count} of degree 2 or less, in floats; {numeric.on_leaf} on leaves of dimension {numeric.leaf}"
+        )
+        return Finding("integrals", answer, str(numeric), 1 if numeric.enough else 0)
     c.found = list(integrals.integrals(what, c.degree, quotients=what.dim == 2, seed=c.seed))
     if c.tensor is not None and c.found:
         c.told = liouville(what, c.tensor, c.found, c.seed)
@@ -331,6 +340,10 @@ def verdict(c: Clues) -> tuple[str, str]:
         if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
             more = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
             for_it.append(f"a Lax pair whose spectrum{more} is complete, kept {where}")
+        if c.numeric is not None and c.numeric.enough:
+            for_it.append(
+                f"{c.numeric.on_leaf} integrals on leaves of dimension {c.numeric.leaf} stand still in floats"
+            )
     if c.growth is not None and _exponential(c.growth):
         against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
     chaotic = [o for o in c.orbits if o.chaotic]

@@ -7,7 +7,7 @@ explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
 
 rational where grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
 integrals that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other
-kinetic parts are Lagrangians in JAX.  Those are judged by their orbits in floats, which can condemn but not acquit.
+kinetic parts are Lagrangians in JAX.  Those are judged in floats: by what stands still to round-off, and by chaos.
 """
 
 from __future__ import annotations
@@ -208,25 +208,26 @@ def judge(
         made = family(**parameters)
         what = made if isinstance(made, Subject) else subject(made, eps=eps)
         clues = Clues(what, degree, iterates, steps, 0)
-        for name in ("poisson", "growth", "integrals") if not what.implicit else ("poisson",):
+        for name in ("poisson", "growth", "integrals") if not what.implicit else ("poisson", "integrals"):
             LABELS[name](clues)
         found = _orbits(clues, steps, orbits)
     except (InputError, RunError) as error:
         return Score(parameters, (), None, math.nan, 0, 0, math.nan, 0, 0, False, False, str(error))
-    growth, told = clues.growth, clues.told
+    growth, told, numeric = clues.growth, clues.told, clues.numeric
     chaotic = sum(o.chaotic for o in found)
     exponential = growth is not None and growth.power is None and growth.entropy > 2 * growth.uncertainty + 0.1
+    complete = enough(told) if told is not None else numeric is not None and numeric.enough
     return Score(
         parameters=parameters,
         degrees=growth.degrees if growth else (),
         power=growth.power if growth else None,
         entropy=growth.entropy if growth else math.nan,
-        on_leaf=told.with_more if told else 0,
-        needed=told.needed if told else 0,
+        on_leaf=told.with_more if told else numeric.on_leaf if numeric else 0,
+        needed=told.needed if told else numeric.leaf // 2 if numeric else 0,
         exponent=max((float(o.exponents[0]) for o in found), default=math.nan),
         chaotic=chaotic,
         orbits=len(found),
-        integrable=told is not None and enough(told) and not exponential and not chaotic,
+        integrable=complete and not exponential and not chaotic,
         condemned=exponential or chaotic > 0,
     )
 
