@@ -38,9 +38,7 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     }
 
 
-def nanoseconds(
-    model: Any, state: dict[str, Any], method: str, order: int, engine: str | None
-) -> tuple[str, float]:
+def nanoseconds(model: Any, state: dict[str, Any], method: str, order: int, engine: str | None) -> tuple[str, float]:
     """The engine's name, and nanoseconds a step."""
     plan = make_plan(model, model.state(**state), dt=0.01, steps=1, every=1, method=method, order=order,
                      orientation=None, engine=engine)  # fmt: skip

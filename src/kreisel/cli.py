@@ -340,7 +340,9 @@ def _print_bench(told: dict[str, Any]) -> None:
         grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
     known = told["machine"]
-    print(f"{known['cpu']}, {known['cores']} cores; load average {told['load_average']}; times are medians, of one core")
+    print(
+        f"{known['cpu']}, {known['cores']} cores; load average {told['load_average']}; times are medians, of one core"
+    )
     if "note" in told:
         print(told["note"])
 

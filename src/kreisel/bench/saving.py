@@ -49,9 +49,7 @@ def saving(plan: Plan) -> float:
     return (time.thread_time() - begun) / plan.steps
 
 
-def ratios(
-    case: Case, method: str, turns: int, part: int, everies: Sequence[int] = tuple(STEPS)
-) -> dict[str, Any]:
+def ratios(case: Case, method: str, turns: int, part: int, everies: Sequence[int] = tuple(STEPS)) -> dict[str, Any]:
     """Time of a step with saving over that without, for each `every`; a part of the steps."""
     found: dict[int, list[float]] = {every: [] for every in everies}
     base = []

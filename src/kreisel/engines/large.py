@@ -261,7 +261,9 @@ class Basis:
                 out[name] = (self.y * moved).sum(-2)
                 off = abs(moved - self.y * out[name][..., None, :]).max(initial=0)
                 if off > IN_PLANES * max(1.0, abs(value).max(initial=0)):
-                    raise InputError(f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'.")
+                    raise InputError(
+                        f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'."
+                    )
         return out
 
     def into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -332,7 +334,9 @@ class Printer:
         self.rows = 0
         self.entries: set[str] = set()
 
-    def __call__(self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str) -> str:
+    def __call__(
+        self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
+    ) -> str:
         """The source; `columns` say where each constant stands in its row."""
         pieces = [recorded(self.form, self.kinds, *function) for function in _functions(self.scheme)]
         h = self.form.h
@@ -351,7 +355,11 @@ class Printer:
             save.append(f"    out[row, lane, {place} + k] = w[{row * h} + k]")
             place += h
         for name, where in columns.items():
-            if where.stop - where.start == 1 and self.form.roles.get(name, ("c", "turn"))[1] != "vector" and name != TURN_NAME:
+            if (
+                where.stop - where.start == 1
+                and self.form.roles.get(name, ("c", "turn"))[1] != "vector"
+                and name != TURN_NAME
+            ):
                 numbers.append(f"c_{name} = c[lane, {where.start}]")
             else:
                 row = self._keep(f"c_{name}")

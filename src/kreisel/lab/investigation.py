@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -203,17 +204,17 @@ def typical(system: System, n: int = 3, given: Mapping[str, Any] | None = None) 
             f"{system.name} has no map to investigate. Systems with one: see `kreisel systems`; or give a map of yours."
         )
     given = dict(given or {})
-    known = {p.letter: given.pop(p.letter, _typical(p, n)) for p in system.parameters}
+    known = {p.letter: given.pop(p.letter, _typical(p, n, i)) for i, p in enumerate(system.parameters)}
     return system(**known, **given)
 
 
-def _typical(p: Parameter, n: int) -> Any:
+def _typical(p: Parameter, n: int, place: int) -> Any:
     if p.kind == "dimension":
         return n
     if p.kind == "array" or (p.default is not None and p.kind != "scalar"):
         return p.default
     if p.kind == "scalar":
-        return fraction("1/2")
+        return Fraction(place + 1, place + 2)  # two are not equal
     if p.fixed:
         return (0,) * (n - 1) + (1,)
     return tuple(2**i for i in range(n))

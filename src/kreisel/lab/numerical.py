@@ -52,7 +52,8 @@ class Numerical:
     def __str__(self) -> str:
         return (
             f"{self.count} independent polynomials of degree {self.degree} or less stand still in floats, "
-            f"{self.on_leaf} on leaves of dimension {self.leaf}; singular values {self.largest:.0e}, then {self.next:.0e}"
+            f"{self.on_leaf} on leaves of dimension {self.leaf}; singular values {self.largest:.0e}, then "
+            f"{self.next:.0e}"
         )
 
 

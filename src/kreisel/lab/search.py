@@ -61,7 +61,7 @@ def veselov(gradient: Gradient, J: Sequence[Any], name: str = "veselov") -> Mode
         X = euler_top.turn(N, c=c, eps=eps)[0]
         return euler_top.move(N, X)[0], cayley_act(-X, P)
 
-    return _model(name, len(J), Map(step=step, turn=step))
+    return _model(name, len(J), Map(step=step, rational=False))
 
 
 def _model(name: str, n: int, mapped: Map) -> Model:

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from kreisel.engines.large import Printer
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
-LARGE = STRAIGHT_LINE_N + 1  # n from which engine="large" is chosen where there is one; measured, benchmarks/dimension.py
+LARGE = (
+    STRAIGHT_LINE_N + 1
+)  # n from which engine="large" is chosen where there is one; measured, benchmarks/dimension.py
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
