@@ -217,7 +217,7 @@ def _typical(p: Parameter, n: int, place: int) -> Any:
         return Fraction(place + 1, place + 2)  # two are not equal
     if p.fixed:
         return (0,) * (n - 1) + (1,)
-    return tuple(2**i for i in range(n))
+    return tuple(2**i if place == 0 else Fraction(i + 1, 8) for i in range(n))
 
 
 __all__ = ["Finding", "Investigation", "investigate", "investigate_file", "typical"]
