@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench work-precision examples picture roundoff verify soak docs gallery dist release-check clean help
+.PHONY: demo test test-full lint bench work-precision examples picture roundoff verify soak docs gallery investigate dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -14,6 +14,7 @@ help:
 	@echo "make examples  run every example, outputs in out/"
 	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
+	@echo "make investigate  is it integrable: every map and the negative controls, into docs/integrability-registry.md"
 	@echo "make docs      the documentation site, in out/docs"
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
 	@echo "make lint      ruff and mypy --strict"
@@ -61,6 +62,9 @@ picture: $(STAMP)
 
 verify: $(STAMP)
 	$(BIN)/kreisel verify --markdown > docs/verified.md.part && mv docs/verified.md.part docs/verified.md
+
+investigate: $(STAMP)
+	$(BIN)/kreisel investigate --markdown > docs/integrability-registry.md.part && mv docs/integrability-registry.md.part docs/integrability-registry.md
 
 docs: $(STAMP)
 	@echo "== the code on the pages, and the pages made from the records"

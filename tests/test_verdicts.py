@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import controls, growth, investigation
+from kreisel.lab import controls, growth, integrals, investigation, questions
 from kreisel.lab.investigation import investigate, typical
+from kreisel.lab.subject import subject
 from kreisel.systems import REGISTRY
 
 F = Fraction
@@ -109,13 +110,13 @@ def test_evidence_that_contradicts_itself_is_told(monkeypatch: pytest.MonkeyPatc
 
 def test_the_rule_needs_all_of_its_parts() -> None:
     """Mutants of the rule's own inputs: no bracket, too few integrals, integrals not in involution."""
-    told = investigation._liouville
-    what = investigation.subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
-    found = investigation.integrals.integrals(what, 2)
-    assert investigation._enough(told(what, what.tensor, found, 0))
-    assert not investigation._enough(told(what, what.tensor, found[:3], 0))
-    m = [f for f in investigation.integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
-    assert not investigation._enough(told(what, what.tensor, m, 0))
+    told = questions.liouville
+    what = subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
+    found = integrals.integrals(what, 2)
+    assert questions.enough(told(what, what.tensor, found, 0))
+    assert not questions.enough(told(what, what.tensor, found[:3], 0))
+    m = [f for f in integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
+    assert not questions.enough(told(what, what.tensor, m, 0))
 
 
 # -- pages and the command ----------------------------------------------------------------------------

@@ -368,7 +368,7 @@ def investigate(
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
     from kreisel.lab import investigation, report
 
-    known = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
+    known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
     if markdown:
         print(report.registry_table(), end="")
         return

@@ -124,14 +124,14 @@ def _start(flint: Any, what: Subject, x: Any) -> Array:
 
 
 def _energy(what: Subject, known: Mapping[str, Any]) -> dict[str, Any]:
-    return {} if what.energy is None else {"energy": lambda x: what.energy(x, **known)}  # type: ignore[misc]
+    return {} if what.energy is None else {"energy": lambda x: what.energy(x, **known)}
 
 
 def _of_balls(flint: Any, f: Any) -> Callable[[Array], Any]:
     """A function on balls: the coefficients of a polynomial become rationals that balls know."""
     terms = getattr(f, "terms", None)
     if terms is None:
-        return f  # type: ignore[no-any-return]
+        return f
     own = {e: flint.fmpq(c.numerator, c.denominator) for e, c in terms.items()}
 
     def polynomial(x: Array) -> Any:

@@ -43,7 +43,7 @@ def variational_step(M: Array, P: Array, *, A: Array, R: Array, c: Array, eps: A
 
 def variational_heavy_top() -> Model:
     """A heavy top with three unequal moments, its centre of mass off the axes, and that step."""
-    rule = Map(step=variational_step, turn=variational_step, order=2)
+    rule = Map(step=variational_step, rational=False, order=2)
     system = replace(heavy_top.SYSTEM, name="variational-heavy-top", map=rule)
     return system(J=[0.4, 1.0, 1.7], A=[0.6, 0.3, 0.9])
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ PARTS = 10  # of an orbit, for the uncertainty of an exponent
 ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
 CLEAR = 5.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
+STARTS = 50
 NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
 
 
@@ -120,7 +121,8 @@ class Orbit:
 def _scheme(what: Subject, tangent: bool) -> Scheme:
     """The step as a scheme, with a tangent vector or without."""
     jax_numbers = what.model is not None and what.model.system.numbers == "jax"
-    constants = {k: np.asarray(v) for k, v in what.floats.items()}
+    constants = {k: np.asarray(v) for k, v in what.floats.items() if np.ndim(v) == 0}
+    fixed = {k: v for k, v in what.floats.items() if np.ndim(v) > 0}
     return Scheme(
         name=f"{what.name}{' and its tangent map' if tangent else ''}",
         components=(("x", f"R^{what.dim}"),) + ((("v", f"R^{what.dim}"),) if tangent else ()),
@@ -128,7 +130,9 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
         axes={k: np.ndim(v) for k, v in constants.items()},
         n=3,
         prepare=lambda z: z,
-        step=_pushed_by_jax(what.step) if jax_numbers else _pushed(what),
+        step=_pushed_by_jax(what.step, _Fixed(fixed))
+        if jax_numbers
+        else _pushed(replace(what, step=partial(what.step, **fixed))),
         observe=lambda z: {},
         reopen=lambda z: z,
         outcomes={},
@@ -137,7 +141,7 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
 
 
 def _pushed(what: Subject) -> Callable[..., tuple[Array, ...]]:
-    def step(x: Array, v: Array | None = None, **constants: Array) -> tuple[Array, ...]:
+    def step(x: Array, v: Array | None = None, /, **constants: Array) -> tuple[Array, ...]:
         if v is None:
             return (_called(what, x, constants),)
         duals = np.empty(what.dim, dtype=object)
@@ -152,14 +156,24 @@ def _pushed(what: Subject) -> Callable[..., tuple[Array, ...]]:
     return step
 
 
+class _Fixed(dict[str, Array]):
+    """Constants that tell by their numbers whether they are the same."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(tuple((k, v.tobytes()) for k, v in sorted(self.items())))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Fixed) and hash(self) == hash(other)
+
+
 @lru_cache(16)
-def _pushed_by_jax(own: Callable[..., Array]) -> Callable[..., tuple[Array, ...]]:
+def _pushed_by_jax(own: Callable[..., Array], fixed: _Fixed) -> Callable[..., tuple[Array, ...]]:
     """The same function for the same step, so that it is compiled once."""
     from kreisel.reduction.double import jax
 
-    def step(x: Array, v: Array | None = None, **constants: Array) -> tuple[Array, ...]:
+    def step(x: Array, v: Array | None = None, /, **constants: Array) -> tuple[Array, ...]:
         def one(y: Array) -> Array:
-            return own(y, **constants)
+            return own(y, **fixed, **constants)
 
         return (one(x),) if v is None else tuple(jax.jvp(one, (x,), (v,)))
 
@@ -177,9 +191,13 @@ def _called(what: Subject, x: Array, constants: dict[str, Array]) -> Array:
 
 
 def float_start(what: Subject, seed: int = 0) -> Array:
-    """A random point of size about 1."""
-    draw = exact.float_random(np.random.default_rng(seed))
-    return np.asarray(what.point(draw), dtype=np.float64)
+    """A random point of size about 1, at which the record allows the step."""
+    rng = np.random.default_rng(seed)
+    for _ in range(STARTS):
+        x = np.asarray(what.point(exact.float_random(rng)), dtype=np.float64)
+        if what.allowed is None or what.allowed(x, **what.floats):
+            return x
+    raise RunError(f"The step of {what.name} is too long for {STARTS} random starts. Use a smaller eps.")
 
 
 def tangents(what: Subject, x: Array, count: int | None, seed: int = 0) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class Mod:
     """An array of residues modulo p that behaves as one number: the same arithmetic at many points."""
 
     __slots__ = ("p", "v")
+    ordered: ClassVar[bool] = False
 
     def __init__(self, v: Any, p: int):
         self.v, self.p = v, p
@@ -115,7 +116,7 @@ def _power(base: Any, exponent: int, p: int) -> Any:
 
 
 def fraction(x: Any) -> Fraction:
-    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for what is none."""
+    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for others."""
     if hasattr(x, "q") and hasattr(x, "p"):  # python-flint
         return Fraction(int(x.p), int(x.q))
     try:

@@ -1,4 +1,4 @@
-"""Lax pairs put to the test: is the spectrum kept, and are its integrals enough?
+"""Lax pairs put to the test: whether the spectrum is kept, and whether its integrals are enough.
 
 For matrices L(x, lambda), V(x, lambda) of a map x -> x': the residual V L(x') - L(x) V, the coefficients of
 det(L(lambda) - mu) at x and x', the rank of their differentials, their brackets, and how many there are on a leaf
@@ -22,7 +22,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.lab.exact import independent, slopes
-from kreisel.lab.fields import PRIMES, Mod, Pole, fraction, random_residues, require_flint
+from kreisel.lab.fields import PRIMES, ROOT, Mod, Pole, fraction, random_residues, require_flint
 from kreisel.lab.subject import Subject
 
 POINTS = 6
@@ -160,9 +160,25 @@ def _matrix(what: Subject, function: Any, x: Array, lam: Any, known: dict[str, A
             f"The Lax pair of {what.name} failed on exact numbers: {error}. It must be rational in the coordinates and "
             "in lam, and take the constants of the map by keyword."
         ) from error
+    out = _without_complex(out, lam.p if isinstance(lam, Mod) else 0)
     if out.ndim != 2 or out.shape[0] != out.shape[1]:
         raise InputError(f"The Lax pair of {what.name} must be square matrices; shape {out.shape} came.")
     return out
+
+
+def _without_complex(out: Array, p: int) -> Array:
+    """Complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities."""
+    if not p or not any(isinstance(v, algebra.Complex) for v in out.flat):
+        return out
+    root, plain = pow(ROOT, (p - 1) // 4, p), np.empty(out.shape, dtype=object)
+    for place in np.ndindex(out.shape):
+        v = out[place]
+        plain[place] = v.re + root * v.im if isinstance(v, algebra.Complex) else v
+    return plain
+
+
+def _vanishes(v: Any) -> bool:
+    return bool(v.re == 0 and v.im == 0) if isinstance(v, algebra.Complex) else bool(v == 0)
 
 
 def _random(what: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:
@@ -192,7 +208,7 @@ def _residual_over_q(what: Subject, seed: list[int]) -> bool:
     known = {k: np.vectorize(fraction, otypes=[object])(v)[()] for k, v in what.constants.items()}
     new = what.step(x, **known)
     V, L, L1 = (_matrix(what, f, z, lam, known) for f, z in ((what.conjugator, x), (what.lax, x), (what.lax, new)))
-    return not any(v != 0 for v in (V @ L1 - L @ V).flat)
+    return all(_vanishes(v) for v in (V @ L1 - L @ V).flat)
 
 
 def _isospectral(what: Subject, seed: list[int], p: int) -> bool:

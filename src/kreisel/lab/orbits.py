@@ -1,7 +1,7 @@
 """Exact orbits: how their numbers grow over Q, and how long their cycles are over a finite field.
 
-Over Q the height of a point, the digits of its numerators and denominators, grows like the degrees of the iterates: like
-a power of the step for an integrable map, exponentially otherwise.  [Abarenkova et al., Physica A 264 (1999)]
+Over Q the height of a point, the digits of its numerators and denominators, grows like the degrees of the iterates:
+like a power of the step for an integrable map, exponentially otherwise.  [Abarenkova et al., Physica A 264 (1999)]
 
 Over F_p every orbit of an invertible map is a cycle or runs into a pole.  Where orbits lie on curves of genus 1 a cycle
 has at most p + 1 + 2 sqrt(p) points (Hasse, Weil); a map without integrals permutes all p^d points like one at random.

@@ -144,12 +144,26 @@ def plain(told: Investigation) -> dict[str, Any]:
     }
 
 
+HEAD = """# Every map, investigated
+
+`kreisel investigate` on every map of the registry, n = 3, eps = 1/3, small whole numbers for the other parameters, and
+on three negative controls (`kreisel.lab.controls`): the equations of a heavy top by Euler's method; the map of the
+Lagrange top in a field that grows with height and breaks its symmetry; and the symmetric variational step of a heavy
+top with three unequal moments. What the columns mean and the rule of the verdict: [the laboratory](integrability.md).
+
+Made by `make investigate` (`kreisel investigate --markdown`).
+
+"""
+
+
 def registry_table() -> str:
-    """Every map of the registry, n = 3, and the negative controls, as a table of the documentation."""
+    """Every map of the registry, n = 3, and the negative controls, as a page of the documentation."""
     from kreisel.lab.controls import controls
     from kreisel.lab.investigation import investigate
     from kreisel.systems import REGISTRY
 
-    maps = [(f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None]
-    asked: list[tuple[str, Any, dict[str, Any]]] = [*maps, *controls()]
-    return markdown([(shown, investigate(what, **options)) for shown, what, options in asked])
+    asked: list[tuple[str, Any, dict[str, Any]]] = [
+        (f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None
+    ]
+    asked += controls()
+    return HEAD + markdown([(shown, investigate(what, **options)) for shown, what, options in asked])

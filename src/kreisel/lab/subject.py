@@ -31,6 +31,7 @@ class Subject:
     involution(x, **constants)  R with R step R = step^-1
     energy(x, **constants)   the one that the map keeps
     flow(x, **constants)   the right-hand side that it discretizes with the constant eps as its step
+    allowed(x, **constants)   whether the step exists at x in floats
     implicit               why the step cannot be made in exact numbers; "" where it can
     """
 
@@ -46,6 +47,7 @@ class Subject:
     involution: Callable[..., Array] | None = None
     flow: Callable[..., Array] | None = None
     energy: Callable[..., Any] | None = None
+    allowed: Callable[..., bool] | None = None
     implicit: str = ""
     model: Model | None = None
 
@@ -163,6 +165,9 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def integrals(x: Array, **known: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), known)) for f in extra])
 
+    def allowed(x: Array, **known: Any) -> bool:
+        return bool(known["eps"] < call(mapped.largest_step, unpacked(x), known))
+
     return Subject(
         name=system.name,
         step=on_coordinates(mapped.step),
@@ -176,6 +181,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         involution=on_coordinates(mapped.involution),
         flow=on_coordinates(system.flow),
         energy=None if system.energy is None else lambda x, **known: call(system.energy, unpacked(x), known),
+        allowed=allowed if mapped.largest_step is not None else None,
         implicit=implicit,
         model=model,
     )

@@ -7,7 +7,7 @@ import itertools
 import logging
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,11 @@ class Here:
             if stop.signal is not None:
                 return
             yield compute(*tasks.arguments(block))
+
+    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """The place of each item and function(item), in order."""
+        for place, item in enumerate(items):
+            yield place, function(item)
 
 
 class Pool:
@@ -82,6 +87,22 @@ class Pool:
                         at_work[self._submit(tasks, block, losses[block])] = block
         except (OSError, distributed.CancelledError) as error:
             raise RunError(f"The scheduler {self._address or 'here'} went away: {error}. {LOST}") from error
+        finally:
+            with contextlib.suppress(Exception):
+                self._client.cancel(list(at_work), force=True)
+
+    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """The place of each item and function(item), in the order in which they end."""
+        import distributed
+
+        at_work = {self._client.submit(function, item, pure=False): place for place, item in enumerate(items)}
+        try:
+            for future in distributed.as_completed(list(at_work)):
+                yield at_work[future], future.result()
+        except distributed.KilledWorker as error:
+            raise RunError(f"A worker was lost again and again: {error}. Usual cause: too little memory.") from None
+        except (OSError, distributed.CancelledError) as error:
+            raise RunError(f"The scheduler {self._address or 'here'} went away: {error}.") from error
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel(list(at_work), force=True)
