@@ -1,9 +1,9 @@
 """A million turns: the exact flow, a map that keeps every integral, and RK4.
 
 A Lagrange top spins 10^6 times about its axis.  Left: how far the axis is from where it should be, by the closed form
-at each time (`kr.at`).  At equal order 4 and equal step the error of RK4 grows faster than the time, in the end like its
-square, because its energy (right) drifts; that of the map grows linearly, and its energy stays.  Of order 8 the map is
-still right at the end.  The exact flow has no error that grows.
+at each time (`kr.at`).  At equal order 4 and equal step the error of RK4 grows faster than the time, in the end like
+its square, because its energy (right) drifts; that of the map grows linearly, and its energy stays.  Of order 8 the map
+is still right at the end.  The exact flow has no error that grows.
 
 Source: docs/exact.md and docs/baecklund.md of this project; RK4 with the same step, compiled as every scheme is.
 """

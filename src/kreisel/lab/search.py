@@ -54,11 +54,12 @@ def explicit(gradient: Gradient, name: str = "explicit", n: int = 3) -> Model:
 
 def veselov(gradient: Gradient, J: Sequence[Any], name: str = "veselov") -> Model:
     """The map of -(1/eps) tr(WJ) + U(P), n = 3, on the branch W -> 1 as eps -> 0."""
-    c = euler_top.sums(J=np.array([float(v) for v in J]))["c"]
+    body = np.array([float(v) for v in J])
+    c = euler_top.sums(J=body)["c"]
 
     def step(M: Array, P: Array, *, eps: Any) -> tuple[Array, Array]:
         N = M + wedge(P, gradient(P, eps))
-        X = euler_top.turn(N, c=c, eps=eps)[0]
+        X = euler_top.turn(N, J=body, c=c, eps=eps)[0]
         return euler_top.move(N, X)[0], cayley_act(-X, P)
 
     return _model(name, len(J), Map(step=step, rational=False))

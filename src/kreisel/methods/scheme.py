@@ -72,8 +72,8 @@ class Scheme:
     trajectory(x0)         -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
                               their axes stand in `axes`.  `on(x0)` puts them in
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
-    orbit(z0, consts, reach) -> Orbit or States   the states at any |time| <= reach in closed form, for one lane; a map, which
-                                        also states its step, has whole times and counts steps
+    orbit(z0, consts, reach) -> Orbit or States: the states at any |time| <= reach in closed form, for one lane; a map,
+                                        which also states its step, has whole times and counts steps
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; constants other than the
                                         model's own are for an engine that records it
     reopen(x)              -> z         from an observed state back to the method's own variables
