@@ -430,7 +430,7 @@ def metadata_hashes(store: Path) -> dict[str, str]:
             if isinstance(told, dict):
                 told.pop("consolidated_metadata", None)
             text = json.dumps(told, sort_keys=True)
-        except ValueError:
+        except (ValueError, RecursionError):
             text = repr(path.read_bytes())
         out[path.relative_to(store).as_posix()] = hashlib.sha256(text.encode()).hexdigest()
     return out
@@ -559,6 +559,8 @@ def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True
                 raise InputError(
                     f"{path} is damaged, {name} cannot be read: {error}. `kreisel check {path}`."
                 ) from error
+            if not np.isfinite(run[name].values).all():
+                raise InputError(f"{path} is damaged: a part of {name} is not there. `kreisel check {path}`.")
     return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
 
 

@@ -113,7 +113,7 @@ def _metadata_faults(path: Path, complete: bool) -> list[str]:
         changed = [name for name, value in written.items() if here.get(name, value) != value]
     except FileNotFoundError:
         return [f"{CHECKSUMS} is missing"] if complete else []
-    except (OSError, ValueError, AttributeError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
         return [f"{CHECKSUMS} cannot be read: {error}"]
     return faults + [f"{name} was changed after the run" for name in changed]
 
