@@ -9,14 +9,16 @@ from kreisel.algebra import Array
 from kreisel.contract import Frame
 from kreisel.engines import layout
 from kreisel.engines.cpu import Kernel
+from kreisel.lab.exact import jacobian
 from kreisel.methods import scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 
-COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # steps in a unit of time
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # steps in a unit of time
 TIMES = (1, 2, 4, 8)
-WINDOW = 4
-ABOVE = 30.0  # times the error at the finest steps, which is round-off
+RATE = 3.0
+WINDOW, LARGEST = 4, 1e-1  # successive steps; beyond such errors there is no order
+PLATEAU = 3e-13
 SOLVER_ERROR = 1e-11
 
 
@@ -38,22 +40,24 @@ def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: in
 
     Errors at several times and for many steps are taken against the method's own end with an eighth of the finest
     step, whose distance from the solver's end is added unless the solver may be to blame.  Of all runs of WINDOW
-    successive steps above the plateau the one counts whose first and last ones have the closest slopes, for the state
-    and for the orientation each: high orders set in late, how late depends on the point.
+    successive steps above the plateau, with errors below LARGEST, the one counts whose first and last ones have the
+    closest slopes, for the state and for the orientation each: high orders set in late, how late depends on the point.
+    The unit of time is that of the fastest motion near the start, from the flow's Jacobian, and at most 1.
     """
+    slope = jacobian(model.flow, state, model.system.space.kinds, model.n)[1].astype(float)
+    unit = min(1.0, RATE / float(abs(np.linalg.eigvals(slope)).max()))
     found: list[list[tuple[float, float]]] = [[], []]
-    for time in TIMES:
-        counts = [time * k for k in COUNTS]
+    for factor in TIMES:
+        time, counts = factor * unit, [factor * k for k in COUNTS]
         own = _end(model, state, method, order, time, 8 * counts[-1])
         apart = _errors(model, _truth(model, state, time), [own])[0]
         ends = [_end(model, state, method, order, time, count) for count in counts]
         errors = _errors(model, own, ends) + np.where(apart > SOLVER_ERROR, apart, 0)
-        plateau = ABOVE * np.maximum(errors[-3:].max(0), 1e-16)
         logs, steps = np.log(np.maximum(errors, 1e-300)), np.log(time / np.array(counts))
         for first in range(len(counts) - WINDOW + 1):
             here, half = slice(first, first + WINDOW), WINDOW - 1
-            for of_part, e, least in zip(found, logs.T, np.log(plateau), strict=True):
-                if e[here].min() > least:
+            for of_part, e in zip(found, logs.T, strict=True):
+                if e[here].min() > np.log(PLATEAU) and e[here].max() < np.log(LARGEST):
                     parts = (slice(half), slice(-half, None))
                     halves = [np.polyfit(steps[here][part], e[here][part], 1)[0] for part in parts]
                     slope = float(np.polyfit(steps[here], e[here], 1)[0])
