@@ -79,10 +79,14 @@ def _time(ns: float) -> str:
 
 
 def dimension_accuracy() -> str:
-    """Worst kept integral of the structured and of the dense kernel."""
+    """Worst of energy and Casimirs, of the structured and of the dense kernel."""
     told = _result("dimension")["accuracy"]
-    rows = [[name, f"{row['large']:.2f}", f"{row['cpu']:.2f}"] for name, row in told["bands"].items()]
-    return _table([f"n = {told['n']}, {told['steps']:,} steps; worst integral in bands", "structured", "dense"], rows)
+    rows = [
+        [name, *(f"{row[k]:.2f}" if k in row else "-" for k in ("large", "cpu"))] for name, row in told["bands"].items()
+    ]
+    return _table(
+        [f"n = {told['n']}, {told['steps']:,} steps; energy, Casimirs, in bands", "structured", "dense"], rows
+    )
 
 
 def startup() -> str:

@@ -48,6 +48,7 @@ NEEDED = {  # attributes and their types
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
 MOST_INDEXED = 10**7  # times that are held in memory
 LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
+MANY_SAMPLES_N = 16  # beyond, there are fewer
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -112,7 +113,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
     """
     z = _spread(plan, first)
-    samples = SAMPLES if plan.model.n <= 16 else max(2, 16 * SAMPLES // plan.model.n)  # a coordinate each counts as one
+    n = plan.model.n
+    samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     directions = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *z.shape)) * _largest(plan, z)
     here = plan.observe(z)
     up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)
@@ -122,6 +124,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         if outcome.kind in KINDS:
             felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
             noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
+            if n > MANY_SAMPLES_N and noise.shape[-1] == layout.size("skew", n):
+                noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
             computed = np.maximum(noise.max((0, 1)), abs(here[name]).max(0))
             out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
     return out
