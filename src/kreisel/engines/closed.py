@@ -111,9 +111,10 @@ class ClosedForm:
         self._done = 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         kinds = [kind for _, kind in scheme.components]
-        self._lanes = [
-            Rows(orbit, kinds, scheme.name) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
-            for orbit in orbits(scheme, self.z, reach)
+        lanes = orbits(scheme, self.z, reach)
+        kernel = load(_source(lanes[0], kinds, scheme.name)).kernel if isinstance(lanes[0], Orbit) else None
+        self._lanes = [  # no number of a lane stands in the kernel
+            Rows(orbit, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in lanes
         ]
 
     def advance(self, out: Floats, every: int) -> None:
@@ -173,18 +174,16 @@ class Samples:
 class Rows:
     """The states of one orbit, by a kernel made of its `row`."""
 
-    def __init__(self, orbit: Orbit, kinds: list[str], name: str):
+    def __init__(self, orbit: Orbit, kernel: Any):
         self.orbit = orbit
         values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
         self._constants = np.concatenate([v.ravel() for v in values])
         dense = orbit.places <= MOST_PLACES
-        self._numbers = len(orbit.place(0))
-        self._table = np.empty((1 << orbit.places if dense else 0, self._numbers))
+        self._table = np.empty((1 << orbit.places if dense else 0, len(orbit.place(0))))
         self._known = np.zeros(len(self._table), dtype=bool)
         self._sparse: dict[int, Array] = {}
         self._one_at_a_time = Lock()  # numbers in many digits change their context
-        self.source = _source(orbit, kinds, name, self._numbers)
-        self._kernel = load(self.source).kernel
+        self._kernel = kernel
 
     def march(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
         """The states at the phases before + step, before + 2 step, ..., of 128 binary places, into out[:, lane]."""
@@ -243,8 +242,9 @@ class Rows:
         return int(self._kernel(*given, *rest))
 
 
-def _source(orbit: Orbit, kinds: list[str], name: str, numbers: int) -> str:
+def _source(orbit: Orbit, kinds: list[str], name: str) -> str:
     """Straight-line code of `row` in blocks of rows, which LLVM vectorises; what all rows share comes first."""
+    numbers = len(orbit.place(0))
     shapes = {"place": (numbers,), "h": (), "left": (3,), "right": (3,)}
 
     def function(place: Array, h: Array, left: Array, right: Array, **known: Array) -> Array:
