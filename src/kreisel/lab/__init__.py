@@ -21,6 +21,7 @@ _MODULES = (
     "integrals",
     "laws",
     "lax",
+    "numerical",
     "orbits",
     "proofs",
     "search",
