@@ -7,6 +7,8 @@ import pytest
 
 import kreisel as kr
 from kreisel import analysis
+from kreisel.lab import exact
+from kreisel.systems import REGISTRY
 from kreisel.view import charts
 from kreisel.view.style import THEMES
 
@@ -90,3 +92,14 @@ def test_the_colours_are_readable_and_apart(name):
         seen = [lab(np.clip(matrix @ linear(c), 0, 1)) for c in theme.colours]
         gaps = [np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i]]
         assert min(gaps) > 9
+
+
+@pytest.mark.parametrize(("name", "entries"), [("ratiu-bitop", 6), ("quadratic-potential", 10)])
+def test_a_matrix_is_drawn_by_its_entries(name, entries):
+    draw = exact.float_random(np.random.default_rng(1))
+    model = exact.random_model(REGISTRY[name], 4, draw)
+    state = exact.random_state(model.system.space, 4, draw)
+    x0 = model.state(**dict(zip(model.system.space.letters, state, strict=True)))
+    left = kr.plot(kr.simulate(model, x0, dt=0.01, steps=4)).axes[0]
+    assert len(left.lines) == entries
+    assert left.lines[-1].get_label() == "$" + model.system.space.letters[-1] + ("_{34}$" if entries == 6 else "_{44}$")

@@ -114,8 +114,12 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
 
 def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     time, values = read(run["time"][:STATES_SHOWN]), read(run[letter][:STATES_SHOWN])
-    for i, series in enumerate(values.T):
-        axes.plot(time, series, color=theme.colours[i % len(theme.colours)], label=f"${letter}_{{{i + 1}}}$")
+    labels = [str(i + 1) for i in range(values.shape[1])]
+    if values.ndim == 3:  # a matrix, skew or symmetric
+        j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
+        values, labels = values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
+    for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
+        axes.plot(time, series, color=theme.colours[i % len(theme.colours)], label=f"${letter}_{{{label}}}$")
     axes.set(xlabel="time", title=f"components of ${letter}$, first {len(time)} saved states")
     axes.legend(ncols=min(values.shape[1], 6), loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
