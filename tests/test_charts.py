@@ -12,7 +12,6 @@ from kreisel.systems import REGISTRY
 from kreisel.view import charts
 from kreisel.view.style import THEMES
 
-
 PLANES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 
 
