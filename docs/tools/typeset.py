@@ -163,7 +163,7 @@ def latex(expression: Any) -> str:
     return sp.latex(expression, fold_short_frac=False)
 
 
-GREEK = {"Omega": r"\Omega", "omega": r"\omega", "alpha": r"\alpha"}
+GREEK = {name: "\\" + name for name in ("Omega", "omega", "alpha", "gamma", "chi", "mu")}
 
 
 def from_text(text: str) -> str:
