@@ -34,7 +34,7 @@ from kreisel.runs.sweep import carry_out
 CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))
 ARCHIVES = int(os.environ.get("KREISEL_FUZZ_ARCHIVES", "30"))
 SEED = int(os.environ.get("KREISEL_FUZZ_SEED", "1"))
-SECONDS = 60  # that a case may take; a kernel may have to be compiled
+SECONDS = 240  # that a case may take; kernels may have to be compiled, on a busy machine
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MOST_STEPS, MOST_LANES = 60, 40
 KNOWN = (kr.InputError, kr.RunError)

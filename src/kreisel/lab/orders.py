@@ -9,6 +9,7 @@ from kreisel.algebra import Array
 from kreisel.contract import Frame
 from kreisel.engines import layout
 from kreisel.engines.cpu import Kernel
+from kreisel.engines.recording import flat_constants, flat_stages
 from kreisel.lab.exact import jacobian
 from kreisel.methods import scheme
 from kreisel.methods.observing import ORIENTATION
@@ -16,7 +17,7 @@ from kreisel.model import Model
 
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # steps in a unit of time
 TIMES = (1, 2, 4, 8)
-RATE = 3.0
+RATE, LONGEST = 3.0, 8.0  # of a unit of time
 WINDOW, LARGEST = 4, 1e-1  # successive steps; beyond such errors there is no order
 PLATEAU = 3e-13
 SOLVER_ERROR = 1e-11
@@ -39,42 +40,54 @@ def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: in
     """The same of a method with a step, by its compiled kernel, where the error is closest to a power of dt.
 
     Errors at several times and for many steps are taken against the method's own end with an eighth of the finest
-    step, whose distance from the solver's end is added unless the solver may be to blame.  Of all runs of WINDOW
-    successive steps above the plateau, with errors below LARGEST, the one counts whose first and last ones have the
-    closest slopes, for the state and for the orientation each: high orders set in late, how late depends on the point.
-    The unit of time is that of the fastest motion near the start, from the flow's Jacobian, and at most 1.
+    step, whose distance from the solver's end is added unless the solver may be to blame.  At each time the finest
+    WINDOW successive steps above the plateau are taken, with errors below LARGEST; of these the one counts whose first
+    and last ones have the closest slopes, for the state and for the orientation each: high orders set in late.
+    The unit of time is that of the fastest motion near the start, from the flow's Jacobian, and at most LONGEST.
     """
     slope = jacobian(model.flow, state, model.system.space.kinds, model.n)[1].astype(float)
-    unit = min(1.0, RATE / float(abs(np.linalg.eigvals(slope)).max()))
+    unit = min(LONGEST, RATE / float(abs(np.linalg.eigvals(slope)).max()))
     found: list[list[tuple[float, float]]] = [[], []]
+    end = _Ends(model, state, method, order)
     for factor in TIMES:
         time, counts = factor * unit, [factor * k for k in COUNTS]
-        own = _end(model, state, method, order, time, 8 * counts[-1])
+        own = end(time, 8 * counts[-1])
         apart = _errors(model, _truth(model, state, time), [own])[0]
-        ends = [_end(model, state, method, order, time, count) for count in counts]
+        ends = [end(time, count) for count in counts]
         errors = _errors(model, own, ends) + np.where(apart > SOLVER_ERROR, apart, 0)
         logs, steps = np.log(np.maximum(errors, 1e-300)), np.log(time / np.array(counts))
-        for first in range(len(counts) - WINDOW + 1):
-            here, half = slice(first, first + WINDOW), WINDOW - 1
-            for of_part, e in zip(found, logs.T, strict=True):
+        for of_part, e in zip(found, logs.T, strict=True):
+            for first in reversed(range(len(counts) - WINDOW + 1)):
+                here, half = slice(first, first + WINDOW), WINDOW - 1
                 if e[here].min() > np.log(PLATEAU) and e[here].max() < np.log(LARGEST):
                     parts = (slice(half), slice(-half, None))
                     halves = [np.polyfit(steps[here][part], e[here][part], 1)[0] for part in parts]
                     slope = float(np.polyfit(steps[here], e[here], 1)[0])
                     of_part.append((abs(float(halves[0] - halves[1])), slope))
+                    break
     return [min(of_part)[1] for of_part in found]
 
 
-def _end(model: Model, state: tuple[Array, ...], method: str, order: int, time: float, count: int) -> Array:
-    plan = scheme(model, method, time / count, order, oriented=True)
-    g0 = np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n)
-    kinds = [kind for _, kind in plan.components]
-    kernel = Kernel(plan, np.asarray(layout.flatten(plan.prepare((*state, g0)), kinds))[None])
-    kernel.advance(np.empty((1, *kernel.z.shape)), count)
-    end = plan.observe(layout.restore(kernel.z[0], kinds, model.n))
-    g = algebra.rotation_matrix(end[ORIENTATION]) if model.n == 3 else end[ORIENTATION]
-    space = model.system.space
-    return layout.flatten((*(end[letter] for letter in space.letters), g), (*space.kinds, "matrix"))
+class _Ends:
+    """Ends of runs with different steps, by one compiled kernel whose constants are exchanged."""
+
+    def __init__(self, model: Model, state: tuple[Array, ...], method: str, order: int):
+        self._model, self._method, self._order = model, method, order
+        self._start = (*state, np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n))
+        self._kernel: Kernel | None = None
+
+    def __call__(self, time: float, count: int) -> Array:
+        model = self._model
+        plan = scheme(model, self._method, time / count, self._order, oriented=True)
+        kinds = [kind for _, kind in plan.components]
+        z = np.asarray(layout.flatten(plan.prepare(self._start), kinds))[None]
+        kernel = self._kernel = self._kernel or Kernel(plan, z)
+        kernel.z, (kernel.constants, _), (kernel.stages, _) = z, flat_constants(plan, 1), flat_stages(plan, 1)
+        kernel.advance(np.empty((1, *z.shape)), count)
+        end = plan.observe(layout.restore(kernel.z[0], kinds, model.n))
+        g = algebra.rotation_matrix(end[ORIENTATION]) if model.n == 3 else end[ORIENTATION]
+        space = model.system.space
+        return layout.flatten((*(end[letter] for letter in space.letters), g), (*space.kinds, "matrix"))
 
 
 def baecklund_orders(
