@@ -27,7 +27,7 @@ except ImportError as error:
 
 # With asynchronous dispatch a Newton step for n = 5 now and then stood still for good on two cores (JAX 0.10); without,
 # in none of six runs.  A client that the user's own code has begun keeps what it has.
-jax.config.update("jax_cpu_enable_async_dispatch", False)
+jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]
 
 __all__ = ["double", "is_jax", "jax", "optimistix", "require_double"]
 
