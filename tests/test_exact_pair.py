@@ -91,6 +91,11 @@ def test_errors_grow_like_the_steps(orientation: Any) -> None:
     assert growth(10**6, orientation) < 1e-16 * 10**6
 
 
+def test_without_putting_back_they_grow_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exact_pair, "put_back", lambda M, P, **consts: (M, P))
+    assert growth(10**6) > 1e-16 * 10**6
+
+
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize(("dt", "steps"), [(0.25, 24), (1.0, 6), (6.0, 1)])
 def test_orientation(which: int, dt: float, steps: int) -> None:
