@@ -64,6 +64,7 @@ def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
         )
         return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError, NotImplementedError) as error:
+        # the last: zipfile meets a kind of compression or encryption that it does not know
         raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
 
 

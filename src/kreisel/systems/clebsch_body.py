@@ -59,10 +59,6 @@ def inverse(M, P, *, J, c, eps):
     return step(M, P, J=J, c=c, eps=-eps)
 
 
-def involution(M, P):
-    return -M, P
-
-
 def generator(M, P, M1, P1, *, J, c, eps):
     return turn(M, P, J=J, c=c, eps=eps)[0]
 
@@ -102,7 +98,7 @@ SYSTEM = replace(
         step=step,
         inverse=inverse,
         adjoint=step,
-        involution=involution,
+        involution=quadratic_potential.involution,
         generator=generator,
         lagrangian=lagrangian,
         lax=lax_matrix,
