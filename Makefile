@@ -36,9 +36,12 @@ demo: $(STAMP)
 	cd out && ../$(BIN)/kreisel run ../examples/lagrange-top.toml --overwrite
 	@echo "== the archive is out/lagrange-top.zarr, the figure out/lagrange-top.png"
 
+# What stands still is named and ended.
+LIMITED := --timeout 400 --timeout-method thread
+
 test: $(STAMP)
 	@echo "== the test suite"
-	$(BIN)/python -m pytest -q -n 2 tests
+	$(BIN)/python -m pytest -q -n 2 $(LIMITED) tests
 
 test-full: $(STAMP)
 	@echo "== the test suite, with the cases that take minutes"
@@ -88,9 +91,9 @@ release-check: dist
 	rm -rf out/release/src
 	$(PYTHON) -m venv out/release/.venv
 	out/release/.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-	  "$$(ls dist/*.whl)[all]" pytest pytest-xdist sympy
+	  "$$(ls dist/*.whl)[all]" pytest pytest-timeout pytest-xdist sympy
 	cd out/release && .venv/bin/python -c "import kreisel; assert '.venv' in kreisel.__file__, kreisel.__file__"
-	cd out/release && .venv/bin/python -m pytest -q -n 2 tests
+	cd out/release && .venv/bin/python -m pytest -q -n 2 $(LIMITED) tests
 	out/release/.venv/bin/kreisel systems
 
 soak: $(STAMP)
