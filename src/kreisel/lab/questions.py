@@ -328,22 +328,24 @@ def _chaos(c: Clues) -> Finding:
 # -- the verdict ------------------------------------------------------------------------------------
 
 
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def verdict(c: Clues) -> tuple[str, str]:
     """The verdict and its reason."""
     for_it, against = [], []
     where = "in floats" if c.in_floats else "exactly"
     if c.tensor is not None:
         if c.told is not None and enough(c.told):
-            for_it.append(
-                f"{c.told.with_more} independent integrals on leaves of dimension {c.told.leaf} found exactly"
-            )
+            count = _counted(c.told.with_more, "independent integral")
+            for_it.append(f"{count} on leaves of dimension {c.told.leaf} found exactly")
         if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
             more = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
             for_it.append(f"a Lax pair whose spectrum{more} is complete, kept {where}")
         if c.numeric is not None and c.numeric.enough:
-            for_it.append(
-                f"{c.numeric.on_leaf} integrals on leaves of dimension {c.numeric.leaf} stand still in floats"
-            )
+            count = _counted(c.numeric.on_leaf, "integral")
+            for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} kept in floats")
     if c.growth is not None and _exponential(c.growth):
         against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
     chaotic = [o for o in c.orbits if o.chaotic]
