@@ -61,7 +61,6 @@ def test_import_is_light() -> None:
         "pandas",
         "flint",
         "jax",
-        "optimistix",
         "mpmath",
         "sympy",
         "plotly",
@@ -73,7 +72,7 @@ def test_import_is_light() -> None:
 
 def test_the_first_step_waits_for_no_more_than_it_needs(tmp_path: Path) -> None:
     """`kreisel run` to disk, up to the first call of the kernel: tables and figures are imported when they are made."""
-    heavy = ("xarray", "pandas", "matplotlib", "sympy", "jax", "optimistix", "flint", "dask", "IPython")
+    heavy = ("xarray", "pandas", "matplotlib", "sympy", "jax", "flint", "dask", "IPython")
     text = (Path(__file__).parent.parent / "examples" / "lagrange-top.toml").read_text(encoding="utf-8")
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     code = f"""

@@ -18,7 +18,7 @@ import kreisel as kr
 from kreisel import algebra, invariants
 from kreisel import reduction as red
 from kreisel.lab import exact, laws
-from kreisel.reduction import newton
+from kreisel.reduction import linear, newton
 from kreisel.reduction.groups import random_element
 from kreisel.runs.own import load
 from kreisel.runs.simulate import resume
@@ -382,6 +382,38 @@ def test_an_ensemble_is_that_of_the_compiled_map() -> None:
     for letter in ("M", "P", "g", "casimir"):
         assert abs(a[letter] - b[letter]).max() < 1e-11
     assert (kr.drift(b).ratio < 5).all()
+
+
+def test_linear_algebra_of_small_matrices() -> None:
+    """Against LAPACK, where a pivot is zero too; derivatives against differences."""
+    A = np.stack([rng(3).normal(size=(4, 4)), np.eye(4)[[1, 2, 3, 0]]])
+    with red.double():
+        inverse, determinant = linear.inverse_and_determinant(jnp.asarray(A))
+        assert abs(inverse @ A - np.eye(4)).max() < 1e-13
+        assert np.allclose(determinant, np.linalg.det(A), rtol=1e-13)
+        spd, E = jnp.asarray(A[0] @ A[0].T), jnp.asarray(rng(4).normal(size=(4, 4)))
+        for f in (linear.log_determinant, lambda X: linear.inverse(X)[1, 2], lambda X: linear.solve(X, E)[0, 3]):
+            slope = (f(spd + 1e-6 * E) - f(spd - 1e-6 * E)) / 2e-6
+            assert jax.jvp(f, (spd,), (E,))[1] == pytest.approx(float(slope), rel=1e-7)
+            assert (jax.grad(f)(spd) * E).sum() == pytest.approx(float(slope), rel=1e-7)
+
+
+def test_no_call_of_lapack_waits_for_another() -> None:
+    """Two of JAX's calls for batches at once stand still for good on two cores; the compiled maps make none."""
+    _, copy = registered("lagrange-top", 4)
+
+    def written(step) -> str:
+        with red.double():
+            M, P = jnp.zeros((5, 4, 4)), jnp.ones((5, 4))
+            return jax.jit(jax.vmap(step)).lower(M, P).as_text()
+
+    def step(M, P):
+        return copy.step(M, P, eps=0.1)
+
+    assert "lapack" in written(lambda M, P: jnp.linalg.inv(M))
+    assert "lapack" not in written(step)
+    assert "lapack" not in written(lambda M, P: jax.jacfwd(step)(M, P))
+    assert "lapack" not in written(lambda M, P: kr.LagrangeTop(p=(0, 0, 0, 1)).step(M, P, eps=0.1))
 
 
 def test_the_reference_runs_the_flow_of_an_own_lagrangian() -> None:

@@ -26,6 +26,8 @@ Array = Any  # an array of any library, or a NumPy object array of any field
 
 # -- the one door to the array library ------------------------------------------------------------
 
+LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and trace_log, where its own do not serve
+
 
 def exact(x: Array) -> bool:
     """True for numbers without round-off (an object array of a field), False for floats and their records.
@@ -65,9 +67,12 @@ def solve(A: Array, B: Array) -> Array:
         return A.record_solve(B)
     if holds_objects(A) or holds_objects(B) or A.dtype.itemsize > _double(A).itemsize:
         return _eliminate(A, B)[1]
-    if isinstance(A, np.ndarray):
-        return np.linalg.solve(A, B)
-    return A.__array_namespace__().linalg.solve(A, B)
+    return _linear_algebra(A).solve(A, B)
+
+
+def _linear_algebra(A: Array) -> Any:
+    space = A.__array_namespace__()
+    return LINEAR_ALGEBRA.get(space.__name__, space.linalg)
 
 
 def _double(A: Array) -> np.dtype[Any]:
@@ -232,7 +237,8 @@ def _as_float(v: Any) -> float:
 def trace_log(A: Array) -> Array:
     """Tr log A = log det A for A (..., n, n) with positive leading minors."""
     if not holds_objects(A):
-        return A.__array_namespace__().linalg.slogdet(A)[1]
+        own = _linear_algebra(A)
+        return own.trace_log(A) if hasattr(own, "trace_log") else own.slogdet(A)[1]
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
 

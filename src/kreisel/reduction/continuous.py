@@ -16,7 +16,7 @@ from typing import Any
 
 from kreisel.algebra import Array
 from kreisel.contract import Frame
-from kreisel.reduction import newton
+from kreisel.reduction import linear, newton
 from kreisel.reduction.double import jax
 from kreisel.reduction.representations import Representation
 
@@ -68,4 +68,4 @@ class Continuous:
         force = self.rep.diamond(jax.grad(self.value, 1)(x, P), P)
         dM, dP = sign * (self.rep.group.ad_star(x, M) + force), -sign * self.rep.rate(x, P)
         inertia, coupling = jax.jacfwd(self.momentum, (0, 1))(x, P)
-        return jnp.linalg.solve(inertia, dM - coupling @ dP), dP
+        return linear.inverse(inertia) @ (dM - coupling @ dP), dP

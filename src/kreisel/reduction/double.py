@@ -18,18 +18,12 @@ from kreisel.errors import InputError
 
 try:
     import jax
-    import optimistix
 except ImportError as error:
     raise InputError(
-        f"kreisel.reduction needs JAX and Optimistix, and {error.name} is missing. "
-        "Install them with: pip install 'kreisel[reduction]'"
+        f"kreisel.reduction needs JAX, and {error.name} is missing. Install it with: pip install 'kreisel[reduction]'"
     ) from error
 
-# With asynchronous dispatch a Newton step for n = 5 now and then stood still for good on two cores (JAX 0.10); without,
-# in none of six runs.  A client that the user's own code has begun keeps what it has.
-jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]
-
-__all__ = ["double", "is_jax", "jax", "optimistix", "require_double"]
+__all__ = ["double", "is_jax", "jax", "require_double"]
 
 
 def double() -> AbstractContextManager[Any]:

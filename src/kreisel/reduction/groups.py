@@ -23,8 +23,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.reduction import linear
-from kreisel.reduction.double import double, jax, optimistix
+from kreisel.reduction import linear, newton
+from kreisel.reduction.double import double, jax
 
 jnp = jax.numpy
 CLOSED = 1e-10
@@ -103,7 +103,7 @@ class Group:
 
     def inverse(self, g: Array) -> Array:
         """g^-1."""
-        return g.conj().T if self.unitary else jnp.linalg.inv(g)
+        return g.conj().T if self.unitary else linear.inverse(g)
 
     @property
     def size(self) -> int:
@@ -143,7 +143,7 @@ class Group:
             return jax.scipy.linalg.expm(xi)
         if self._rotations:  # X^3 = -|u|^2 X for X = hat(u)
             return one + (xi + xi @ xi / 2) / (1 + x @ x / 4)
-        return linear.solve(one - xi / 2, one + xi / 2)
+        return algebra.solve(one - xi / 2, one + xi / 2)
 
     def unretract(self, W: Array) -> Array:
         """The x with retract(x) = W: the coordinates of 2 (W + I)^-1 (W - I), or of log W by Newton's method."""
@@ -151,13 +151,12 @@ class Group:
         if self._rotations:
             return self.coordinates(2 * (W - W.T)) / (1 + jnp.trace(W))
         if self.retraction == "cayley":
-            return self.coordinates(2 * linear.solve(W + one, W - one))
+            return self.coordinates(2 * algebra.solve(W + one, W - one))
 
         def off(x: Array, W: Array) -> Array:
             return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - one)
 
-        solver: Any = optimistix.Newton(rtol=0.0, atol=1e-10)
-        return optimistix.root_find(off, solver, self.coordinates(W - one), W, max_steps=30, throw=False).value
+        return newton.find(off, self.dim, W)
 
     def ad_star(self, x: Array, M: Array) -> Array:
         """ad*_xi M in coordinates."""

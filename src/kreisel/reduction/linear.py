@@ -1,21 +1,76 @@
-"""Linear algebra of small matrices, unrolled: LAPACK's calls and their pivots cost more than the arithmetic."""
+"""Linear algebra of small JAX matrices without LAPACK; `algebra` uses it for JAX's arrays.
+
+JAX's call of LAPACK for a batch waits inside the pool of threads that is to do the work: two at once on two cores wait
+for good (jaxlib 0.10: LU factors of a batch in ParallelBatchMap, both threads in BlockingCounter::Wait).
+"""
 
 from __future__ import annotations
 
+import sys
+
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.reduction.double import jax
 
 jnp = jax.numpy
+lax = jax.lax
 
 
 def solve(A: Array, B: Array) -> Array:
-    """A^-1 B for (N, N) and (N, k) by Gauss and Jordan without pivoting, for A near the identity.
+    """A^-1 B for A (..., N, N) and B (..., N, k)."""
+    return inverse(A) @ B
 
-    Safe for A = I - X with X skew, and for A = I + W with W orthogonal: their symmetric parts are positive.
-    """
+
+def trace_log(A: Array) -> Array:
+    """Tr log A = log det A for A (..., N, N) with a positive determinant."""
+    return log_determinant(A)
+
+
+@jax.custom_jvp
+def inverse(A: Array) -> Array:
+    """A^-1 for A (..., N, N); not finite where A is singular.  d(A^-1) = -A^-1 dA A^-1."""
+    return inverse_and_determinant(A)[0]
+
+
+@inverse.defjvp
+def _inverse_jvp(at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
+    Y = inverse(at[0])
+    return Y, -Y @ along[0] @ Y
+
+
+@jax.custom_jvp
+def log_determinant(A: Array) -> Array:
+    """Log det A.  d log det A = Tr(A^-1 dA)."""
+    return jnp.log(inverse_and_determinant(A)[1])
+
+
+@log_determinant.defjvp
+def _log_determinant_jvp(at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
+    return log_determinant(at[0]), (inverse(at[0]).swapaxes(-1, -2) * along[0]).sum((-2, -1))
+
+
+def inverse_and_determinant(A: Array) -> tuple[Array, Array]:
+    """A^-1 and det A for A (..., N, N), by Gauss and Jordan with partial pivoting."""
+    inverse, determinant = jnp.vectorize(_eliminated, signature="(n,n)->(n,n),()")(A)
+    return inverse, determinant
+
+
+def _eliminated(A: Array) -> tuple[Array, Array]:
     n = A.shape[-1]
-    for k in range(n):
-        here = jnp.arange(n)[:, None] == k
-        row, right = A[k] / A[k, k], B[k] / A[k, k]
-        A, B = jnp.where(here, row, A - A[:, k : k + 1] * row), jnp.where(here, right, B - A[:, k : k + 1] * right)
-    return B
+    rows = jnp.arange(n)
+
+    def eliminate(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        both, determinant = carry
+        p = jnp.argmax(jnp.where(rows >= k, abs(both[:, k]), -1.0))
+        both = both[jnp.where(rows == k, p, jnp.where(rows == p, k, rows))]
+        pivot = both[k, k]
+        row = both[k] / pivot
+        others = both - jnp.where(rows == k, 0.0, both[:, k])[:, None] * row
+        return jnp.where((rows == k)[:, None], row, others), determinant * jnp.where(p == k, pivot, -pivot)
+
+    start = jnp.concatenate([A, jnp.eye(n, dtype=A.dtype)], axis=1), jnp.ones((), A.dtype)
+    both, determinant = lax.fori_loop(0, n, eliminate, start)
+    return both[:, n:], determinant
+
+
+algebra.LINEAR_ALGEBRA[jnp.__name__] = sys.modules[__name__]

@@ -6,7 +6,7 @@ Newton's method converged to the root next to its start: the distance is at most
 Kantorovich's theorem, and the determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path meets a
 fold there is no root on the branch, and x is NaN.
 
-Derivatives of the root, of any order, come from the implicit function theorem (Optimistix).
+Derivatives of the root, of any order, come from the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from collections.abc import Callable
 from typing import Any
 
 from kreisel.algebra import Array
-from kreisel.reduction.double import jax, optimistix
+from kreisel.reduction import linear
+from kreisel.reduction.double import jax
 
 jnp = jax.numpy
 lax = jax.lax
 
-TOLERANCE = 1e-10  # of a Newton step, relative to 1; the error after it is its square
+TOLERANCE = 1e-10  # of the last step with the inverse that the path left
+REFINEMENTS = 2  # such steps, each of which takes six digits
 SLACK = 1e-6  # a Newton step as short as this ends a stretch; the error after it is its square
 MOST_ITERATIONS = 20
 SHORTEST = 1 / 1024  # of the path
@@ -29,16 +31,18 @@ Residual = Callable[[Array, Any], Array]
 
 def find(residual: Residual, dim: int, args: Any) -> Array:
     """The root x (dim,) of residual(x, args) on the branch of x = 0; NaN where there is none."""
-    x, inverse = _follow(lambda x: residual(x, lax.stop_gradient(args)), dim)
+    start, inverse = _follow(lambda x: residual(x, lax.stop_gradient(args)), dim)
 
-    def scaled(x: Array, known: Any) -> Array:
-        inverse, args = known
-        return inverse @ residual(x, args)
+    def refined(f: Callable[[Array], Array], x: Array) -> Array:
+        for _ in range(REFINEMENTS):
+            step = inverse @ f(x)
+            x = x - step
+        return jnp.where(jnp.linalg.norm(step) <= TOLERANCE, x, jnp.nan)
 
-    solver: Any = optimistix.Newton(rtol=0.0, atol=TOLERANCE)
-    start, known = lax.stop_gradient(x), (lax.stop_gradient(inverse), args)
-    found: Any = optimistix.root_find(scaled, solver, start, known, max_steps=MOST_ITERATIONS, throw=False)
-    return jnp.where(found.result == optimistix.RESULTS.successful, found.value, jnp.nan)
+    def tangent(slope: Callable[[Array], Array], y: Array) -> Array:
+        return linear.solve(jax.jacfwd(slope)(jnp.zeros(dim)), y[:, None])[:, 0]
+
+    return lax.custom_root(lambda x: residual(x, args), start, refined, tangent)
 
 
 def _follow(residual: Callable[[Array], Array], dim: int) -> tuple[Array, Array]:
@@ -55,14 +59,14 @@ def _follow(residual: Callable[[Array], Array], dim: int) -> tuple[Array, Array]
         J, r = slope(c["x"])
         first = c["iteration"] == 0
         offset = jnp.where(first & (c["reached"] == 0), r, c["offset"])
-        inverse = jnp.linalg.inv(J)
-        base = jnp.where(first, J, c["base"])
+        inverse, determinant = linear.inverse_and_determinant(J)
+        base = jnp.where(first, determinant, c["base"])
         target = jnp.minimum(c["reached"] + c["stretch"], 1.0)
         step = inverse @ (r - (1 - target) * offset)
         reach = jnp.where(first, jnp.linalg.norm(step), c["reach"])
         new = c["x"] - step
         size = jnp.linalg.norm(step)
-        arrived = (size <= SLACK) & (jnp.linalg.det(base) * jnp.linalg.det(J) > 0)
+        arrived = (size <= SLACK) & (base * determinant > 0)
         arrived &= jnp.linalg.norm(new - c["from"]) <= 2 * reach + SLACK
         failed = ~arrived & ((size <= SLACK) | (c["iteration"] >= MOST_ITERATIONS) | ~jnp.isfinite(size))
         over = arrived | failed
@@ -80,6 +84,6 @@ def _follow(residual: Callable[[Array], Array], dim: int) -> tuple[Array, Array]
 
     zero, square = jnp.zeros(dim), jnp.zeros((dim, dim))
     begin = {"reached": 0.0, "stretch": 1.0, "from": zero, "x": zero, "iteration": 0, "offset": zero, "reach": 0.0}
-    begin |= {"base": square, "inverse": square}
+    begin |= {"base": 0.0, "inverse": square}
     end = lax.while_loop(going, onward, jax.tree.map(jnp.asarray, begin))
-    return jnp.where(end["reached"] >= 1, end["x"], jnp.nan), end["inverse"]
+    return lax.stop_gradient((jnp.where(end["reached"] >= 1, end["x"], jnp.nan), end["inverse"]))

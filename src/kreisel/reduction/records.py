@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel import invariants
+from kreisel import algebra, invariants
 from kreisel.algebra import Array
 from kreisel.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
 from kreisel.errors import InputError
@@ -155,7 +155,7 @@ class _Record:
         """X with W = cay(X), from the old state."""
         W = self.discrete(known).turn(*self.coordinates(old_and_new[: len(self.spaces)]))
         one = jnp.eye(self.group.size)
-        X = jnp.linalg.solve((W + one).T, (W - one).T).T
+        X = algebra.solve(W + one, W - one)
         return (X - X.T) / 2
 
     def unreduced(self, g: Array, h: Array, carried: Array, **known: Any) -> Array:
