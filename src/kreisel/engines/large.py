@@ -1,33 +1,39 @@
-"""Large n: kernels of O(n) a step, from the definition of the step run on vectors and matrices with structure.
+"""Large n: kernels of O(n) or O(n^2) a step, from the definition of the step run on vectors and matrices with structure.
 
-Two forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
+Three forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
 that mean the same in every orthonormal basis.  The part of m that does not touch p is then constant; in its real
 Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: vectors alone, as they stand.
+Dense: one momentum M of n^2 numbers that changes by a few pairs s ^ t; each solve has an inverse of its own, which is
+part of the state and follows the changes by Woodbury's formula.  It starts as 0; where the residual of a solve is too
+large, it is made anew and the step done again.
 Which form a step has, if any, is found by recording it (`kreisel.engines.structured`).
 
-The kernel has a loop over the entries for each stretch between two sums over them.
+The kernel has a loop over the entries for each stretch between two sums over them, or products with a dense matrix.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.engines import products
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, arranged, split
+from kreisel.engines.products import Change, Function, Inverse, Upkeep
 from kreisel.engines.recording import indented
-from kreisel.engines.structured import AXIS, Matrix, Vector
+from kreisel.engines.structured import AXIS, Dense, Matrix, Vector, changed_inverse
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
 
 AXIS_NAME, TURN_NAME = "axis", "turn"
 TURN = f"c_{TURN_NAME}"
+INVERSE = "inverse"
 SHORTEST = 1e-100  # of an axis
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
@@ -63,7 +69,8 @@ SUM = 'cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz", 
 class Form:
     """How the state and the constants of a scheme are laid out: blocks of h entries, and numbers.
 
-    axis     the letter of the constant p, or "" for the plain form
+    axis     the letter of the constant p, or "" for the other forms
+    inverses kept ones of the dense form, 0 for the other forms
     roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and what it is: a number,
              the axis, a turn in the planes of T, or a vector
     """
@@ -71,6 +78,12 @@ class Form:
     n: int
     axis: str
     roles: Mapping[str, tuple[str, str]]
+    inverses: int = 0
+    kinds: tuple[str, ...] = ()
+
+    @property
+    def _axes(self) -> list[int]:
+        return [2 if kind == "skew" else 1 for kind in self.kinds]
 
     @property
     def h(self) -> int:
@@ -80,11 +93,13 @@ class Form:
     def blocks(self, kind: str) -> tuple[str, ...]:
         """The blocks of a component, by letter; t is a number."""
         if not self.axis:
-            return ("x",)
+            return () if kind == "skew" else ("x",)
         return ("x", "y") if kind == "skew" else ("x", "y", "t")
 
     def size(self, kind: str) -> int:
         """Numbers of a component."""
+        if kind == "skew" and not self.axis:
+            return self.n * (self.n - 1) // 2
         return sum(1 if block == "t" else self.h for block in self.blocks(kind))
 
     # -- recording -------------------------------------------------------------------------------
@@ -94,6 +109,8 @@ class Form:
         return tuple(self._component(tape, f"z{i}", kind) for i, kind in enumerate(kinds))
 
     def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix:
+        if kind == "skew" and not self.axis:
+            return Matrix(self.n, turn=1.0, dense=Dense(tape, name))
         x, *more = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
         if kind != "skew":
             return Vector(self.n, (x, *more[:1]), more[1]) if more else Vector(self.n, (x,))
@@ -130,6 +147,8 @@ class Form:
         """The new state in the order of `names`; TypeError where it has left the form."""
         out: list[Any] = []
         for value, kind in zip(new, kinds, strict=True):
+            if kind == "skew" and not self.axis:
+                continue
             vector = _momentum(value) if kind == "skew" else value
             if not isinstance(vector, Vector):
                 raise TypeError("a component that is no longer a vector")
@@ -145,12 +164,14 @@ class Form:
     def on(self, scheme: Scheme, x0: tuple[Array, ...]) -> Scheme:
         """The scheme in this form for the trajectories from x0, whose constants it has."""
         basis = Basis.of(self, scheme, scheme.prepare(x0)) if self.axis else None
-        into, back = (basis.into, basis.back) if basis else (_same, _same)
+        into, back = (basis.into, basis.back) if basis else (self._into, self._back)
         constants = basis.constants(self, scheme) if basis else dict(scheme.constants)
         axes = {name: int(self.roles.get(name, ("c", "turn"))[1] in ("turn", "vector")) for name in constants}
+        components = [(letter, f"R^{self.size(kind)}") for letter, kind in scheme.components]
+        kept = [(f"{INVERSE}{k}", f"R^{self.n**2}") for k in range(self.inverses)]
         return replace(
             scheme,
-            components=tuple((letter, f"R^{self.size(kind)}") for letter, kind in scheme.components),
+            components=(*components, *kept),
             constants=constants,
             axes={**scheme.axes, **axes, AXIS_NAME: 0},
             prepare=lambda x: into(scheme.prepare(x)),
@@ -160,8 +181,16 @@ class Form:
         )
 
 
-def _same(z: tuple[Array, ...]) -> tuple[Array, ...]:
-    return z
+    def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The state as the kernel has it, without inverses yet."""
+        if not self.inverses:
+            return z
+        batch = np.broadcast_shapes(*(v.shape[: v.ndim - k] for v, k in zip(z, self._axes, strict=True)))
+        own = (algebra.coordinates_of("skew", v) if k == 2 else v for v, k in zip(z, self._axes, strict=True))
+        return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
+
+    def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
 
 
 def _momentum(value: Any) -> Vector:
@@ -178,23 +207,30 @@ def form_of(scheme: Scheme) -> Form | None:
     """The form that a scheme with the constants of its trajectories has, found by recording it; None for none."""
     if scheme.step is None or scheme.numbers != "any" or scheme.n < LEAST_N:
         return None
-    kinds = [kind for _, kind in scheme.components]
-    vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
-    about = kinds.count("skew") == 1 and len(vectors) == 1
-    if not set(kinds) <= {"skew", "vector"} or ("skew" in kinds and not about):
-        return None
-    if about and not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
+    kinds = tuple(kind for _, kind in scheme.components)
+    if not set(kinds) <= {"skew", "vector"} or kinds.count("skew") > 1:
         return None
     axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _names(scheme, letter)}
-    kind_of = ("number", "axis", "turn") if about else ("number", "vector", "")
-    roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
-    form = Form(scheme.n, vectors[0] if about else "", roles)
-    try:
-        for function, letters in _functions(scheme):
-            recorded(form, kinds, function, letters)
-    except (TypeError, KeyError):
-        return None
-    return form
+    vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
+    forms = []
+    if "skew" in kinds and len(vectors) == 1:
+        if not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
+            return None
+        forms.append((vectors[0], ("number", "axis", "turn")))
+    if all(count < 2 for _, count in axes.values()):
+        forms.append(("", ("number", "vector")))
+    for axis, kind_of in forms:
+        form = Form(scheme.n, axis, {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}, 0, kinds)
+        try:
+            pieces = [recorded(form, list(kinds), *function) for function in _functions(scheme)]
+        except (TypeError, KeyError):
+            continue
+        upkeep = pieces[0].upkeep
+        if upkeep is None:
+            return form
+        if len(pieces) == 1 and scheme.stage_count == 1:
+            return replace(form, inverses=len(upkeep.inverses))
+    return None
 
 
 def _names(scheme: Scheme, letter: str) -> list[str]:
@@ -209,14 +245,63 @@ def _functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
         yield scheme.close, "c"
 
 
-def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters: str) -> tuple[list[Line], list[str]]:
-    """Lines and the new state of a step or of `close`; TypeError where the form does not hold."""
+class Piece(NamedTuple):
+    """A recorded function: its lines, the new state, and what is done to a dense momentum."""
+
+    lines: list[Line]
+    new: list[str]
+    upkeep: Upkeep | None
+
+
+def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters: str) -> Piece:
+    """A step or `close` on recorded numbers; TypeError where the form does not hold."""
     tape = Tape("e" * (letters == "c"))
-    new = form.outputs(function(*form.state(tape, kinds), **form.known(tape, letters)), kinds)
-    wanted = [v.name for v in new if isinstance(v, Scalar)]
+    values = function(*form.state(tape, kinds), **form.known(tape, letters))
+    new = form.outputs(values, kinds)
     if any(not isinstance(v, Scalar | float | int) for v in new):
         raise TypeError("a new state that is complex")
-    return arranged(tape.needed(wanted), wanted), [text(v) for v in new]
+    upkeep, also = None, list[str]()
+    if "skew" in kinds and not form.axis:
+        upkeep, also = _upkeep(values[kinds.index("skew")])
+    wanted = [*(v.name for v in new if isinstance(v, Scalar)), *also]
+    lines = arranged(tape.needed(wanted), wanted)
+    if upkeep is not None:
+        constant = {f"c_{name}" for name in form.known(tape, "c")}
+        constant |= {n for line in split(lines, constant)[0] for n in line.names}
+        given = {v.strip("(-)") for inverse in upkeep.inverses for v in (inverse.diagonal, inverse.turn)}
+        if any(v[0].isalpha() for v in given - constant):
+            raise TypeError("a solve with more than the momentum in its matrix that varies")
+    return Piece(lines, [text(v) for v in new], upkeep)
+
+
+def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
+    """How the new momentum and its inverses come from the old ones, and the recorded names that this needs."""
+    if not isinstance(M, Matrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
+        raise TypeError("a momentum that has changed by other than pairs")
+    pairs = [*M.pairs.values()]
+    names: list[str] = []
+
+    def number(x: Any) -> str:
+        if not isinstance(x, Scalar | float | int):
+            raise TypeError("a dense momentum changed by complex numbers")
+        names.extend([x.name] if isinstance(x, Scalar) else [])
+        return text(x)
+
+    def change(scale: Any, x: Vector, y: Vector) -> Change:
+        (a,), (b,) = x.blocks, y.blocks
+        if not isinstance(a, Scalar) or not isinstance(b, Scalar):
+            raise TypeError("a dense momentum changed by plain numbers")
+        names.extend([a.name, b.name])
+        return Change(number(-scale if a.negative != b.negative else scale), a.name, b.name)
+
+    moved = tuple(change(*pair) for pair in pairs)
+    inverses = []
+    for k, (diagonal, turn) in enumerate(M.dense.inverses):
+        res, size = M.dense.checks[k]
+        diagonal = diagonal.blocks[0] if isinstance(diagonal, Vector) else diagonal
+        changes = tuple(change(-1.0, x, r) for x, r in changed_inverse(M.dense, k, pairs))
+        inverses.append(Inverse(number(diagonal), number(turn), (number(res), number(size)), changes))
+    return Upkeep(moved, tuple(inverses)), names
 
 
 def _lengths(p: Array) -> Array:
@@ -338,6 +423,7 @@ class Printer:
         self.room: dict[str, int] = {}  # row of each entry that stays
         self.rows = 0
         self.entries: set[str] = set()
+        self.functions: dict[str, str] = {}  # sources of the products that are used
 
     def __call__(
         self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
@@ -347,13 +433,21 @@ class Printer:
         h, place = self.form.h, 0
         copies: list[tuple[int, int]] = []  # row of w and place in z of each block
         numbers: list[tuple[str, int]] = []
-        for name in self.names:
-            if name[-1] == "t":
-                numbers.append((name, place))
-                place += 1
-            else:
-                copies.append((self._keep(name), place))
-                place += h
+        matrices: list[tuple[str, int, int]] = []  # that stay in z
+        for i, kind in enumerate(self.kinds):
+            if not self.form.blocks(kind):
+                matrices.append((f"z{i}", place, place + self.form.size(kind)))
+                place += self.form.size(kind)
+            for block in self.form.blocks(kind):
+                if block == "t":
+                    numbers.append((f"z{i}t", place))
+                    place += 1
+                else:
+                    copies.append((self._keep(f"z{i}{block}"), place))
+                    place += h
+        for k in range(self.form.inverses):
+            matrices.append((f"{INVERSE}{k}", place, place + h * h))
+            place += h * h
         load = [f"    w[{row * h} + k] = z[lane, {at} + k]" for row, at in copies]
         given = [f"{name} = z[lane, {at}]" for name, at in numbers]
         for name, where in columns.items():
@@ -361,6 +455,9 @@ class Printer:
                 given.append(f"c_{name} = c[lane, {where.start}]")
             else:
                 load.append(f"    w[{self._keep(f'c_{name}') * h} + k] = c[lane, {where.start} + k]")
+
+        for name, at, end in matrices:
+            given.append(f"{name} = z[lane, {at}:{end}]{f'.reshape(({h}, {h}))' * name.startswith(INVERSE)}")
 
         def put(target: str) -> list[str]:
             blocks = [f"    {target}{at} + k] = w[{row * h} + k]" for row, at in copies]
@@ -370,16 +467,17 @@ class Printer:
         constant = {f"c_{name}" for name in columns}
         fixed: list[Line] = []
         bodies = []
-        for lines, new in pieces:
-            once, rest = split(lines, constant)
+        for piece in pieces:
+            once, rest = split(piece.lines, constant)
             fixed += once
-            bodies.append((rest, new))
-        wanted = {n for rest, new in bodies for line in rest for n in line.needs} | {
-            v.strip("(-)") for _, new in bodies for v in new
-        }
+            bodies.append(piece._replace(lines=rest))
+        wanted = {n for piece in bodies for line in piece.lines for n in line.needs}
+        for piece in bodies:
+            wanted |= {v.strip("(-)") for v in piece.new} | (piece.upkeep.words if piece.upkeep else set())
         first = self._printed(fixed, wanted, None)
-        body, *close = [self._printed(rest, set(), new) for rest, new in bodies]
-        return head + KERNEL.format(
+        body, *close = [self._printed(piece.lines, set(), piece.new, piece.upkeep) for piece in bodies]
+        saved = [f"out[row, lane, {at}:{end}] = z[lane, {at}:{end}]" for _, at, end in matrices]
+        return head + "\n".join(self.functions.values()) + KERNEL.format(
             total=SUM,
             options=options,
             room=self.rows * h,
@@ -388,7 +486,7 @@ class Printer:
             stage=indented(stage, 20),
             body=indented(body, 20),
             close=indented([line for lines in close for line in lines], 16),
-            save=indented(put("out[row, lane, "), 12),
+            save=indented([*put("out[row, lane, "), *saved], 12),
             store=indented(put("z[lane, "), 8),
         )
 
@@ -401,47 +499,49 @@ class Printer:
         self.rows += 1
         return self.room[name]
 
-    def _printed(self, lines: list[Line], wanted: Collection[str], new: list[str] | None) -> list[str]:
-        """Numbers, then a loop over the entries, level by level; a sum over the entries ends a level.
+    def _printed(
+        self, lines: list[Line], wanted: Collection[str], new: list[str] | None, upkeep: Upkeep | None = None
+    ) -> list[str]:
+        """Numbers, then a loop over the entries, level by level; a sum over the entries or a product ends a level.
 
         Entries that are `wanted` afterwards stay; the new state is written in the last loop.
         """
-        h, level, entry = self.form.h, dict[str, int](), set(self.entries)
+        h, entry = self.form.h, set(self.entries)
         for line in lines:
-            deep = max((level.get(n, 0) for n in line.needs), default=0)
-            if _is_total(line):
-                level[line.names[0]] = deep + 1
-            else:
-                level[line.names[0]] = deep
-                if not entry.isdisjoint(line.needs):
-                    entry.add(line.names[0])
+            if not _is_total(line) and not entry.isdisjoint(line.needs):
+                entry.add(line.names[0])
+        late = upkeep.vectors if upkeep else set()
+        level, last = _levels(lines, late)
         outputs = dict(zip(self.names, new, strict=True)) if new is not None else {}
-        last = max(level.values(), default=0)
         ends = {name: value for name, value in outputs.items() if name[-1] != "t" and value != name}
-        used: dict[str, float] = {}  # the last level at which an entry is needed
+        used: dict[str, float] = dict.fromkeys(late, last - 0.5)  # the last level at which an entry is needed
         for line in lines:
-            at = level[line.names[0]] - (0.5 if _is_total(line) else 0)
+            at = level[line.names[0]] - (0.5 if _ends_level(line) else 0)
             for n in line.needs:
                 used[n] = max(used.get(n, 0), at)
         for value in ends.values():
             used[value.strip("(-)")] = last
-        made = {name for line in lines for name in line.names if name in entry and not _is_total(line)}
+        made = {name for line in lines for name in line.names if name in entry and not _ends_level(line)}
         kept = {n for n in made if used.get(n, 0) > level[n] or n in wanted}
         free: list[int] = []
         done: set[str] = set()
         held: dict[str, int] = {}
         out: list[str] = []
         for at in range(last + 1):
+            here = [line for line in lines if level[line.names[0]] == at]
+            out += self._products([line for line in here if products.matrix_of(line)], held, free)
             for n in [n for n in held if n not in done and used.get(n, 0) < at]:
                 free.append(held[n])  # a sum at this level still reads it, before the loop
                 done.add(n)
-            here = [line for line in lines if level[line.names[0]] == at]
             for line in here:
                 if _is_total(line):
                     (source,) = line.needs
                     out.append(f"{line.names[0]} = total(w, {self._row(source, held) * h}, {h})")
                 elif line.names[0] not in entry:
                     out.append(line.text)
+            if upkeep:
+                out += self._tests(upkeep, {n for line in here for n in line.names})
+                out += self._upkeep(upkeep, held) if at == last else []
             loop = [line for line in here if line.names[0] in made]
             here_ends = ends if at == last else {}
             if not loop and not here_ends:
@@ -461,7 +561,68 @@ class Printer:
         numbers = {name: value for name, value in outputs.items() if name[-1] == "t" and value != name}
         if numbers:
             out.append(f"{', '.join(numbers)}, = {', '.join(numbers.values())},")
+        return ["for attempt in range(2):", *(f"    {line}" for line in (*out, "break"))] if upkeep else out
+
+    def _vector(self, name: str, held: Mapping[str, int]) -> str:
+        row, h = self._row(name, held), self.form.h
+        return f"w[{row * h}:{(row + 1) * h}]"
+
+    def _call(self, function: Function, matrix: str, arguments: Iterable[str]) -> str:
+        self.functions[function.name] = function.source
+        return f"{function.name}({', '.join([matrix, *arguments])})"
+
+    def _products(self, lines: list[Line], held: dict[str, int], free: list[int]) -> list[str]:
+        """The products of a level, one call for each matrix; rows are made for them."""
+        for line in lines:
+            held[line.names[0]] = free.pop() if free else self._new_row()
+        out = []
+        for matrix in dict.fromkeys(map(products.matrix_of, lines)):
+            own = [line for line in lines if products.matrix_of(line) == matrix]
+            turned = [line for line in own if products.is_turned(line)]
+            plain = [line for line in own if line not in turned]
+            arguments = [
+                self._vector(name, held)
+                for group in (plain, turned)
+                for name in (*(line.needs[0] for line in group), *(line.names[0] for line in group))
+            ]
+            if matrix == "M":
+                out.append(self._call(products.momentum_times(len(plain)), own[0].needs[1], arguments))
+            else:
+                function = products.inverse_times(len(plain), len(turned))
+                out.append(self._call(function, f"{INVERSE}{matrix}", arguments))
         return out
+
+    def _tests(self, upkeep: Upkeep, known: Collection[str]) -> list[str]:
+        """Inverses that have become too poor are made anew, and the step is done again."""
+        out = []
+        for k, inverse in enumerate(upkeep.inverses):
+            residual, size = inverse.check
+            if residual in known:
+                diagonal = inverse.diagonal
+                full = self._vector(diagonal, {}) if diagonal in self.room else f"full({self.form.h}, {diagonal})"
+                renew = self._call(products.renewed(), self._momentum, [full, inverse.turn, f"{INVERSE}{k}"])
+                out += [f"if attempt == 0 and not {residual} <= {products.NEAR!r} * {size}:"]
+                out += [f"    {renew}", "    continue"]
+        return out
+
+    def _upkeep(self, upkeep: Upkeep, held: Mapping[str, int]) -> list[str]:
+        def arguments(changes: tuple[Change, ...]) -> list[str]:
+            vectors = [self._vector(name, held) for letter in "xy" for name in (getattr(c, letter) for c in changes)]
+            return [*(c.scale for c in changes), *vectors]
+
+        out = []
+        if upkeep.pairs:
+            function = products.momentum_changed(len(upkeep.pairs))
+            out.append(self._call(function, self._momentum, arguments(upkeep.pairs)))
+        for k, inverse in enumerate(upkeep.inverses):
+            if inverse.changes:
+                function = products.inverse_changed(len(inverse.changes))
+                out.append(self._call(function, f"{INVERSE}{k}", arguments(inverse.changes)))
+        return out
+
+    @property
+    def _momentum(self) -> str:
+        return f"z{self.kinds.index('skew')}"
 
     def _row(self, name: str, held: Mapping[str, int]) -> int:
         return held[name] if name in held else self.room[name]
@@ -473,3 +634,34 @@ class Printer:
 
 def _is_total(line: Line) -> bool:
     return " = total(" in line.text
+
+
+def _ends_level(line: Line) -> bool:
+    """A sum or a product, which needs all entries of what it takes."""
+    return _is_total(line) or products.matrix_of(line) != ""
+
+
+def _levels(lines: list[Line], late: Collection[str]) -> tuple[dict[str, int], int]:
+    """The level of each line and the last one; `late` is needed in full at the last.
+
+    Products with one matrix share a level where they can: one that may wait does, for one that may not.
+    """
+    free_to: dict[str, int] = {}  # no earlier than
+    for again in (True, False):
+        level: dict[str, int] = {}
+        for line in lines:
+            deep = max((level.get(n, 0) for n in line.needs), default=0)
+            level[line.names[0]] = max(deep + _ends_level(line), free_to.get(line.names[0], 0))
+        last = max([*level.values(), *(level.get(n, 0) + 1 for n in late)], default=0)
+        if again:
+            latest = dict.fromkeys(level, last) | dict.fromkeys(late, last - 1)
+            for line in reversed(lines):
+                for n in line.needs:
+                    latest[n] = min(latest.get(n, last), latest[line.names[0]] - _ends_level(line))
+            taken = [line for line in lines if products.matrix_of(line)]
+            for line in taken:
+                name, matrix = line.names[0], products.matrix_of(line)
+                fixed = [other.names[0] for other in taken if products.matrix_of(other) == matrix]
+                at = [level[n] for n in fixed if level[n] == latest[n] and level[name] <= level[n] <= latest[name]]
+                free_to[name] = min(at, default=0)
+    return level, last
