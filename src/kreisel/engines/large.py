@@ -180,7 +180,6 @@ class Form:
             numbers="structured",
         )
 
-
     def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         """The state as the kernel has it, without inverses yet."""
         if not self.inverses:
@@ -199,7 +198,7 @@ def _momentum(value: Any) -> Vector:
         raise TypeError("a momentum whose constant part has changed")
     if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:
         raise TypeError("a momentum that is not T + s ^ p")
-    ((s, _),) = value.pairs.values()
+    ((_, s, _),) = value.pairs.values()
     return s
 
 
@@ -220,7 +219,9 @@ def form_of(scheme: Scheme) -> Form | None:
     if all(count < 2 for _, count in axes.values()):
         forms.append(("", ("number", "vector")))
     for axis, kind_of in forms:
-        form = Form(scheme.n, axis, {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}, 0, kinds)
+        form = Form(
+            scheme.n, axis, {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}, 0, kinds
+        )
         try:
             pieces = [recorded(form, list(kinds), *function) for function in _functions(scheme)]
         except (TypeError, KeyError):
@@ -477,17 +478,21 @@ class Printer:
         first = self._printed(fixed, wanted, None)
         body, *close = [self._printed(piece.lines, set(), piece.new, piece.upkeep) for piece in bodies]
         saved = [f"out[row, lane, {at}:{end}] = z[lane, {at}:{end}]" for _, at, end in matrices]
-        return head + "\n".join(self.functions.values()) + KERNEL.format(
-            total=SUM,
-            options=options,
-            room=self.rows * h,
-            load=indented([f"for k in range({h}):", *load, *given], 8),
-            once=indented(first, 8),
-            stage=indented(stage, 20),
-            body=indented(body, 20),
-            close=indented([line for lines in close for line in lines], 16),
-            save=indented([*put("out[row, lane, "), *saved], 12),
-            store=indented(put("z[lane, "), 8),
+        return (
+            head
+            + "\n".join(self.functions.values())
+            + KERNEL.format(
+                total=SUM,
+                options=options,
+                room=self.rows * h,
+                load=indented([f"for k in range({h}):", *load, *given], 8),
+                once=indented(first, 8),
+                stage=indented(stage, 20),
+                body=indented(body, 20),
+                close=indented([line for lines in close for line in lines], 16),
+                save=indented([*put("out[row, lane, "), *saved], 12),
+                store=indented(put("z[lane, "), 8),
+            )
         )
 
     def _is_number(self, name: str) -> bool:
