@@ -22,6 +22,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import products
+from kreisel.engines.cpu import load
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, arranged, split
 from kreisel.engines.products import Change, Function, Inverse, Upkeep
@@ -39,7 +40,7 @@ LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
 
 KERNEL = """
-@njit({total})
+@njit("f8(f8[::1], i8, i8)", {total})  # or Numba would compile it anew for each number that it is called with
 def total(w, first, count):
     out = 0.0
     for k in range(first, first + count):
@@ -424,7 +425,8 @@ class Printer:
         self.room: dict[str, int] = {}  # row of each entry that stays
         self.rows = 0
         self.entries: set[str] = set()
-        self.functions: dict[str, str] = {}  # sources of the products that are used
+        self.functions: dict[str, str] = {}  # the modules of the products that are used, one for all n
+        self.waiting: dict[str, tuple[Change, ...]] = {}  # what is still to be done to each dense matrix, by its name
 
     def __call__(
         self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
@@ -457,6 +459,10 @@ class Printer:
             else:
                 load.append(f"    w[{self._keep(f'c_{name}') * h} + k] = c[lane, {where.start} + k]")
 
+        self._wait(pieces[0].upkeep)
+        for changes in self.waiting.values():
+            given += [f"{c.scale} = 0.0" for c in changes]
+            given += [f"{self._vector(name)} = 0.0" for c in changes for name in (c.x, c.y)]
         for name, at, end in matrices:
             given.append(f"{name} = z[lane, {at}:{end}]{f'.reshape(({h}, {h}))' * name.startswith(INVERSE)}")
 
@@ -477,10 +483,11 @@ class Printer:
             wanted |= {v.strip("(-)") for v in piece.new} | (piece.upkeep.words if piece.upkeep else set())
         first = self._printed(fixed, wanted, None)
         body, *close = [self._printed(piece.lines, set(), piece.new, piece.upkeep) for piece in bodies]
-        saved = [f"out[row, lane, {at}:{end}] = z[lane, {at}:{end}]" for _, at, end in matrices]
+        saved = self._done() + [f"out[row, lane, {at}:{end}] = z[lane, {at}:{end}]" for _, at, end in matrices]
+        imports = [f"from {module} import {name}\n" for name, module in self.functions.items()]
         return (
             head
-            + "\n".join(self.functions.values())
+            + "".join(imports)
             + KERNEL.format(
                 total=SUM,
                 options=options,
@@ -532,9 +539,10 @@ class Printer:
         done: set[str] = set()
         held: dict[str, int] = {}
         out: list[str] = []
+        touched: set[str] = set()
         for at in range(last + 1):
             here = [line for line in lines if level[line.names[0]] == at]
-            out += self._products([line for line in here if products.matrix_of(line)], held, free)
+            out += self._products([line for line in here if products.matrix_of(line)], held, free, touched)
             for n in [n for n in held if n not in done and used.get(n, 0) < at]:
                 free.append(held[n])  # a sum at this level still reads it, before the loop
                 done.add(n)
@@ -568,34 +576,38 @@ class Printer:
             out.append(f"{', '.join(numbers)}, = {', '.join(numbers.values())},")
         return ["for attempt in range(2):", *(f"    {line}" for line in (*out, "break"))] if upkeep else out
 
-    def _vector(self, name: str, held: Mapping[str, int]) -> str:
-        row, h = self._row(name, held), self.form.h
+    def _vector(self, name: str, held: Mapping[str, int] | None = None) -> str:
+        row, h = self._row(name, held or {}), self.form.h
         return f"w[{row * h}:{(row + 1) * h}]"
 
     def _call(self, function: Function, matrix: str, arguments: Iterable[str]) -> str:
-        self.functions[function.name] = function.source
+        self.functions[function.name] = load(function.source).__name__
         return f"{function.name}({', '.join([matrix, *arguments])})"
 
-    def _products(self, lines: list[Line], held: dict[str, int], free: list[int]) -> list[str]:
-        """The products of a level, one call for each matrix; rows are made for them."""
+    def _products(self, lines: list[Line], held: dict[str, int], free: list[int], touched: set[str]) -> list[str]:
+        """The products of a level, one call for each matrix, the first with what waits; rows are made for them."""
         for line in lines:
             held[line.names[0]] = free.pop() if free else self._new_row()
         out = []
         for matrix in dict.fromkeys(map(products.matrix_of, lines)):
             own = [line for line in lines if products.matrix_of(line) == matrix]
+            name = self._momentum if matrix == "M" else f"{INVERSE}{matrix}"
+            changes = () if name in touched else self.waiting[name]
+            touched.add(name)
             turned = [line for line in own if products.is_turned(line)]
             plain = [line for line in own if line not in turned]
-            arguments = [
-                self._vector(name, held)
-                for group in (plain, turned)
-                for name in (*(line.needs[0] for line in group), *(line.names[0] for line in group))
-            ]
-            if matrix == "M":
-                out.append(self._call(products.momentum_times(len(plain)), own[0].needs[1], arguments))
-            else:
-                function = products.inverse_times(len(plain), len(turned))
-                out.append(self._call(function, f"{INVERSE}{matrix}", arguments))
+            arguments = self._arguments(changes)
+            for group in (plain, turned):
+                arguments += [self._vector(line.needs[0], held) for line in group]
+                arguments += [self._vector(line.names[0], held) for line in group]
+            counts = len(changes), len(plain), len(turned)
+            function = products.momentum_times(*counts[:2]) if matrix == "M" else products.inverse_times(*counts)
+            out += [self._call(function, name, arguments), *(f"{c.scale} = 0.0" for c in changes)]
         return out
+
+    def _arguments(self, changes: tuple[Change, ...]) -> list[str]:
+        vectors = [self._vector(name) for letter in "xy" for name in (getattr(c, letter) for c in changes)]
+        return [*(c.scale for c in changes), *vectors]
 
     def _tests(self, upkeep: Upkeep, known: Collection[str]) -> list[str]:
         """Inverses that have become too poor are made anew, and the step is done again."""
@@ -604,25 +616,47 @@ class Printer:
             residual, size = inverse.check
             if residual in known:
                 diagonal = inverse.diagonal
-                full = self._vector(diagonal, {}) if diagonal in self.room else f"full({self.form.h}, {diagonal})"
+                full = self._vector(diagonal) if diagonal in self.room else f"full({self.form.h}, {diagonal})"
                 renew = self._call(products.renewed(), self._momentum, [full, inverse.turn, f"{INVERSE}{k}"])
                 out += [f"if attempt == 0 and not {residual} <= {products.NEAR!r} * {size}:"]
                 out += [f"    {renew}", "    continue"]
         return out
 
-    def _upkeep(self, upkeep: Upkeep, held: Mapping[str, int]) -> list[str]:
-        def arguments(changes: tuple[Change, ...]) -> list[str]:
-            vectors = [self._vector(name, held) for letter in "xy" for name in (getattr(c, letter) for c in changes)]
-            return [*(c.scale for c in changes), *vectors]
+    def _wait(self, upkeep: Upkeep | None) -> None:
+        """Places for the changes of a step, which go with the next product: that saves a way through the matrix."""
+        for name, changes in self._changes(upkeep).items():
+            places = []
+            for k in range(len(changes)):
+                places.append(Change(*(f"{letter}{k}_{name}" for letter in "cxy")))
+                for vector in places[-1][1:]:
+                    self._keep(vector)
+            self.waiting[name] = tuple(places)
 
+    def _changes(self, upkeep: Upkeep | None) -> dict[str, tuple[Change, ...]]:
+        if upkeep is None:
+            return {}
+        inverses = {f"{INVERSE}{k}": inverse.changes for k, inverse in enumerate(upkeep.inverses)}
+        return {self._momentum: upkeep.pairs, **inverses}
+
+    def _upkeep(self, upkeep: Upkeep, held: Mapping[str, int]) -> list[str]:
+        """Put the changes of this step where they wait."""
+        out, loop = [], []
+        for name, changes in self._changes(upkeep).items():
+            for change, place in zip(changes, self.waiting[name], strict=True):
+                out.append(f"{place.scale} = {change.scale}")
+                for source, to in zip(change[1:], place[1:], strict=True):
+                    h = self.form.h
+                    loop.append(f"    w[{self.room[to] * h} + k] = w[{self._row(source, held) * h} + k]")
+        return [*out, f"for k in range({self.form.h}):", *loop]
+
+    def _done(self) -> list[str]:
+        """What waits is done."""
         out = []
-        if upkeep.pairs:
-            function = products.momentum_changed(len(upkeep.pairs))
-            out.append(self._call(function, self._momentum, arguments(upkeep.pairs)))
-        for k, inverse in enumerate(upkeep.inverses):
-            if inverse.changes:
-                function = products.inverse_changed(len(inverse.changes))
-                out.append(self._call(function, f"{INVERSE}{k}", arguments(inverse.changes)))
+        for name, changes in self.waiting.items():
+            make = products.momentum_changed if name == self._momentum else products.inverse_changed
+            if changes:
+                out += [self._call(make(len(changes)), name, self._arguments(changes))]
+                out += [f"{c.scale} = 0.0" for c in changes]
         return out
 
     @property

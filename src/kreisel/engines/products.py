@@ -16,6 +16,12 @@ from kreisel.engines.lines import Line
 # left of an error of 1e-9 is below round-off.  Following the changes costs sqrt(steps) ulp: 2e-14 after 65,000.
 NEAR = 1e-18
 
+HEAD = '''"""Made by kreisel.engines.products; not to be edited."""
+import numpy as np
+from numba import njit
+
+
+'''
 OPTIONS = 'cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"}'
 
 
@@ -72,7 +78,7 @@ def is_turned(line: Line) -> bool:
 
 
 class Function(NamedTuple):
-    """A function of the kernel's module."""
+    """A function, and a module that it is alone in, so that it is compiled once for all n."""
 
     name: str
     source: str
@@ -80,72 +86,96 @@ class Function(NamedTuple):
 
 def _function(name: str, arguments: list[str], lines: list[str]) -> Function:
     text = [f"@njit({OPTIONS})", f"def {name}({', '.join(arguments)}):", *(f"    {line}" for line in lines)]
-    return Function(name, "\n".join(["", *text, ""]))
+    return Function(name, HEAD + "\n".join([*text, ""]))
 
 
-def momentum_times(count: int) -> Function:
-    """Y = M x for `count` vectors."""
+def _changed_pairs(count: int) -> tuple[list[str], str]:
+    """For a row i: what is needed of the pairs, and the changed entry."""
     ks = range(count)
+    of_row = [f"    e{k}, f{k}, g{k}, h{k} = s{k} * p{k}[i], s{k} * q{k}[i], q{k}[i + 1 :], p{k}[i + 1 :]" for k in ks]
+    return of_row, "row[j]" + "".join(f" + (e{k} * g{k}[j] - f{k} * h{k}[j])" for k in ks)
+
+
+def _changed_entries(count: int) -> tuple[list[str], str]:
+    ks = range(count)
+    return [f"    e{k} = s{k} * p{k}[i]" for k in ks], "row[j]" + "".join(f" + e{k} * q{k}[j]" for k in ks)
+
+
+def _named(letters: str, count: int) -> list[str]:
+    return [f"{letter}{k}" for letter in letters for k in range(count)]
+
+
+def momentum_times(changes: int, count: int) -> Function:
+    """M += sum s p ^ q, then y = M x for `count` vectors."""
+    ks = range(count)
+    of_row, entry = _changed_pairs(changes)
     lines = [
         "n, at = len(x0), 0",
         *(f"y{k}[:] = 0.0" for k in ks),
         "for i in range(n - 1):",
         "    row = M[at : at + n - 1 - i]",
+        *of_row,
         *(f"    a{k}, b{k}, c{k}, d{k} = 0.0, x{k}[i], x{k}[i + 1 :], y{k}[i + 1 :]" for k in ks),
         "    for j in range(len(row)):",
-        *(f"        a{k} += row[j] * c{k}[j]" for k in ks),
-        *(f"        d{k}[j] -= row[j] * b{k}" for k in ks),
+        f"        m = {entry}",
+        *(["        row[j] = m"] if changes else []),
+        *(f"        a{k} += m * c{k}[j]" for k in ks),
+        *(f"        d{k}[j] -= m * b{k}" for k in ks),
         *(f"    y{k}[i] += a{k}" for k in ks),
         "    at += n - 1 - i",
     ]
-    return _function(f"momentum_times_{count}", ["M", *(f"{v}{k}" for v in "xy" for k in ks)], lines)
+    arguments = ["M", *_named("spq", changes), *_named("xy", count)]
+    return _function(f"momentum_times_{changes}_{count}", arguments, lines)
 
 
-def inverse_times(count: int, turned: int) -> Function:
-    """Y = W x for `count` vectors, v = W^T u for `turned` others."""
+def inverse_times(changes: int, count: int, turned: int) -> Function:
+    """W += sum s p q^T, then y = W x for `count` vectors, v = W^T u for `turned` others."""
     ks, ts = range(count), range(turned)
+    of_row, entry = _changed_entries(changes)
     lines = [
         *(f"v{k}[:] = 0.0" for k in ts),
         "for i in range(W.shape[0]):",
         "    row = W[i]",
+        *of_row,
         *(f"    a{k} = 0.0" for k in ks),
         *(f"    b{k} = u{k}[i]" for k in ts),
         "    for j in range(len(row)):",
-        *(f"        a{k} += row[j] * x{k}[j]" for k in ks),
-        *(f"        v{k}[j] += row[j] * b{k}" for k in ts),
+        f"        m = {entry}",
+        *(["        row[j] = m"] if changes else []),
+        *(f"        a{k} += m * x{k}[j]" for k in ks),
+        *(f"        v{k}[j] += m * b{k}" for k in ts),
         *(f"    y{k}[i] = a{k}" for k in ks),
     ]
-    arguments = ["W", *(f"{v}{k}" for v in "xy" for k in ks), *(f"{v}{k}" for v in "uv" for k in ts)]
-    return _function(f"inverse_times_{count}_{turned}", arguments, lines)
+    arguments = ["W", *_named("spq", changes), *_named("xy", count), *_named("uv", turned)]
+    return _function(f"inverse_times_{changes}_{count}_{turned}", arguments, lines)
 
 
-def momentum_changed(count: int) -> Function:
-    """M += sum scale x ^ y."""
-    ks = range(count)
-    terms = "".join(f" + (a{k} * c{k}[j] - b{k} * d{k}[j])" for k in ks)
+def momentum_changed(changes: int) -> Function:
+    """M += sum s p ^ q."""
+    of_row, entry = _changed_pairs(changes)
     lines = [
-        "n, at = len(x0), 0",
+        "n, at = len(p0), 0",
         "for i in range(n - 1):",
         "    row = M[at : at + n - 1 - i]",
-        *(f"    a{k}, b{k}, c{k}, d{k} = s{k} * x{k}[i], s{k} * y{k}[i], y{k}[i + 1 :], x{k}[i + 1 :]" for k in ks),
+        *of_row,
         "    for j in range(len(row)):",
-        f"        row[j] = row[j]{terms}",
+        f"        row[j] = {entry}",
         "    at += n - 1 - i",
     ]
-    return _function(f"momentum_changed_{count}", ["M", *(f"{v}{k}" for v in "sxy" for k in ks)], lines)
+    return _function(f"momentum_changed_{changes}", ["M", *_named("spq", changes)], lines)
 
 
-def inverse_changed(count: int) -> Function:
-    """W += sum scale x y^T."""
-    ks = range(count)
+def inverse_changed(changes: int) -> Function:
+    """W += sum s p q^T."""
+    of_row, entry = _changed_entries(changes)
     lines = [
         "for i in range(W.shape[0]):",
         "    row = W[i]",
-        *(f"    a{k} = s{k} * x{k}[i]" for k in ks),
+        *of_row,
         "    for j in range(len(row)):",
-        f"        row[j] = row[j]{''.join(f' + a{k} * y{k}[j]' for k in ks)}",
+        f"        row[j] = {entry}",
     ]
-    return _function(f"inverse_changed_{count}", ["W", *(f"{v}{k}" for v in "sxy" for k in ks)], lines)
+    return _function(f"inverse_changed_{changes}", ["W", *_named("spq", changes)], lines)
 
 
 def renewed() -> Function:
