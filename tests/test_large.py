@@ -116,7 +116,7 @@ def test_inverse_that_is_not_made_anew_is_seen(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The mutant: Woodbury's formula with a lost sign.  The residual sees it, so the step stays right, by elimination."""
+    """The mutant: Woodbury's formula with a lost sign.  The residual sees it: steps stay right, by elimination."""
     right = large.changed_inverse
     monkeypatch.setattr(large, "changed_inverse", lambda *given: [(-x, r) for x, r in right(*given)])
     dense, z, own, kernel = prepared("clebsch", 10, "suris", 1)
@@ -131,7 +131,7 @@ def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -
 
 def test_dense_momentum_in_runs(tmp_path) -> None:
     """Chosen by itself; every integral kept, lanes are single runs, a resumed run has the same bits."""
-    model, state = problem("clebsch", 9, (2,))
+    model, state = problem("clebsch", 10, (2,))
     told = {"dt": DT, "every": 50, "method": "suris", "order": 1}
     both = kr.simulate(model, model.state(**state), steps=5000, **told)
     table = kr.drift(both)

@@ -1,4 +1,4 @@
-"""Large n: kernels of O(n) or O(n^2) a step, from the definition of the step run on vectors and matrices with structure.
+"""Large n: kernels of O(n) or O(n^2) a step, from the definition run on vectors and matrices with structure.
 
 Three forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
 that mean the same in every orthonormal basis.  The part of m that does not touch p is then constant; in its real
@@ -212,7 +212,7 @@ def form_of(scheme: Scheme) -> Form | None:
         return None
     axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _names(scheme, letter)}
     vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
-    forms = []
+    forms: list[tuple[str, tuple[str, ...]]] = []
     if "skew" in kinds and len(vectors) == 1:
         if not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
             return None

@@ -1,8 +1,9 @@
 """Recorded vectors and matrices of O(n) numbers, on which the definition of a step runs as it is written.
 
-A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is c + T + sum
-c_i s_i ^ t_i with c a number or a diagonal, T skew and known for the whole step, and few pairs s_i, t_i.  The entries are recorded
-numbers (`kreisel.engines.trace.Scalar`) that stand for the entry at any place k; `total` adds up over k.
+A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is D + T + sum
+c_i s_i ^ t_i with D a number or a diagonal, T skew and the same for the whole step, and few pairs s_i, t_i.  The
+entries are recorded numbers (`kreisel.engines.trace.Scalar`) that stand for the entry at any place k; `total` adds up
+over k.
 
 About an axis, T turns block x into block y by theta and the axis is (0, 0, |p|): the canonical form of a constant skew
 matrix with T p = 0.  A basis of that kind may be chosen only for steps that mean the same in every orthonormal basis.
@@ -10,7 +11,7 @@ Those are the steps that can be recorded: products entry by entry are known ther
 What is not known raises `TypeError`: the step has no such form.  [Woodbury's formula; real Schur form]
 
 Else T is a multiple of the momentum M as the step found it, `Dense`, of n^2 numbers: products with it and with kept
-inverses of c + T are O(n^2).
+inverses of D + T are O(n^2).
 """
 
 from __future__ import annotations
@@ -210,7 +211,7 @@ def _key_of(diagonal: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """diagonal + T + sum c s ^ t: `diagonal` a number or a vector; T by the entry `turn` of theta, or `turn` times `dense`.
+    """diagonal + T + sum c s ^ t: `diagonal` a number or a vector; T its entry theta, `turn`, or `turn` times `dense`.
 
     The pairs stand under the key of their t.
     """
@@ -368,16 +369,21 @@ class Matrix:
 def changed_inverse(
     dense: Dense, k: int, pairs: Sequence[tuple[Number, Vector, Vector]]
 ) -> list[tuple[Vector, Vector]]:
-    """Vectors x, r for which the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M.  [Woodbury's formula]"""
+    """Vectors x, r: the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M, by Woodbury's formula."""
     turn = dense.inverses[k][1]
     changes = [change for c, s, t in pairs for change in ((turn * c, s, t), (-(turn * c), t, s))]  # a x y^T
     left = [dense.solved(k, x) for _, x, _ in changes]
     right = [dense.solved_transposed(k, y) for _, _, y in changes]
     G = np.array([[a * algebra.dot(y, Wx) for Wx in left] for a, _, y in changes], dtype=object)
     weights = algebra.solve(G + algebra.identity(len(G)), np.diag([a for a, _, _ in changes]))
-    return [
-        (x, sum((y * w for y, w in zip(right, row, strict=True)), 0.0)) for x, row in zip(left, weights, strict=True)
-    ]
+    return [(x, _combined(right, row)) for x, row in zip(left, weights, strict=True)]
+
+
+def _combined(vectors: Sequence[Vector], weights: Sequence[Number]) -> Vector:
+    first, *others = (v * w for v, w in zip(vectors, weights, strict=True))
+    for v in others:
+        first = first + v
+    return first
 
 
 def _is_axis(v: Vector) -> bool:

@@ -295,9 +295,9 @@ def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> t
     form = form_of(plan)
     if form is None and asked is not None:
         raise InputError(
-            f"No kernel of O(n) a step of method={plan.name!r} is known for this system, n = {plan.n}: engine='large' "
-            f"needs n >= {LEAST_N}, no orientation, and momenta that change along one constant vector, other than 0, "
-            "or vectors alone. Leave engine out."
+            f"No kernel of O(n) or O(n^2) a step of method={plan.name!r} is known for this system, n = {plan.n}: "
+            f"engine='large' needs n >= {LEAST_N}, no orientation, and momenta that change along one constant vector, "
+            "other than 0, or vectors alone, or one momentum in real stages, at most one. Leave engine out."
         )
     return (plan, None) if form is None else (form.on(plan, spread), Printer(form, plan))
 
