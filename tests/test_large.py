@@ -1,5 +1,7 @@
 """engine="large": kernels of O(n) and O(n^2) a step against the definition, which they are recorded from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ import kreisel as kr
 from kreisel.algebra import Array
 from kreisel.engines import large, layout
 from kreisel.engines.cpu import Kernel
-from kreisel.engines.structured import Matrix
+from kreisel.engines.structured import Matrix, Vector
 from kreisel.methods import Scheme, scheme
 from kreisel.runs.plan import make_plan
 
@@ -21,7 +23,7 @@ def problem(name: str, n: int, lanes: tuple[int, ...] = ()) -> tuple[kr.model.Mo
     b = draw.uniform(0.1, 2, n)
     q = q - v * (v * q).sum(-1, keepdims=True)
     return {
-        "lagrange-top": (kr.LagrangeTop(p=p), {"m": X - X.mT, "a": v}),
+        "lagrange-top": (kr.LagrangeTop(p=p, alpha=0.7), {"m": X - X.mT, "a": v}),
         "lagrange-top-moving": (kr.LagrangeTopMoving(A=p, alpha=0.7), {"M": X - X.mT, "P": v}),
         "symmetric-top": (kr.SymmetricTop(A=p), {"M": X - X.mT, "P": v}),
         "neumann": (kr.Neumann(b=b), {"x": v, "q": q}),
@@ -142,6 +144,47 @@ def test_dense_momentum_in_runs(tmp_path) -> None:
     longer = kr.resume(tmp_path / "a.zarr", extend=5000)
     for letter in ("M", "P", "energy_eps"):
         assert (longer[letter].values == both[letter].isel(lane=1).values).all()
+
+
+def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict[str, Array]]:
+    """State and orientation by the definition and by the kernel."""
+    model, state = problem(name, n)
+    g = np.linalg.qr(np.random.default_rng(n + 1).normal(size=(n, n)))[0]
+    g[:, 0] *= np.sign(np.linalg.det(g))
+    x0 = (*state.values(), g)
+    dense = scheme(model, "suris", DT, 1, True).on(x0)
+    form = large.form_of(dense)
+    assert form is not None
+    own, z = form.on(dense, x0), dense.prepare(x0)
+    kinds = [kind for _, kind in own.components]
+    kernel = Kernel(own, layout.flatten(own.prepare(x0), kinds)[None], large.Printer(form, dense))
+    for _ in range(steps):
+        z = dense.advance(*z)
+    kernel.advance(np.empty((1, *kernel.z.shape)), steps)
+    names = (*state, "g")
+    both = dense.observe(z), own.observe(layout.restore(kernel.z[0], kinds, n))
+    right, found = ({name: values[name] for name in names} for values in both)
+    return right, found
+
+
+@pytest.mark.parametrize(("name", "n"), [("lagrange-top", 9), ("lagrange-top-moving", 10), ("symmetric-top", 9)])
+def test_orientation_is_that_of_the_definition(name: str, n: int) -> None:
+    right, found = oriented(name, n)
+    for letter, value in right.items():
+        assert abs(found[letter] - value).max() < 30 * n * np.finfo(float).eps * max(1, abs(value).max())
+
+
+def test_a_lost_pair_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mutant: the orientation's solve without its second pair, a ^ a'; the state does not have it."""
+    right = Matrix._solved
+
+    def first_pair(self: Matrix, v: Vector) -> Vector:
+        return right(replace(self, pairs=dict([*self.pairs.items()][:1])), v)
+
+    monkeypatch.setattr(Matrix, "_solved", first_pair)
+    wanted, found = oriented("lagrange-top", 9, 1)
+    assert abs(found["a"] - wanted["a"]).max() < 1e-14
+    assert abs(found["g"] - wanted["g"]).max() > 1e-6
 
 
 def test_which_steps_have_the_form() -> None:

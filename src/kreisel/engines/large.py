@@ -27,7 +27,7 @@ from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, arranged, split
 from kreisel.engines.products import Change, Function, Inverse, Upkeep
 from kreisel.engines.recording import indented
-from kreisel.engines.structured import AXIS, Dense, Matrix, Vector, changed_inverse
+from kreisel.engines.structured import AXIS, Columns, Dense, Matrix, Vector, changed_inverse
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
@@ -35,6 +35,7 @@ from kreisel.methods.scheme import Scheme
 AXIS_NAME, TURN_NAME = "axis", "turn"
 TURN = f"c_{TURN_NAME}"
 INVERSE = "inverse"
+WITHIN = "# each vector of the orientation"
 SHORTEST = 1e-100  # of an axis
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
@@ -72,6 +73,8 @@ class Form:
 
     axis     the letter of the constant p, or "" for the other forms
     inverses kept ones of the dense form, 0 for the other forms
+    kinds    of the components
+    by_rows  whether an orientation is known by its rows, not by its columns
     roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and what it is: a number,
              the axis, a turn in the planes of T, or a vector
     """
@@ -81,6 +84,7 @@ class Form:
     roles: Mapping[str, tuple[str, str]]
     inverses: int = 0
     kinds: tuple[str, ...] = ()
+    by_rows: bool = False
 
     @property
     def _axes(self) -> list[int]:
@@ -101,6 +105,8 @@ class Form:
         """Numbers of a component."""
         if kind == "skew" and not self.axis:
             return self.n * (self.n - 1) // 2
+        if kind == "matrix":
+            return self.n * self.size("vector")
         return sum(1 if block == "t" else self.h for block in self.blocks(kind))
 
     # -- recording -------------------------------------------------------------------------------
@@ -112,6 +118,9 @@ class Form:
     def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix:
         if kind == "skew" and not self.axis:
             return Matrix(self.n, turn=1.0, dense=Dense(tape, name))
+        if kind == "matrix":
+            x, y, t = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
+            return Vector(self.n, (x, y), t).mT if self.by_rows else Columns(self.n, (x, y), t)
         x, *more = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
         if kind != "skew":
             return Vector(self.n, (x, *more[:1]), more[1]) if more else Vector(self.n, (x,))
@@ -151,6 +160,8 @@ class Form:
             if kind == "skew" and not self.axis:
                 continue
             vector = _momentum(value) if kind == "skew" else value
+            if kind == "matrix" and self.by_rows:
+                vector = value.mT
             if not isinstance(vector, Vector):
                 raise TypeError("a component that is no longer a vector")
             out += [*vector.blocks, *([vector.tail] if "t" in self.blocks(kind) else [])]
@@ -199,7 +210,9 @@ def _momentum(value: Any) -> Vector:
         raise TypeError("a momentum whose constant part has changed")
     if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:
         raise TypeError("a momentum that is not T + s ^ p")
-    ((_, s, _),) = value.pairs.values()
+    ((_, s, t),) = value.pairs.values()
+    if t.key[-1] != AXIS:
+        raise TypeError("about an axis, momenta change by pairs with the axis alone")
     return s
 
 
@@ -208,30 +221,30 @@ def form_of(scheme: Scheme) -> Form | None:
     if scheme.step is None or scheme.numbers != "any" or scheme.n < LEAST_N:
         return None
     kinds = tuple(kind for _, kind in scheme.components)
-    if not set(kinds) <= {"skew", "vector"} or kinds.count("skew") > 1:
+    if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
         return None
     axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _names(scheme, letter)}
     vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
-    forms: list[tuple[str, tuple[str, ...]]] = []
+    forms: list[tuple[str, tuple[str, ...], bool]] = []
     if "skew" in kinds and len(vectors) == 1:
         if not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
             return None
-        forms.append((vectors[0], ("number", "axis", "turn")))
-    if all(count < 2 for _, count in axes.values()):
-        forms.append(("", ("number", "vector")))
-    for axis, kind_of in forms:
-        form = Form(
-            scheme.n, axis, {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}, 0, kinds
-        )
+        about = ("number", "axis", "turn")
+        forms += [(vectors[0], about, by_rows) for by_rows in ((False, True) if "matrix" in kinds else (False,))]
+    if all(count < 2 for _, count in axes.values()) and "matrix" not in kinds:
+        forms.append(("", ("number", "vector"), False))
+    for axis, kind_of, by_rows in forms:
+        roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
+        form = Form(scheme.n, axis, roles, 0, kinds, by_rows)
         try:
             pieces = [recorded(form, list(kinds), *function) for function in _functions(scheme)]
-        except (TypeError, KeyError):
+        except (TypeError, KeyError, AttributeError):
             continue
         upkeep = pieces[0].upkeep
-        if upkeep is None:
+        if upkeep is None and "matrix" not in kinds:
             return form
         if len(pieces) == 1 and scheme.stage_count == 1:
-            return replace(form, inverses=len(upkeep.inverses))
+            return replace(form, inverses=len(upkeep.inverses) if upkeep else 0)
     return None
 
 
@@ -326,6 +339,7 @@ class Basis:
     theta: Array
     T: Array
     kinds: tuple[str, ...]
+    by_rows: bool
 
     @staticmethod
     def of(form: Form, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
@@ -339,7 +353,7 @@ class Basis:
         T = np.broadcast_to((T - T.mT) / 2, (*batch, form.n, form.n))
         found = [_planes(T[lane], p[lane]) for lane in np.ndindex(batch)]
         x, y, theta = (np.array(part).reshape((*batch, *part[0].shape)) for part in zip(*found, strict=True))
-        return Basis(x, y, p, _lengths(p), theta, T, kinds)
+        return Basis(x, y, p, _lengths(p), theta, T, kinds, form.by_rows)
 
     def constants(self, form: Form, scheme: Scheme) -> dict[str, Array]:
         """The constants in this basis.  Raises `InputError` for a turn that is not in the planes of T."""
@@ -362,6 +376,12 @@ class Basis:
         """Blocks of the components, one after the other (..., size)."""
         out = []
         for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                g = value if self.by_rows else value.mT  # the vectors of g, as rows
+                along = g @ (self.p / algebra.vec(self.length))[..., None]
+                blocks = np.concatenate([g @ self.x, g @ self.y, along], -1)
+                out.append(blocks.reshape((*blocks.shape[:-2], -1)))
+                continue
             v = algebra.act(value, self.p) / algebra.vec(self.length**2) if kind == "skew" else value
             along = [] if kind == "skew" else [algebra.vec(algebra.dot(v, self.p) / self.length)]
             out.append(np.concatenate([algebra.act(self.x.mT, v), algebra.act(self.y.mT, v), *along], -1))
@@ -372,6 +392,13 @@ class Basis:
         out: list[Array] = []
         h = self.theta.shape[-1]
         for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                n = self.p.shape[-1]
+                g = value.reshape((*value.shape[:-1], n, 2 * h + 1))
+                unit = (self.p / algebra.vec(self.length))[..., None, :]
+                g = g[..., :h] @ self.x.mT + g[..., h : 2 * h] @ self.y.mT + g[..., 2 * h :] * unit
+                out.append(g if self.by_rows else g.mT)
+                continue
             v = algebra.act(self.x, value[..., :h]) + algebra.act(self.y, value[..., h : 2 * h])
             if kind == "skew":
                 out.append(self.T + algebra.wedge(v, self.p + 0 * v))
@@ -438,10 +465,10 @@ class Printer:
         numbers: list[tuple[str, int]] = []
         matrices: list[tuple[str, int, int]] = []  # that stay in z
         for i, kind in enumerate(self.kinds):
-            if not self.form.blocks(kind):
+            if kind == "matrix" or not self.form.blocks(kind):
                 matrices.append((f"z{i}", place, place + self.form.size(kind)))
                 place += self.form.size(kind)
-            for block in self.form.blocks(kind):
+            for block in self.form.blocks(kind) if kind != "matrix" else ():
                 if block == "t":
                     numbers.append((f"z{i}t", place))
                     place += 1
@@ -481,8 +508,8 @@ class Printer:
         wanted = {n for piece in bodies for line in piece.lines for n in line.needs}
         for piece in bodies:
             wanted |= {v.strip("(-)") for v in piece.new} | (piece.upkeep.words if piece.upkeep else set())
-        first = self._printed(fixed, wanted, None)
-        body, *close = [self._printed(piece.lines, set(), piece.new, piece.upkeep) for piece in bodies]
+        first = self._printed(fixed, wanted, {})
+        body, *close = [self._piece(piece) for piece in bodies]
         saved = self._done() + [f"out[row, lane, {at}:{end}] = z[lane, {at}:{end}]" for _, at, end in matrices]
         imports = [f"from {module} import {name}\n" for name, module in self.functions.items()]
         return (
@@ -511,20 +538,56 @@ class Printer:
         self.rows += 1
         return self.room[name]
 
+    def _piece(self, piece: Piece) -> list[str]:
+        """The source of a step or of `close`; what is done to each vector of an orientation stands in a loop."""
+        outputs = dict(zip(self.names, piece.new, strict=True))
+        if "matrix" not in self.kinds:
+            return self._printed(piece.lines, set(), outputs, piece.upkeep)
+        g = f"z{self.kinds.index('matrix')}"
+        blocks = [f"{g}{block}" for block in self.form.blocks("matrix")]
+        own, inner, lines = set(blocks), list[Line](), list[Line]()
+        for line in piece.lines:
+            (lines if own.isdisjoint(line.needs) else inner).append(line)
+            own.update(() if own.isdisjoint(line.needs) else line.names)
+        turned = {name: outputs.pop(name) for name in blocks}
+        given = {n for line in inner for n in line.needs} | {v.strip("(-)") for v in turned.values()}
+        out = self._printed(lines, given - own, outputs, within=given - own)
+        h, size = self.form.h, self.form.size("vector")
+        places = [
+            (f"w[{self._keep(name) * h} + k]", f"{g}[column + {at * h} + k]") for at, name in enumerate(blocks[:2])
+        ]
+        text = [
+            f"for column in range(0, {self.form.n * size}, {size}):",
+            f"    for k in range({h}):",
+            *(f"        {here} = {there}" for here, there in places),
+            f"    {blocks[2]} = {g}[column + {2 * h}]",
+            *(f"    {line}" for line in self._printed(inner, set(), turned)),
+            f"    for k in range({h}):",
+            *(f"        {there} = {here}" for here, there in places),
+            f"    {g}[column + {2 * h}] = {blocks[2]}",
+        ]
+        at = out.index(WITHIN)
+        return [*out[:at], *text, *out[at + 1 :]]
+
     def _printed(
-        self, lines: list[Line], wanted: Collection[str], new: list[str] | None, upkeep: Upkeep | None = None
+        self,
+        lines: list[Line],
+        wanted: Collection[str],
+        outputs: Mapping[str, str],
+        upkeep: Upkeep | None = None,
+        within: Collection[str] = (),
     ) -> list[str]:
         """Numbers, then a loop over the entries, level by level; a sum over the entries or a product ends a level.
 
-        Entries that are `wanted` afterwards stay; the new state is written in the last loop.
+        Entries that are `wanted` afterwards stay; the new state, `outputs`, is written in the last loop.  Where there
+        is something `within`, which needs those names, its place is before that loop.
         """
         h, entry = self.form.h, set(self.entries)
         for line in lines:
             if not _is_total(line) and not entry.isdisjoint(line.needs):
                 entry.add(line.names[0])
-        late = upkeep.vectors if upkeep else set()
+        late = upkeep.vectors if upkeep else {n for n in within if n in entry}
         level, last = _levels(lines, late)
-        outputs = dict(zip(self.names, new, strict=True)) if new is not None else {}
         ends = {name: value for name, value in outputs.items() if name[-1] != "t" and value != name}
         used: dict[str, float] = dict.fromkeys(late, last - 0.5)  # the last level at which an entry is needed
         for line in lines:
@@ -555,6 +618,7 @@ class Printer:
             if upkeep:
                 out += self._tests(upkeep, {n for line in here for n in line.names})
                 out += self._upkeep(upkeep, held) if at == last else []
+            out += [WITHIN] if within and at == last else []
             loop = [line for line in here if line.names[0] in made]
             here_ends = ends if at == last else {}
             if not loop and not here_ends:

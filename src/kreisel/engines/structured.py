@@ -64,8 +64,13 @@ class Vector:
     __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
 
     @property
-    def shape(self) -> tuple[int]:
+    def shape(self) -> tuple[int, ...]:
         return (self.n,)
+
+    @property
+    def mT(self) -> Rows:
+        """Any column of a matrix as a row of the transposed one."""
+        return Rows(self)
 
     @property
     def canonical(self) -> bool:
@@ -143,6 +148,42 @@ class Vector:
 
     def record_complex(self, im: Vector) -> Vector:
         return self.map(algebra.Complex, im)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns(Vector):
+    """Any one column of a matrix of n x n numbers, for what is done to each column alike."""
+
+    @property
+    def ndim(self) -> int:
+        return 2
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.n, self.n)
+
+    @property
+    def mT(self) -> Rows:
+        raise TypeError("the rows of a matrix that is known by its columns")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The same for the rows: the transposed matrix is known by its columns."""
+
+    vector: Vector
+
+    @property
+    def ndim(self) -> int:
+        return 2
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return (self.vector.n, self.vector.n)
+
+    @property
+    def mT(self) -> Vector:
+        return self.vector
 
 
 @dataclass(frozen=True)
@@ -230,13 +271,11 @@ class Matrix:
 
     def with_pair(self, s: Vector, t: Vector, c: Number = 1.0) -> Matrix:
         """Plus c s ^ t; pairs with the same t are one, and what does not count of s along an axis t goes."""
-        if s.canonical and not _is_axis(t):
-            if not _is_axis(s):
-                raise TypeError("about an axis, momenta change by pairs with the axis alone")
+        if s.canonical and not _is_axis(t) and _is_axis(s):
             s, t = -t, s
         before = self.pairs.get(t.key)
         if s.canonical:
-            s, c = s.across() * c, 1.0
+            s, c = (s.across() if _is_axis(t) else s) * c, 1.0
             s = s if before is None else before[1] + s
         elif before is not None:
             b, r, _ = before
@@ -295,9 +334,11 @@ class Matrix:
         return replace(back, diagonal=back.diagonal + mu)
 
     def record_project_out(self, p: Vector) -> Matrix:
-        """|p|^2 pi X pi for the axis p: T alone is left."""
-        if not _is_axis(p) or _key_of(self.diagonal) != 0.0:
-            raise TypeError("pi X pi is known about the axis alone")
+        """|p|^2 pi X pi; for the axis p T alone is left."""
+        if not _is_axis(p):
+            return self * algebra.dot(p, p) - algebra.wedge(self @ p, p)
+        if _key_of(self.diagonal) != 0.0:
+            raise TypeError("pi X pi of a diagonal")
         return Matrix(self.n, turn=self.turn * algebra.dot(p, p))
 
     def record_conjugate(self, X: Matrix) -> Matrix:
@@ -352,14 +393,13 @@ class Matrix:
         return y
 
     def _solved(self, v: Vector) -> Vector:
-        """By Woodbury's formula for one pair: y = R (v - c s <t, y> + c t <s, y>), R = (diagonal + T)^-1."""
-        Rv = self._unturned(v)
+        """By Woodbury's formula for the last pair: y = R (v - c s <t, y> + c t <s, y>), R the inverse without it."""
         if not self.pairs:
-            return Rv
-        if len(self.pairs) > 1:
-            raise TypeError("a solve with more than one pair")
-        ((k, s, t),) = self._own_pairs()
-        dot, Rs, Rt = algebra.dot, self._unturned(s), self._unturned(t)
+            return self._unturned(v)
+        key, *_ = reversed(self.pairs)
+        less = replace(self, pairs={k: pair for k, pair in self.pairs.items() if k != key})
+        k, s, t = self._own_pairs()[-1]
+        dot, Rv, Rs, Rt = algebra.dot, less._solved(v), less._solved(s), less._solved(t)
         a, b, c, d = 1 + k * dot(t, Rs), -(k * dot(t, Rt)), k * dot(s, Rs), 1 - k * dot(s, Rt)
         scale, tv, sv = 1 / (a * d - b * c), k * dot(t, Rv), k * dot(s, Rv)
         along_s, along_t = (d * tv - b * sv) * scale, (a * sv - c * tv) * scale

@@ -296,8 +296,9 @@ def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> t
     if form is None and asked is not None:
         raise InputError(
             f"No kernel of O(n) or O(n^2) a step of method={plan.name!r} is known for this system, n = {plan.n}: "
-            f"engine='large' needs n >= {LEAST_N}, no orientation, and momenta that change along one constant vector, "
-            "other than 0, or vectors alone, or one momentum in real stages, at most one. Leave engine out."
+            f"engine='large' needs n >= {LEAST_N} and momenta that change along one constant vector, other than 0, or "
+            "vectors alone, or one momentum and a single real stage; an orientation with the first of these and "
+            "method='suris' alone. Leave engine out."
         )
     return (plan, None) if form is None else (form.on(plan, spread), Printer(form, plan))
 
