@@ -27,7 +27,7 @@ from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, arranged, split
 from kreisel.engines.products import Change, Function, Inverse, Upkeep
 from kreisel.engines.recording import indented
-from kreisel.engines.structured import AXIS, Columns, Dense, Matrix, Vector, changed_inverse
+from kreisel.engines.structured import AXIS, Columns, Dense, Matrix, Rows, Vector, changed_inverse
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
@@ -111,11 +111,11 @@ class Form:
 
     # -- recording -------------------------------------------------------------------------------
 
-    def state(self, tape: Tape, kinds: list[str]) -> tuple[Vector | Matrix, ...]:
+    def state(self, tape: Tape, kinds: list[str]) -> tuple[Vector | Matrix | Rows, ...]:
         """The recorded state."""
         return tuple(self._component(tape, f"z{i}", kind) for i, kind in enumerate(kinds))
 
-    def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix:
+    def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix | Rows:
         if kind == "skew" and not self.axis:
             return Matrix(self.n, turn=1.0, dense=Dense(tape, name))
         if kind == "matrix":
