@@ -7,7 +7,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.algebra import Array
-from kreisel.engines import large, layout
+from kreisel.engines import large, layout, levels
 from kreisel.engines.cpu import Kernel
 from kreisel.engines.structured import Matrix, Vector
 from kreisel.methods import Scheme, scheme
@@ -40,7 +40,7 @@ def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[
     assert form is not None
     own = form.on(dense, x0)
     start = layout.flatten(own.prepare(x0), [kind for _, kind in own.components])
-    return dense, dense.prepare(x0), own, Kernel(own, start[None], large.Printer(form, dense))
+    return dense, dense.prepare(x0), own, Kernel(own, start[None], levels.Printer(form, dense))
 
 
 CASES = [
@@ -106,12 +106,12 @@ def test_inverse_is_made_anew_when_the_residual_says_so() -> None:
 
 def test_inverse_that_is_not_made_anew_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: no residual is too large once the start is over."""
-    right = large.Printer._tests
+    right = levels.Printer._tests
 
-    def late(self: large.Printer, *given: object) -> list[str]:
+    def late(self: levels.Printer, *given: object) -> list[str]:
         return [line.replace("<= 1e-18", "<= 0.5") for line in right(self, *given)]
 
-    monkeypatch.setattr(large.Printer, "_tests", late)
+    monkeypatch.setattr(levels.Printer, "_tests", late)
     off, lack = spoiled_inverse()
     assert off > 1e-7
     assert lack > 1e-4
@@ -157,7 +157,7 @@ def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict
     assert form is not None
     own, z = form.on(dense, x0), dense.prepare(x0)
     kinds = [kind for _, kind in own.components]
-    kernel = Kernel(own, layout.flatten(own.prepare(x0), kinds)[None], large.Printer(form, dense))
+    kernel = Kernel(own, layout.flatten(own.prepare(x0), kinds)[None], levels.Printer(form, dense))
     for _ in range(steps):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
