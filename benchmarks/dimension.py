@@ -1,8 +1,9 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
-The engine that a run chooses ("chosen": straight-line code up to n = 8, beyond structured code of O(n) a step where the
-step has that form, else array code with a dense solve), and the other ones for comparison.  The exponent is that of the
-least squares line through the logarithms from n = 100 on.  The thread's processor time, least of some turns.
+The engine that a run chooses ("chosen": straight-line code up to n = 8, beyond structured code of O(n) or O(n^2) a step
+where the step has that form, else array code with a dense solve), and the other ones for comparison.  The exponent is
+that of the least squares line through the logarithms from n = 100 on.  The thread's processor time, least of some
+turns.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
 in bands of a random walk of rounding errors.
@@ -22,9 +23,10 @@ from kreisel.runs.plan import make_plan
 
 SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
 FROM = 100  # of the fit
-DENSE = {"lagrange-top": (10, 100, 1000)}  # where the dense kernel is compared
+DENSE = {"lagrange-top": (10, 100, 1000), "clebsch": (10, 100, 1000)}  # where the dense kernel is compared
 COMPARED = {"lagrange-top": (("suris", 1), ("baecklund", 4)), "lagrange-top-moving": (("suris", 1),),
-            "neumann": (("suris", 1),)}  # fmt: skip
+            "clebsch": (("suris", 1), ("baecklund", 2)), "neumann": (("suris", 1),)}  # fmt: skip
+ORIENTED = "lagrange-top, with orientation"
 SECONDS, TURNS = 0.05, 5
 
 
@@ -41,10 +43,12 @@ def models(n: int) -> dict[str, tuple[Any, dict[str, Any]]]:
     }
 
 
-def nanoseconds(model: Any, state: dict[str, Any], method: str, order: int, engine: str | None) -> tuple[str, float]:
+def nanoseconds(
+    model: Any, state: dict[str, Any], method: str, order: int, engine: str | None, orientation: Any = None
+) -> tuple[str, float]:
     """The engine's name, and nanoseconds a step."""
     plan = make_plan(model, model.state(**state), dt=0.01, steps=1, every=1, method=method, order=order,
-                     orientation=None, engine=engine)  # fmt: skip
+                     orientation=orientation, engine=engine)  # fmt: skip
     out, steps = np.empty((1, *plan.engine.z.shape)), 1
     plan.engine.advance(out, 1)
     took = 0.0
@@ -66,10 +70,13 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
     rows: list[tuple[str, str, int, str, str | None]] = []
     for system in models(4):
         rows.append((system, system, 1, "suris", None))
-        if 3 < n < 10 and system != "clebsch":
+        if 3 < n < 10:
             rows.append((f"{system}, large", system, 1, "suris", "large"))
         if n in DENSE.get(system, ()):
             rows.append((f"{system}, dense", system, 1, "suris", "cpu"))
+    if n >= 10:
+        rows.append(("clebsch, baecklund of order 2", "clebsch", 2, "baecklund", None))
+        rows.append((ORIENTED, "lagrange-top", 1, "suris", None))
     if FROM <= n <= 300:  # beyond, its constants in extended precision take 42 s at n = 1000
         rows.append(("lagrange-top, baecklund of order 8", "lagrange-top", 8, "baecklund", None))
     return rows
@@ -115,7 +122,8 @@ def main(arguments: list[str] | None = None) -> None:
         known = models(n)
         for name, system, order, method, engine in asked(n):
             model, state = known[system]
-            where, ns = nanoseconds(model, state, method, order, engine)
+            g = np.eye(n) if name == ORIENTED else None
+            where, ns = nanoseconds(model, state, method, order, engine, g)
             found.setdefault(name, {})[str(n)] = round(ns, 1)
             engines.setdefault(name, {})[str(n)] = where
             print(f"n = {n:<5}{name:<36}{where:<6}{ns:14,.0f} ns", flush=True)

@@ -42,7 +42,7 @@ from kreisel.engines.recording import (
 from kreisel.methods.scheme import Scheme
 
 if TYPE_CHECKING:
-    from kreisel.engines.large import Printer
+    from kreisel.engines.levels import Printer
 
 # Straight-line code has its fused products written out (`kreisel.engines.lines`); a flag that lets LLVM choose would
 # make it choose otherwise in scalar than in vector code.

@@ -1,18 +1,21 @@
-"""Large n: kernels of O(n) a step, from the definition of the step run on vectors and matrices with structure.
+"""Large n: kernels of O(n) or O(n^2) a step, from the definition run on vectors and matrices with structure.
 
-Two forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
+Three forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
 that mean the same in every orthonormal basis.  The part of m that does not touch p is then constant; in its real
 Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: vectors alone, as they stand.
+Dense: one momentum M of n^2 numbers that changes by a few pairs s ^ t; each solve has an inverse of its own, which is
+part of the state and follows the changes by Woodbury's formula.  It starts as 0; where the residual of a solve is too
+large, it is made anew and the step done again.
 Which form a step has, if any, is found by recording it (`kreisel.engines.structured`).
 
-The kernel has a loop over the entries for each stretch between two sums over them.
+About an axis an orientation may be carried along, known by its columns or its rows, which are turned alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,50 +23,28 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, arranged, split
-from kreisel.engines.recording import indented
-from kreisel.engines.structured import AXIS, Matrix, Vector
+from kreisel.engines.products import Change, Inverse, Upkeep
+from kreisel.engines.structured import AXIS, Columns, Dense, Matrix, Rows, Vector, changed_inverse
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
 
 AXIS_NAME, TURN_NAME = "axis", "turn"
 TURN = f"c_{TURN_NAME}"
+INVERSE = "inverse"
 SHORTEST = 1e-100  # of an axis
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
-
-KERNEL = """
-@njit({total})
-def total(w, first, count):
-    out = 0.0
-    for k in range(first, first + count):
-        out += w[k]
-    return out
-
-
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8)", {options})
-def kernel(z, c, s, out, every, first, last):
-    w = np.empty({room})
-    for lane in range(first, last):
-{load}
-{once}
-        for row in range(out.shape[0]):
-            for _ in range(every):
-                for stage in range(s.shape[1]):
-{stage}
-{body}
-{close}
-{save}
-{store}
-"""
-SUM = 'cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"}'
 
 
 @dataclass(frozen=True)
 class Form:
     """How the state and the constants of a scheme are laid out: blocks of h entries, and numbers.
 
-    axis     the letter of the constant p, or "" for the plain form
+    axis     the letter of the constant p, or "" for the other forms
+    inverses kept ones of the dense form, 0 for the other forms
+    kinds    of the components
+    by_rows  whether an orientation is known by its rows, not by its columns
     roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and what it is: a number,
              the axis, a turn in the planes of T, or a vector
     """
@@ -71,6 +52,13 @@ class Form:
     n: int
     axis: str
     roles: Mapping[str, tuple[str, str]]
+    inverses: int = 0
+    kinds: tuple[str, ...] = ()
+    by_rows: bool = False
+
+    @property
+    def _axes(self) -> list[int]:
+        return [2 if kind == "skew" else 1 for kind in self.kinds]
 
     @property
     def h(self) -> int:
@@ -80,20 +68,29 @@ class Form:
     def blocks(self, kind: str) -> tuple[str, ...]:
         """The blocks of a component, by letter; t is a number."""
         if not self.axis:
-            return ("x",)
+            return () if kind == "skew" else ("x",)
         return ("x", "y") if kind == "skew" else ("x", "y", "t")
 
     def size(self, kind: str) -> int:
         """Numbers of a component."""
+        if kind == "skew" and not self.axis:
+            return self.n * (self.n - 1) // 2
+        if kind == "matrix":
+            return self.n * self.size("vector")
         return sum(1 if block == "t" else self.h for block in self.blocks(kind))
 
     # -- recording -------------------------------------------------------------------------------
 
-    def state(self, tape: Tape, kinds: list[str]) -> tuple[Vector | Matrix, ...]:
+    def state(self, tape: Tape, kinds: list[str]) -> tuple[Vector | Matrix | Rows, ...]:
         """The recorded state."""
         return tuple(self._component(tape, f"z{i}", kind) for i, kind in enumerate(kinds))
 
-    def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix:
+    def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix | Rows:
+        if kind == "skew" and not self.axis:
+            return Matrix(self.n, turn=1.0, dense=Dense(tape, name))
+        if kind == "matrix":
+            x, y, t = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
+            return Vector(self.n, (x, y), t).mT if self.by_rows else Columns(self.n, (x, y), t)
         x, *more = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
         if kind != "skew":
             return Vector(self.n, (x, *more[:1]), more[1]) if more else Vector(self.n, (x,))
@@ -130,7 +127,11 @@ class Form:
         """The new state in the order of `names`; TypeError where it has left the form."""
         out: list[Any] = []
         for value, kind in zip(new, kinds, strict=True):
+            if kind == "skew" and not self.axis:
+                continue
             vector = _momentum(value) if kind == "skew" else value
+            if kind == "matrix" and self.by_rows:
+                vector = value.mT
             if not isinstance(vector, Vector):
                 raise TypeError("a component that is no longer a vector")
             out += [*vector.blocks, *([vector.tail] if "t" in self.blocks(kind) else [])]
@@ -145,12 +146,14 @@ class Form:
     def on(self, scheme: Scheme, x0: tuple[Array, ...]) -> Scheme:
         """The scheme in this form for the trajectories from x0, whose constants it has."""
         basis = Basis.of(self, scheme, scheme.prepare(x0)) if self.axis else None
-        into, back = (basis.into, basis.back) if basis else (_same, _same)
+        into, back = (basis.into, basis.back) if basis else (self._into, self._back)
         constants = basis.constants(self, scheme) if basis else dict(scheme.constants)
         axes = {name: int(self.roles.get(name, ("c", "turn"))[1] in ("turn", "vector")) for name in constants}
+        components = [(letter, f"R^{self.size(kind)}") for letter, kind in scheme.components]
+        kept = [(f"{INVERSE}{k}", f"R^{self.n**2}") for k in range(self.inverses)]
         return replace(
             scheme,
-            components=tuple((letter, f"R^{self.size(kind)}") for letter, kind in scheme.components),
+            components=(*components, *kept),
             constants=constants,
             axes={**scheme.axes, **axes, AXIS_NAME: 0},
             prepare=lambda x: into(scheme.prepare(x)),
@@ -159,9 +162,16 @@ class Form:
             numbers="structured",
         )
 
+    def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The state as the kernel has it, without inverses yet."""
+        if not self.inverses:
+            return z
+        batch = np.broadcast_shapes(*(v.shape[: v.ndim - k] for v, k in zip(z, self._axes, strict=True)))
+        own = (algebra.coordinates_of("skew", v) if k == 2 else v for v, k in zip(z, self._axes, strict=True))
+        return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
 
-def _same(z: tuple[Array, ...]) -> tuple[Array, ...]:
-    return z
+    def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
 
 
 def _momentum(value: Any) -> Vector:
@@ -170,7 +180,9 @@ def _momentum(value: Any) -> Vector:
         raise TypeError("a momentum whose constant part has changed")
     if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:
         raise TypeError("a momentum that is not T + s ^ p")
-    ((s, _),) = value.pairs.values()
+    ((_, s, t),) = value.pairs.values()
+    if t.key[-1] != AXIS:
+        raise TypeError("about an axis, momenta change by pairs with the axis alone")
     return s
 
 
@@ -178,30 +190,39 @@ def form_of(scheme: Scheme) -> Form | None:
     """The form that a scheme with the constants of its trajectories has, found by recording it; None for none."""
     if scheme.step is None or scheme.numbers != "any" or scheme.n < LEAST_N:
         return None
-    kinds = [kind for _, kind in scheme.components]
-    vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
-    about = kinds.count("skew") == 1 and len(vectors) == 1
-    if not set(kinds) <= {"skew", "vector"} or ("skew" in kinds and not about):
-        return None
-    if about and not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
+    kinds = tuple(kind for _, kind in scheme.components)
+    if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
         return None
     axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _names(scheme, letter)}
-    kind_of = ("number", "axis", "turn") if about else ("number", "vector", "")
-    roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
-    form = Form(scheme.n, vectors[0] if about else "", roles)
-    try:
-        for function, letters in _functions(scheme):
-            recorded(form, kinds, function, letters)
-    except (TypeError, KeyError):
-        return None
-    return form
+    vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
+    forms: list[tuple[str, tuple[str, ...], bool]] = []
+    if "skew" in kinds and len(vectors) == 1:
+        if not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
+            return None
+        about = ("number", "axis", "turn")
+        forms += [(vectors[0], about, by_rows) for by_rows in ((False, True) if "matrix" in kinds else (False,))]
+    if all(count < 2 for _, count in axes.values()) and "matrix" not in kinds:
+        forms.append(("", ("number", "vector"), False))
+    for axis, kind_of, by_rows in forms:
+        roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
+        form = Form(scheme.n, axis, roles, 0, kinds, by_rows)
+        try:
+            pieces = [recorded(form, list(kinds), *function) for function in functions(scheme)]
+        except (TypeError, KeyError, AttributeError):
+            continue
+        upkeep = pieces[0].upkeep
+        if upkeep is None and "matrix" not in kinds:
+            return form
+        if len(pieces) == 1 and scheme.stage_count == 1:
+            return replace(form, inverses=len(upkeep.inverses) if upkeep else 0)
+    return None
 
 
 def _names(scheme: Scheme, letter: str) -> list[str]:
     return [*(scheme.constants if letter == "c" else scheme.stages)]
 
 
-def _functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
+def functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
     """The step and `close`, and the constants that they take."""
     if scheme.step is not None:
         yield scheme.step, "cs"
@@ -209,14 +230,63 @@ def _functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
         yield scheme.close, "c"
 
 
-def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters: str) -> tuple[list[Line], list[str]]:
-    """Lines and the new state of a step or of `close`; TypeError where the form does not hold."""
+class Piece(NamedTuple):
+    """A recorded function: its lines, the new state, and what is done to a dense momentum."""
+
+    lines: list[Line]
+    new: list[str]
+    upkeep: Upkeep | None
+
+
+def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters: str) -> Piece:
+    """A step or `close` on recorded numbers; TypeError where the form does not hold."""
     tape = Tape("e" * (letters == "c"))
-    new = form.outputs(function(*form.state(tape, kinds), **form.known(tape, letters)), kinds)
-    wanted = [v.name for v in new if isinstance(v, Scalar)]
+    values = function(*form.state(tape, kinds), **form.known(tape, letters))
+    new = form.outputs(values, kinds)
     if any(not isinstance(v, Scalar | float | int) for v in new):
         raise TypeError("a new state that is complex")
-    return arranged(tape.needed(wanted), wanted), [text(v) for v in new]
+    upkeep, also = None, list[str]()
+    if "skew" in kinds and not form.axis:
+        upkeep, also = _upkeep(values[kinds.index("skew")])
+    wanted = [*(v.name for v in new if isinstance(v, Scalar)), *also]
+    lines = arranged(tape.needed(wanted), wanted)
+    if upkeep is not None:
+        constant = {f"c_{name}" for name in form.known(tape, "c")}
+        constant |= {n for line in split(lines, constant)[0] for n in line.names}
+        given = {v.strip("(-)") for inverse in upkeep.inverses for v in (inverse.diagonal, inverse.turn)}
+        if any(v[0].isalpha() for v in given - constant):
+            raise TypeError("a solve with more than the momentum in its matrix that varies")
+    return Piece(lines, [text(v) for v in new], upkeep)
+
+
+def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
+    """How the new momentum and its inverses come from the old ones, and the recorded names that this needs."""
+    if not isinstance(M, Matrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
+        raise TypeError("a momentum that has changed by other than pairs")
+    pairs = [*M.pairs.values()]
+    names: list[str] = []
+
+    def number(x: Any) -> str:
+        if not isinstance(x, Scalar | float | int):
+            raise TypeError("a dense momentum changed by complex numbers")
+        names.extend([x.name] if isinstance(x, Scalar) else [])
+        return text(x)
+
+    def change(scale: Any, x: Vector, y: Vector) -> Change:
+        (a,), (b,) = x.blocks, y.blocks
+        if not isinstance(a, Scalar) or not isinstance(b, Scalar):
+            raise TypeError("a dense momentum changed by plain numbers")
+        names.extend([a.name, b.name])
+        return Change(number(-scale if a.negative != b.negative else scale), a.name, b.name)
+
+    moved = tuple(change(*pair) for pair in pairs)
+    inverses = []
+    for k, (diagonal, turn) in enumerate(M.dense.inverses):
+        res, size = M.dense.checks[k]
+        diagonal = diagonal.blocks[0] if isinstance(diagonal, Vector) else diagonal
+        changes = tuple(change(-1.0, x, r) for x, r in changed_inverse(M.dense, k, pairs))
+        inverses.append(Inverse(number(diagonal), number(turn), (number(res), number(size)), changes))
+    return Upkeep(moved, tuple(inverses)), names
 
 
 def _lengths(p: Array) -> Array:
@@ -239,6 +309,7 @@ class Basis:
     theta: Array
     T: Array
     kinds: tuple[str, ...]
+    by_rows: bool
 
     @staticmethod
     def of(form: Form, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
@@ -252,7 +323,7 @@ class Basis:
         T = np.broadcast_to((T - T.mT) / 2, (*batch, form.n, form.n))
         found = [_planes(T[lane], p[lane]) for lane in np.ndindex(batch)]
         x, y, theta = (np.array(part).reshape((*batch, *part[0].shape)) for part in zip(*found, strict=True))
-        return Basis(x, y, p, _lengths(p), theta, T, kinds)
+        return Basis(x, y, p, _lengths(p), theta, T, kinds, form.by_rows)
 
     def constants(self, form: Form, scheme: Scheme) -> dict[str, Array]:
         """The constants in this basis.  Raises `InputError` for a turn that is not in the planes of T."""
@@ -275,6 +346,12 @@ class Basis:
         """Blocks of the components, one after the other (..., size)."""
         out = []
         for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                g = value if self.by_rows else value.mT  # the vectors of g, as rows
+                along = g @ (self.p / algebra.vec(self.length))[..., None]
+                blocks = np.concatenate([g @ self.x, g @ self.y, along], -1)
+                out.append(blocks.reshape((*blocks.shape[:-2], -1)))
+                continue
             v = algebra.act(value, self.p) / algebra.vec(self.length**2) if kind == "skew" else value
             along = [] if kind == "skew" else [algebra.vec(algebra.dot(v, self.p) / self.length)]
             out.append(np.concatenate([algebra.act(self.x.mT, v), algebra.act(self.y.mT, v), *along], -1))
@@ -285,6 +362,13 @@ class Basis:
         out: list[Array] = []
         h = self.theta.shape[-1]
         for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                n = self.p.shape[-1]
+                g = value.reshape((*value.shape[:-1], n, 2 * h + 1))
+                unit = (self.p / algebra.vec(self.length))[..., None, :]
+                g = g[..., :h] @ self.x.mT + g[..., h : 2 * h] @ self.y.mT + g[..., 2 * h :] * unit
+                out.append(g if self.by_rows else g.mT)
+                continue
             v = algebra.act(self.x, value[..., :h]) + algebra.act(self.y, value[..., h : 2 * h])
             if kind == "skew":
                 out.append(self.T + algebra.wedge(v, self.p + 0 * v))
@@ -323,153 +407,3 @@ def _planes(T: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
     x, y = x + lone[::2], y + lone[1::2]
     theta += [0.0] * (len(lone) // 2)
     return np.column_stack(x), np.column_stack(y), np.array(theta)
-
-
-# -- printing -----------------------------------------------------------------------------------------
-
-
-class Printer:
-    """The kernel of a scheme in a form, from the scheme as it was before it was put in this form."""
-
-    def __init__(self, form: Form, scheme: Scheme):
-        self.form, self.scheme = form, scheme
-        self.kinds = [kind for _, kind in scheme.components]
-        self.names = form.names(self.kinds)
-        self.room: dict[str, int] = {}  # row of each entry that stays
-        self.rows = 0
-        self.entries: set[str] = set()
-
-    def __call__(
-        self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
-    ) -> str:
-        """The source; `columns` say where each constant stands in its row."""
-        pieces = [recorded(self.form, self.kinds, *function) for function in _functions(self.scheme)]
-        h, place = self.form.h, 0
-        copies: list[tuple[int, int]] = []  # row of w and place in z of each block
-        numbers: list[tuple[str, int]] = []
-        for name in self.names:
-            if name[-1] == "t":
-                numbers.append((name, place))
-                place += 1
-            else:
-                copies.append((self._keep(name), place))
-                place += h
-        load = [f"    w[{row * h} + k] = z[lane, {at} + k]" for row, at in copies]
-        given = [f"{name} = z[lane, {at}]" for name, at in numbers]
-        for name, where in columns.items():
-            if self._is_number(name):
-                given.append(f"c_{name} = c[lane, {where.start}]")
-            else:
-                load.append(f"    w[{self._keep(f'c_{name}') * h} + k] = c[lane, {where.start} + k]")
-
-        def put(target: str) -> list[str]:
-            blocks = [f"    {target}{at} + k] = w[{row * h} + k]" for row, at in copies]
-            return [f"for k in range({h}):", *blocks, *(f"{target}{at}] = {name}" for name, at in numbers)]
-
-        stage = [f"s_{name} = s[lane, stage, {where.start}]" for name, where in stage_columns.items()]
-        constant = {f"c_{name}" for name in columns}
-        fixed: list[Line] = []
-        bodies = []
-        for lines, new in pieces:
-            once, rest = split(lines, constant)
-            fixed += once
-            bodies.append((rest, new))
-        wanted = {n for rest, new in bodies for line in rest for n in line.needs} | {
-            v.strip("(-)") for _, new in bodies for v in new
-        }
-        first = self._printed(fixed, wanted, None)
-        body, *close = [self._printed(rest, set(), new) for rest, new in bodies]
-        return head + KERNEL.format(
-            total=SUM,
-            options=options,
-            room=self.rows * h,
-            load=indented([f"for k in range({h}):", *load, *given], 8),
-            once=indented(first, 8),
-            stage=indented(stage, 20),
-            body=indented(body, 20),
-            close=indented([line for lines in close for line in lines], 16),
-            save=indented(put("out[row, lane, "), 12),
-            store=indented(put("z[lane, "), 8),
-        )
-
-    def _is_number(self, name: str) -> bool:
-        return name == AXIS_NAME or self.form.roles.get(name, ("c", "turn"))[1] == "number"
-
-    def _keep(self, name: str) -> int:
-        self.entries.add(name)
-        self.room[name] = self.rows
-        self.rows += 1
-        return self.room[name]
-
-    def _printed(self, lines: list[Line], wanted: Collection[str], new: list[str] | None) -> list[str]:
-        """Numbers, then a loop over the entries, level by level; a sum over the entries ends a level.
-
-        Entries that are `wanted` afterwards stay; the new state is written in the last loop.
-        """
-        h, level, entry = self.form.h, dict[str, int](), set(self.entries)
-        for line in lines:
-            deep = max((level.get(n, 0) for n in line.needs), default=0)
-            if _is_total(line):
-                level[line.names[0]] = deep + 1
-            else:
-                level[line.names[0]] = deep
-                if not entry.isdisjoint(line.needs):
-                    entry.add(line.names[0])
-        outputs = dict(zip(self.names, new, strict=True)) if new is not None else {}
-        last = max(level.values(), default=0)
-        ends = {name: value for name, value in outputs.items() if name[-1] != "t" and value != name}
-        used: dict[str, float] = {}  # the last level at which an entry is needed
-        for line in lines:
-            at = level[line.names[0]] - (0.5 if _is_total(line) else 0)
-            for n in line.needs:
-                used[n] = max(used.get(n, 0), at)
-        for value in ends.values():
-            used[value.strip("(-)")] = last
-        made = {name for line in lines for name in line.names if name in entry and not _is_total(line)}
-        kept = {n for n in made if used.get(n, 0) > level[n] or n in wanted}
-        free: list[int] = []
-        done: set[str] = set()
-        held: dict[str, int] = {}
-        out: list[str] = []
-        for at in range(last + 1):
-            for n in [n for n in held if n not in done and used.get(n, 0) < at]:
-                free.append(held[n])  # a sum at this level still reads it, before the loop
-                done.add(n)
-            here = [line for line in lines if level[line.names[0]] == at]
-            for line in here:
-                if _is_total(line):
-                    (source,) = line.needs
-                    out.append(f"{line.names[0]} = total(w, {self._row(source, held) * h}, {h})")
-                elif line.names[0] not in entry:
-                    out.append(line.text)
-            loop = [line for line in here if line.names[0] in made]
-            here_ends = ends if at == last else {}
-            if not loop and not here_ends:
-                continue
-            inside = {line.names[0] for line in loop}
-            needs = {n for line in loop for n in line.needs} | {v.strip("(-)") for v in here_ends.values()}
-            block = [f"{n} = w[{self._row(n, held) * h} + k]" for n in sorted(needs - inside) if n in entry]
-            block += [line.text for line in loop]
-            for n in sorted(inside & kept):
-                if n in wanted:
-                    row = self._keep(n)
-                else:
-                    row = held[n] = free.pop() if free else self._new_row()
-                block.append(f"w[{row * h} + k] = {n}")
-            block += [f"w[{self.room[name] * h} + k] = {value}" for name, value in here_ends.items()]
-            out += [f"for k in range({h}):", *(f"    {line}" for line in block)]
-        numbers = {name: value for name, value in outputs.items() if name[-1] == "t" and value != name}
-        if numbers:
-            out.append(f"{', '.join(numbers)}, = {', '.join(numbers.values())},")
-        return out
-
-    def _row(self, name: str, held: Mapping[str, int]) -> int:
-        return held[name] if name in held else self.room[name]
-
-    def _new_row(self) -> int:
-        self.rows += 1
-        return self.rows - 1
-
-
-def _is_total(line: Line) -> bool:
-    return " = total(" in line.text

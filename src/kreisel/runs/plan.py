@@ -23,7 +23,7 @@ from kreisel.model import Model, State
 
 if TYPE_CHECKING:
     from kreisel.engines.closed import ClosedForm
-    from kreisel.engines.large import Printer
+    from kreisel.engines.levels import Printer
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
@@ -290,14 +290,16 @@ def _lanes(
 
 def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:
     """The scheme in the form of engine="large", and what prints its kernel; as it was where none is known."""
-    from kreisel.engines.large import LEAST_N, Printer, form_of
+    from kreisel.engines.large import LEAST_N, form_of
+    from kreisel.engines.levels import Printer
 
     form = form_of(plan)
     if form is None and asked is not None:
         raise InputError(
-            f"No kernel of O(n) a step of method={plan.name!r} is known for this system, n = {plan.n}: engine='large' "
-            f"needs n >= {LEAST_N}, no orientation, and momenta that change along one constant vector, other than 0, "
-            "or vectors alone. Leave engine out."
+            f"No kernel of O(n) or O(n^2) a step of method={plan.name!r} is known for this system, n = {plan.n}: "
+            f"engine='large' needs n >= {LEAST_N} and momenta that change along one constant vector, other than 0, or "
+            "vectors alone, or one momentum and a single real stage; an orientation with the first of these and "
+            "method='suris' alone. Leave engine out."
         )
     return (plan, None) if form is None else (form.on(plan, spread), Printer(form, plan))
 

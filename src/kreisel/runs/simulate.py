@@ -54,9 +54,9 @@ def simulate(
     tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
-    engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step, for Lagrange tops and Neumann; both are
-                 chosen by n and method unless told), "cuda" (an NVIDIA GPU, float64) or "cuda-float32": the same step,
-                 one thread a lane, for ensembles of many lanes and n <= 8
+    engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
+                 Clebsch; both are chosen by n and method unless told), "cuda" (an NVIDIA GPU, float64) or
+                 "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 8
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal

@@ -45,7 +45,7 @@ def flow(M, P, *, A, alpha):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
 
 def legendre(M, P, *, A, alpha, eps):  # X with W = cay(X), the inverse of (dmLT W thru M), any |A|
     U = eps / 2 * M  # X = U / alpha + (1/alpha - 1) A ^ y / <A, y> = U + (1/alpha - 1) pi U pi,  pi = I - y y^T / |y|^2
-    y = resolvent(U, A[..., None] + 0 * M[..., :1])[..., 0]
+    y = resolvent(U, (A + 0 * P)[..., None])[..., 0]
     return U + mat((1 - alpha) / alpha / dot(y, y)) * project_out(U, y)
 
 
