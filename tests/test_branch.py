@@ -58,9 +58,9 @@ def test_one_doubling_less_is_told_by_the_defect(monkeypatch: pytest.MonkeyPatch
     assert defect > LIMIT**2
 
 
-@pytest.mark.parametrize("n", [4, 5])
-def test_integrals_stand_still_close_to_the_longest_step(n: int) -> None:
-    (model, state, largest), *_ = bodies("euler-top", n)
-    run = kr.simulate(model, {"M": state[0]}, dt=0.99 * largest, steps=20_000, every=200, method="veselov")
-    table = kr.drift(run)
-    assert table.kept.all() and (table.ratio < 3).all(), table.to_string()
+def test_integrals_stand_still_close_to_the_longest_step() -> None:
+    (model, state, largest), *_ = bodies("euler-top", 4)
+    for share in (0.5, 0.9, 0.99):
+        run = kr.simulate(model, {"M": state[0]}, dt=share * largest, steps=20_000, every=200, method="veselov")
+        table = kr.drift(run)
+        assert table.kept.all() and (table.ratio < 2).all(), table.to_string()

@@ -46,11 +46,14 @@ def lax(M, P, *, J, c, lam):  # L = lambda J^2 + M + P/lambda,   U = lambda J + 
 def deviation(P, eps):
     """R = (1 - Q)/eps^2 of Q = (1 - eps^2 P)^(1/2), which solves R = P/2 + eps^2 R^2/2.
 
-    Newton's method for the square root, for R: with Q = 1 - eps^2 R, the new Q is (Q + Q^-1 (1 - eps^2 P))/2.
+    Newton's method for the square root from 1, in the increments of R (Iannazzo 2006): from (Q + Q^-1 (1 - eps^2 P))/2
+    rounding grows by half the root of the condition in each step.
     """
-    R, one, square = P / 2, identity(P.shape[-1]), eps * eps
+    one, square = identity(P.shape[-1]), eps * eps
+    R = change = P / 2
     for _ in range(ROOT_STEPS):
-        R = R + implicit.symmetric_part(solve(one - square * R, P / 2 + square / 2 * (R @ R) - R))
+        change = implicit.symmetric_part(square / 2 * (change @ solve(one - square * R, change)))
+        R = R + change
     return R
 
 
