@@ -1,4 +1,4 @@
-"""The implicit maps: every body, up to the longest step, on the branch that tends to 1, and told apart from the rest."""
+"""The implicit maps: solved up to the longest step, on the branch that tends to 1, and told where they are not."""
 
 from __future__ import annotations
 
@@ -31,7 +31,13 @@ def test_the_equation_is_solved_on_the_branch(name: str, n: int) -> None:
     """Q W J - J W^T Q = eps M to round-off, with the eigenvalues of Q^-1 W J in the right half-plane."""
     for model, state, largest in bodies(name, n):
         J, M, one = model.params["J"], state[0], np.eye(n)
-        P = state[-1] if name == "quadratic-potential" else np.outer(state[-1], state[-1]) if len(state) > 1 else 0 * one
+        P = (
+            state[-1]
+            if name == "quadratic-potential"
+            else np.outer(state[-1], state[-1])
+            if len(state) > 1
+            else 0 * one
+        )
         for share in (0.01, 0.5, 0.9, 0.99):
             eps = share * largest
             w, v = np.linalg.eigh(one - eps * eps * P)

@@ -107,9 +107,9 @@ def euler_other_branch(M, *, J, eps):  # W -> diag(-1, -1, 1, 1): a solution for
     return (W.mT @ M @ W,)
 
 
-def euler_one_doubling_less(M, *, J, eps):  # |A| is squared each time: one less leaves its root
+def euler_one_doubling_less(M, *, J, eps):  # it stops at |A| = 0.05 gamma^2, not 1e-9
     one = np.eye(4) + 0 * M
-    with mock.patch.object(implicit, "SMALL", implicit.SMALL**0.5):
+    with mock.patch.object(implicit, "SMALL", implicit.SMALL**0.15):
         return euler_top.move(M, implicit.branch(M, J, one, one, eps))
 
 
@@ -355,7 +355,6 @@ MUTANTS = [
     ("discrete-lax-equation", mapped(EULER, step=euler_without_curvature), 4),
     ("continuous-limit", mapped(EULER, step=euler_other_branch), 4),
     ("integrals-of-the-map", mapped(EULER, step=euler_one_doubling_less), 4),
-    ("poisson", mapped(EULER, step=euler_one_doubling_less), 4),
     ("discrete-euler-lagrange", mapped(EULER, lagrangian=lambda g, h, *, J, eps: pairing(g, h) / eps), 3),
     ("integrals-of-the-map", mapped(VESELOV, step=neumann.step), 3),  # Adler's
     ("discrete-euler-lagrange", mapped(VESELOV, lagrangian=neumann.lagrangian), 3),

@@ -15,6 +15,7 @@ Only this module knows which kind it has before it.  [Suris 2001, sections 2 and
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -473,7 +474,7 @@ def repeat(
             return np.concatenate([coordinates_of(kind, part).ravel() for kind, part in zip(kinds, X, strict=True)])
 
         def parted(x: Array) -> State:
-            pieces = (x[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True))
+            pieces = (x[a:b] for a, b in itertools.pairwise(edges))
             return tuple(_matrix_of(kind, piece, n) for kind, piece in zip(kinds, pieces, strict=True))
 
         def on_coordinates(x: Array) -> tuple[Array, Array]:

@@ -167,7 +167,6 @@ def newton_step(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
 def sweeps(turn: Linear, M: Array) -> tuple[Array, Array]:
     """The same N by fixed-point sweeps, as many as round-off needs: for n > 3, where a Newton step costs O(n^6)."""
 
-
     def improved(N: Array) -> tuple[tuple[Array], Array]:
         new, defect = sweep(turn, M, N)
         return (new,), defect

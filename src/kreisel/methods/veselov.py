@@ -27,7 +27,8 @@ def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Schem
     """The system's symmetric map with step dt, of order 2 (default), or composed to order 4, 6 or 8.
 
     Of an implicit map the largest error that its solution has left, as estimated, an angle squared, is carried along as
-    the component "defect" and guarded.  Raises `InputError` for other orders and for steps at which the map does not exist.
+    the component "defect" and guarded.  Raises `InputError` for other orders and for steps at which the map does not
+    exist.
     """
     phi, space = model.map, model.system.space
     if not phi.symmetric:

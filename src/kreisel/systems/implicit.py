@@ -11,8 +11,8 @@ l = gamma (1 + z)/(1 - z), U = (Z - gamma)/(Z + gamma), the equation and S becom
     Y + A^T Y^-1 A = B,      Y = B + A^T U = 2 gamma S + B/2,
 
 and the branch, |z| < 1, is the greatest Y > 0, which exists where A^T z + B + A/z > 0 on the unit circle.
-[Moser, Veselov, Comm. Math. Phys. 139 (1991); Cardoso, Leite, Linear Algebra Appl. 360 (2003); Engwerda, Ran, Rijkeboer,
-Linear Algebra Appl. 186 (1993); Meini, Math. Comp. 71 (2002)]
+[Moser, Veselov, Comm. Math. Phys. 139 (1991); Cardoso, Leite, Linear Algebra Appl. 360 (2003); Engwerda, Ran,
+Rijkeboer, Linear Algebra Appl. 186 (1993); Meini, Math. Comp. 71 (2002)]
 """
 
 import numpy as np
