@@ -24,9 +24,9 @@ FASTEST = 1.5  # largest rate of the angular momentum, n > 3
 
 @dataclass(frozen=True)
 class Problem:
-    """A Lagrange top with p = e_n (m' = a ^ p, a' = m a), Clebsch's body with b (M' = P ^ BP, P' = -MP), or a free body.
+    """A Lagrange top with p = e_n (m' = a ^ p, a' = m a), or Clebsch's body with b (M' = P ^ BP, P' = -MP).
 
-    Of a free body J is given, n = 3, M' = [M, Omega]; it has no vector.
+    Or the Euler top with J, n = 3, M' = [M, Omega], which has no vector.
     """
 
     name: str

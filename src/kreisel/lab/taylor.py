@@ -1,8 +1,8 @@
 """Taylor series and quadrature of the equations of motion, in many digits: independent references.
 
-`series` is for the Lagrange top and Clebsch's case of any n, `free_body` for the Euler top, n = 3; the others for the Lagrange top, n = 3, with orientation:
-m' = p x b, b' = m x b, q' = omega q / 2 with omega = m + (1/alpha - 1) (m.b) b/|b|^2; nothing of a method's formulas
-enters.  Needs python-flint.
+`series` is for the Lagrange top and Clebsch's case of any n, `free_body` for the Euler top, n = 3; the others for the
+Lagrange top, n = 3, with orientation: m' = p x b, b' = m x b, q' = omega q / 2 with
+omega = m + (1/alpha - 1) (m.b) b/|b|^2; nothing of a method's formulas enters.  Needs python-flint.
 """
 
 from __future__ import annotations
