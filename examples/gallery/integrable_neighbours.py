@@ -1,9 +1,10 @@
-"""Four integrable bodies beside neighbours that are not.
+"""Integrable bodies beside neighbours that have lost their integrals.
 
 Manakov's top in four dimensions, Steklov and Lyapunov's body in a fluid in four dimensions, and Kovalevskaya's gyrostat
-in two fields: one number of the Hamiltonian is changed in the lower row.  A motion on a torus draws a lattice of
-curves; without the integrals it wanders.  so(4) falls into two spheres, on one of which M or P is shown.  Right: the
-Lagrange top on SU(2) by the map of 1999; the integrals of the flow swing with the step, the map's own stand still.
+in two fields; in the lower row one number of the Hamiltonian is changed, and what was conserved to the digits of the
+solver now changes by 0.05 and more.  The path of the gyrostat then fills the sphere; Manakov's top finds another torus.
+so(4) falls into two spheres, on one of which M or P is shown.  Right: the Lagrange top on SU(2) by the map of 1999; the
+integrals of the flow swing with the step, the map's own stand still.
 
 Source: Suris 2001, Introduction and Conclusions; S. V. Manakov 1976; A. Bolsinov, Y. Fedorov 1992; A. I. Bobenko,
 A. G. Reyman, M. A. Semenov-Tian-Shansky 1989; A. I. Bobenko, Y. B. Suris 1999.
