@@ -1,7 +1,7 @@
 """Moser and Veselov's map, n = 3: kreisel's kernel against C++ by Newton's method for quaternions, in one run.
 
-One trajectory, and 1024 lanes on one core; the Lagrange top's map beside it, as a measure of the machine.  Medians over
-turns.  Writes results/moser_veselov.json.
+One trajectory, and 1024 lanes on one core; the Lagrange top's map beside it, as a measure of the machine.  Processor
+time, medians over turns.  Writes results/moser_veselov.json.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ os.environ["NUMBA_NUM_THREADS"] = "1"
 
 import numpy as np
 from cases import RESULTS, machine
-from single import FLAGS, compiler
 
 import kreisel as kr
+from kreisel.bench import compiled
+from kreisel.bench.compiled import FLAGS, compiler
 from kreisel.runs.plan import make_plan
 
 DT, TURNS = 0.1, 9
@@ -50,7 +51,8 @@ def main() -> None:
     told: dict[str, object] = {"machine": machine(), "flags": FLAGS, "dt": DT, "turns": TURNS}
     with tempfile.TemporaryDirectory() as folder:
         target, source = Path(folder) / "mv.so", Path(__file__).with_name("moser_veselov.cpp")
-        subprocess.run([compiler(), *FLAGS, str(source), "-o", str(target)], check=True)
+        maps = Path(compiled.__file__).parent  # maps.hpp
+        subprocess.run([compiler(), *FLAGS, f"-I{maps}", str(source), "-o", str(target)], check=True)
         library = ctypes.CDLL(str(target))
         for name, (lanes, steps) in SIZES.items():
             mine, engine = kernel(top, {"M": MU}, lanes, "veselov")
@@ -63,9 +65,9 @@ def main() -> None:
             ns = np.empty((TURNS, 3))
             for turn in range(TURNS):
                 for place, march in enumerate((mine, theirs, beside)):
-                    begun = time.perf_counter()
+                    begun = time.process_time()
                     march(steps)
-                    ns[turn, place] = (time.perf_counter() - begun) / steps / lanes * 1e9
+                    ns[turn, place] = (time.process_time() - begun) / steps / lanes * 1e9
             middle = np.median(ns, 0)
             told[name] = {
                 "kernel": round(float(middle[0]), 2),

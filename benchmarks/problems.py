@@ -15,7 +15,7 @@ from cases import RESULTS, unit
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.lab.taylor import series
+from kreisel.lab.taylor import free_body, series
 
 REFERENCE = RESULTS / "work_precision_reference.json"
 DIGITS = 24
@@ -24,24 +24,29 @@ FASTEST = 1.5  # largest rate of the angular momentum, n > 3
 
 @dataclass(frozen=True)
 class Problem:
-    """A Lagrange top with p = e_n (m' = a ^ p, a' = m a), or Clebsch's body with b (M' = P ^ BP, P' = -MP)."""
+    """A Lagrange top with p = e_n (m' = a ^ p, a' = m a), or Clebsch's body with b (M' = P ^ BP, P' = -MP).
+
+    Or the Euler top with J, n = 3, M' = [M, Omega], which has no vector.
+    """
 
     name: str
     kind: str
     n: int
     skew: np.ndarray
     vector: np.ndarray
-    fixed: np.ndarray  # p or b
+    fixed: np.ndarray  # p, b or J
 
     @property
     def model(self) -> Any:
         """The system with its parameters."""
+        if self.kind == "euler-top":
+            return kr.EulerTop(J=self.fixed)
         return kr.LagrangeTop(p=self.fixed) if self.kind == "lagrange-top" else kr.Clebsch(b=self.fixed)
 
     @property
     def state(self) -> dict[str, Any]:
         """The start by letters."""
-        return dict(zip(self.model.system.space.letters, (self.skew, self.vector), strict=True))
+        return dict(zip(self.model.system.space.letters, (self.skew, self.vector), strict=False))
 
     @property
     def start(self) -> np.ndarray:
@@ -57,6 +62,9 @@ class Problem:
             X[rows, columns], X[columns, rows] = z[:count], -z[:count]
         else:
             X = X.at[rows, columns].set(z[:count]).at[columns, rows].set(-z[:count])
+        if self.kind == "euler-top":
+            Omega = X / (self.fixed[:, None] + self.fixed)
+            return (X @ Omega - Omega @ X)[rows, columns]
         v = z[count:]
         w, sign = (self.fixed, 1) if self.kind == "lagrange-top" else (self.fixed * v, -1)
         return library.concatenate([v[rows] * w[columns] - w[rows] * v[columns], sign * (X @ v)])
@@ -72,6 +80,10 @@ class Problem:
 
     def taylor(self, time: float) -> list[float]:
         """By Taylor series, `kreisel.lab.taylor`, which knows nothing of a contender."""
+        if self.kind == "euler-top":
+            moments = self.fixed[[1, 2, 0]] + self.fixed[[2, 0, 1]]
+            mu = free_body(algebra.axial(self.skew), moments, time, digits=DIGITS)
+            return [float(x) for x in algebra.coordinates(algebra.hat(mu))]
         X, v = series(self.skew, self.vector, self.fixed, time, clebsch=self.kind == "clebsch", digits=DIGITS)
         return [float(x) for x in (*algebra.coordinates(X), *v)]
 
@@ -84,8 +96,9 @@ def _random(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def problems() -> list[Problem]:
-    """The top and Clebsch's body for n = 3, 5, 10."""
-    out = []
+    """The free body for n = 3; the top and Clebsch's body for n = 3, 5, 10."""
+    mu = algebra.hat(np.array([0.9, 0.4, 0.6]))
+    out = [Problem("euler-top, n = 3", "euler-top", 3, mu, np.zeros(0), np.array([0.5, 0.75, 1.25]))]
     for n in (3, 5, 10):
         X, v = (algebra.hat(np.array([0.1, 0.2, 1.5])), np.array([0.6, 0, 0.8])) if n == 3 else _random(n, 1)
         out.append(Problem(f"lagrange-top, n = {n}", "lagrange-top", n, X, v, np.eye(n)[-1]))

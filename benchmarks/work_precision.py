@@ -8,7 +8,8 @@ figure is the median over the turns, and `ratio` the median of the ratios, in ea
 precision.  `error` is the largest error of a component of the state, relative to the largest component, against Taylor
 series in 24 digits (problems.py).  Peers that are not installed are left out, and the result says so.
 
-    kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, or a jump to T
+    kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, or a jump to T;
+               of the free body veselov 2 ... 8 in the place of the first two
     heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
     diffrax    Dopri8 and Tsit5 with a PID controller, compiled by JAX
     scipy      DOP853, the right-hand side compiled by Numba
@@ -43,6 +44,8 @@ from kreisel.runs.plan import make_plan, plan_of_times
 TIMES = (100.0, 1000.0)
 TOLERANCES = tuple(float(f"1e-{k}") for k in range(6, 16))
 ORDERS = {"suris": (1, 2), "variational": (2, 4, 6, 8), "baecklund": (2, 4, 6, 8, 12, 16, 20, 24)}
+FREE_ORDERS = {"veselov": (2, 4, 6, 8), "variational": (2, 4, 6, 8)}
+BATCHES = {"baecklund": (8, 16, 24), "veselov": (4, 8)}
 LANES = 64
 FLOOR = 1e-9  # below it a ladder ends where a finer step no longer halves the error
 LEAST = 2e-3  # seconds of one measurement
@@ -126,6 +129,10 @@ def heyoka_field(problem: Problem) -> tuple[Any, Any]:
     import heyoka as hy
 
     count = len(problem.start)
+    if problem.kind == "euler-top":  # in axial vectors, as one would write them; M_12, M_13, M_23 = -z, y, -x
+        a, b, c = (float(1 / v) for v in problem.fixed[[1, 2, 0]] + problem.fixed[[2, 0, 1]])
+        z, y, x = names = hy.make_vars("z0", "z1", "z2")
+        return names, [(z, (b - a) * x * y), (y, (a - c) * x * z), (x, (c - b) * y * z)]
     names = hy.make_vars(*[f"z{i}" for i in range(count)])
     size = count - problem.n
     rows, columns = algebra.triangle(problem.n)
@@ -281,16 +288,17 @@ def ladder(make: Callable[[int], Run], first: int, factor: float, limit: float) 
 
 def contenders(problem: Problem, end: float, limit: float) -> Iterator[Run]:
     """Everything there is for a problem, each run once."""
-    for method, orders in ORDERS.items():
+    methods = FREE_ORDERS if problem.kind == "euler-top" else ORDERS
+    for method, orders in methods.items():
         for order in orders:
             longest = 0.25 if order < 4 or method == "variational" else 0.25 * order
             factor = 2.0 if order < 8 or method == "variational" else 2**0.5
             yield from ladder(
                 lambda steps, m=method, o=order: kernel(problem, m, o, end, steps), int(end / longest), factor, limit
             )
-    for order in (8, 16, 24):
+    for method, order in ((m, o) for m in methods for o in BATCHES.get(m, ())):
         for run in ladder(
-            lambda steps, o=order: kernel(problem, "baecklund", o, end, steps, LANES),
+            lambda steps, m=method, o=order: kernel(problem, m, o, end, steps, LANES),
             int(end / (0.25 * order)),
             2**0.5,
             limit * LANES,
@@ -302,11 +310,11 @@ def contenders(problem: Problem, end: float, limit: float) -> Iterator[Run]:
             run = kernel(problem, "exact", None, end, int(end / dt))
             run.prime()
             yield run
-    if problem.kind == "lagrange-top" and problem.n == 3:
+    if problem.kind != "clebsch" and problem.n == 3:
         exact = jump(problem, end)
         exact.prime()
         yield exact
-        if find_spec("mujoco"):
+        if problem.kind == "lagrange-top" and find_spec("mujoco"):
             yield from ladder(lambda steps: mujoco_top(problem, end, steps), int(end / 0.1), 2.0, limit * 10)
 
 
@@ -344,7 +352,7 @@ def measure(problem: Problem, makers: list[Callable[[float], Run]], end: float, 
 
 def cheapest(rows: list[dict[str, Any]], ours: bool, error: float, batch: bool) -> dict[str, Any] | None:
     """The cheapest run at or below an error, of kreisel's steps or of the peers."""
-    own = ("suris", "variational", "baecklund", "exact")
+    own = ("suris", "variational", "baecklund", "veselov", "exact")
     fit = [
         r
         for r in rows

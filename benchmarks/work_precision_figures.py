@@ -15,7 +15,7 @@ from kreisel.view.style import theme_of
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-TITLES = {"lagrange-top": "Lagrange top", "clebsch": "Clebsch's case"}
+TITLES = {"euler-top": "Euler top", "lagrange-top": "Lagrange top", "clebsch": "Clebsch's case"}
 METHODS = ("baecklund", "exact", "suris", "variational")
 SHADES = matplotlib.colormaps["viridis_r"]
 DOCS = Path(__file__).parents[1] / "docs"
@@ -26,6 +26,10 @@ SHOWN = {  # method: colour, line
     "baecklund 4": ("#a8cee4", "-"),
     "exact": ("#111111", "-"),
     "exact jump": ("#111111", "--"),
+    "veselov 2": ("#a8cee4", "-"),
+    "veselov 4": ("#6aaed6", "-"),
+    "veselov 6": ("#2b7bba", "-"),
+    "veselov 8": ("#0b559f", "-"),
     "suris 2": ("#74a572", "--"),
     "variational 4": ("#b58900", "--"),
     "variational 8": ("#e0b84a", "--"),
@@ -129,8 +133,9 @@ def main() -> None:
     """All figures, and the table of docs/work-precision.md on the screen."""
     result = json.loads((RESULTS / "work_precision.json").read_text())
     print(table(result))
-    for kind in ("lagrange-top", "clebsch"):
-        figure(result, kind)
+    for kind in TITLES:
+        if any(key.startswith(kind) for key in result["runs"]):
+            figure(result, kind)
     for method in METHODS:
         of_a_method(result, method)
 

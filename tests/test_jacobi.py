@@ -50,6 +50,17 @@ def test_far_times_in_pieces() -> None:
     assert abs(on.M.values[0] - far.M.values[1]).max() < 1e-14
 
 
+def test_against_taylor_series() -> None:
+    """In 24 digits, from the equations alone."""
+    from kreisel.lab.taylor import free_body
+
+    mu, moments = np.array([0.9, 0.4, 0.6]), (2.0, 1.75, 1.25)
+    top = kr.EulerTop(J=(0.5, 0.75, 1.25))
+    there = kr.at(top, top.state(M=mu), [3.0, 30.0])
+    for time, ours in zip((3.0, 30.0), there.M.values, strict=True):
+        assert abs(ours - free_body(mu, moments, time).astype(float)).max() < 2e-15
+
+
 def test_moser_veselov_is_the_flow_over_a_constant_time() -> None:
     """M_k at k s for one s, which is not eps."""
     from scipy.optimize import brentq

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest import mock
 
+import numpy as np
 import pytest
 
 from kreisel import algebra, invariants
@@ -18,6 +20,7 @@ from kreisel.systems import (
     euler_top,
     goryachev_chaplygin,
     hess_appelrot,
+    implicit,
     lagrange_top,
     lagrange_top_moving,
     lagrange_top_su2,
@@ -95,6 +98,21 @@ def euler_without_curvature(M, *, c, eps):  # X = (eps/2) Omega, as in a variati
     return euler_top.move(M, eps / 2 * c * M)
 
 
+def euler_other_branch(M, *, J, eps):  # W -> diag(-1, -1, 1, 1): a solution for every step, by sweeps
+    signs = np.array([-1, -1, 1, 1])
+    c, X = euler_top.sums(J=J * signs)["c"], 0 * M
+    for _ in range(40):
+        X = eps / 2 * c * (M + M @ X - X @ M - X @ M @ X)
+    W = algebra.cayley(X) * signs
+    return (W.mT @ M @ W,)
+
+
+def euler_one_doubling_less(M, *, J, eps):  # it stops at |A| = 0.05 gamma^2, not 1e-9
+    one = np.eye(4) + 0 * M
+    with mock.patch.object(implicit, "SMALL", implicit.SMALL**0.15):
+        return euler_top.move(M, implicit.branch(M, J, one, one, eps))
+
+
 def doubled_flow(m, a, *, p):
     return 2 * wedge(a, p), act(m, a)
 
@@ -116,7 +134,7 @@ def half_angle(g, h, A, *, p, alpha, eps):  # tr R in the place of tr w
 
 
 def force_forgotten(M, P, *, J, c, eps):  # R = P P^T/2
-    X = quadratic_potential.solved(M, clebsch_body.outer(P) / 2, J=J, c=c, eps=eps)[0]
+    X = quadratic_potential.solved(M, clebsch_body.outer(P), clebsch_body.outer(P) / 2, J=J, c=c, eps=eps)[0]
     return quadratic_potential.moved(M, clebsch_body.outer(P) / 2, X, J=J, eps=eps), cayley_act(-X, P)
 
 
@@ -335,6 +353,8 @@ MUTANTS = [
     ("integrals-of-the-map", mapped(EULER, step=euler_without_curvature), 3),
     ("poisson", mapped(EULER, step=euler_without_curvature), 3),
     ("discrete-lax-equation", mapped(EULER, step=euler_without_curvature), 4),
+    ("continuous-limit", mapped(EULER, step=euler_other_branch), 4),
+    ("integrals-of-the-map", mapped(EULER, step=euler_one_doubling_less), 4),
     ("discrete-euler-lagrange", mapped(EULER, lagrangian=lambda g, h, *, J, eps: pairing(g, h) / eps), 3),
     ("integrals-of-the-map", mapped(VESELOV, step=neumann.step), 3),  # Adler's
     ("discrete-euler-lagrange", mapped(VESELOV, lagrangian=neumann.lagrangian), 3),

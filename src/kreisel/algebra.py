@@ -15,6 +15,7 @@ Only this module knows which kind it has before it.  [Suris 2001, sections 2 and
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -94,6 +95,25 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
         tail = A[..., k : k + 1, k + 1 :] @ B[..., k + 1 :, :] if k + 1 < n else 0
         B[..., k : k + 1, :] = (B[..., k : k + 1, :] - tail) * (1 / A[..., k : k + 1, k : k + 1])
     return pivots, B
+
+
+def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
+    """A^T S^-1 A, A S^-1 A^T and A S^-1 A for S (..., n, n) symmetric and positive.
+
+    Numbers without a LAPACK go by S = L D L^T: of the symmetric products a record then keeps what is asked for.
+    """
+    if not holds_objects(S):
+        B = solve(S, A)
+        return A.mT @ B, A @ solve(S, A.mT), A @ B
+    n = S.shape[-1]
+    S, B = S.astype(object), np.concatenate([A, A.mT], -1).astype(object)
+    for k in range(n - 1):
+        factor = S[..., k, k + 1 :, None] * (1 / S[..., k, k, None, None])
+        S[..., k + 1 :, k + 1 :] = S[..., k + 1 :, k + 1 :] - factor * S[..., k : k + 1, k + 1 :]
+        B[..., k + 1 :, :] = B[..., k + 1 :, :] - factor * B[..., k : k + 1, :]
+    scaled = B / S.diagonal(axis1=-2, axis2=-1)[..., None]
+    left, right = B[..., :n].mT, B[..., n:].mT
+    return left @ scaled[..., :n], right @ scaled[..., n:], right @ scaled[..., :n]
 
 
 class Complex:
@@ -414,6 +434,12 @@ def coordinates_of(kind: str, z: Array) -> Array:
     return z
 
 
+def _matrix_of(kind: str, x: Array, n: int) -> Array:
+    if kind == "matrix":
+        return x.reshape((n, n))
+    return skew(x, n) if kind == "skew" else symmetric(x, n)
+
+
 def hat(v: Array) -> Array:
     """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
     return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)
@@ -424,30 +450,45 @@ def axial(X: Array) -> Array:
     return coordinates(X)[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8)
 
 
-def repeat(improve: Callable[[Array], tuple[Array, Array]], X: Array, small: float, most: int) -> tuple[Array, Array]:
-    """X, defect = improve(X) from a skew matrix X until defect <= small, at most `most` times.
+State = tuple[Array, ...]
+
+
+def repeat(
+    improve: Callable[..., tuple[State, Array]], start: State, small: float, most: int, kinds: tuple[str, ...]
+) -> tuple[State, Array]:
+    """X, defect = improve(*X) from matrices X of the given kinds until defect <= small, at most `most` times.
 
     Recorded numbers make a loop of it.  Dual numbers go on, for their slopes, twice as long as their values need.
     Numbers without an order go all the way.
     """
-    n = X.shape[-1]
-    if hasattr(X, "record_loop"):
-        return X.record_loop(improve, X, small, most)
-    recorded = [v for v in X.flat if hasattr(v, "record_loop")] if holds_objects(X) else []
+    X, first = start, start[0]
+    if hasattr(first, "record_loop"):
+        return first.record_loop(improve, X, small, most)
+    objects = any(map(holds_objects, X))
+    recorded = [v for part in X for v in part.flat if hasattr(v, "record_loop")] if objects else []
     if recorded:
+        n = first.shape[-1]
+        edges = np.cumsum([0, *(coordinates_of(kind, part).size for kind, part in zip(kinds, X, strict=True))])
+
+        def joined(X: State) -> Array:
+            return np.concatenate([coordinates_of(kind, part).ravel() for kind, part in zip(kinds, X, strict=True)])
+
+        def parted(x: Array) -> State:
+            pieces = (x[a:b] for a, b in itertools.pairwise(edges))
+            return tuple(_matrix_of(kind, piece, n) for kind, piece in zip(kinds, pieces, strict=True))
 
         def on_coordinates(x: Array) -> tuple[Array, Array]:
-            Y, defect = improve(skew(x, n))
-            return coordinates(Y), defect
+            Y, defect = improve(*parted(x))
+            return joined(Y), defect
 
-        x, defect = recorded[0].record_loop(on_coordinates, coordinates(X), small, most)
-        return skew(x, n), defect
+        x, defect = recorded[0].record_loop(on_coordinates, joined(X), small, most)
+        return parted(x), defect
     last = most
     for k in range(most):
-        X, defect = improve(X)
-        if not holds_objects(X) and (defect <= small).all():
+        X, defect = improve(*X)
+        if not objects and (defect <= small).all():
             break
-        if last == most and holds_objects(X) and getattr(defect, "value", 1) <= small:
+        if last == most and objects and getattr(defect, "value", 1) <= small:
             last = 2 * k + 2
         if k == last:
             break

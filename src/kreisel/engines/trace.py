@@ -374,16 +374,19 @@ class Matrix:
         return self._new(f"max({self.name}, {other.name})", (), self.name, other.name)
 
     def record_loop(
-        self, body: Callable[..., tuple[Matrix, Matrix]], start: Matrix, small: float, most: int
-    ) -> tuple[Matrix, Matrix]:
-        """`x, defect = body(x)`, repeated, for an array x."""
+        self, body: Callable[..., tuple[tuple[Matrix, ...], Matrix]], start: tuple[Matrix, ...], small: float, most: int
+    ) -> tuple[tuple[Matrix, ...], Matrix]:
+        """`x, defect = body(*x)`, repeated, for arrays x."""
+
+        def arrays(names: list[str]) -> tuple[Matrix, ...]:
+            return tuple(Matrix(self.tape, name, x.shape) for name, x in zip(names, start, strict=True))
 
         def on_names(names: list[str]) -> tuple[list[Any], Any]:
-            new, defect = body(Matrix(self.tape, names[0], self.shape))
-            return [new], defect
+            new, defect = body(*arrays(names))
+            return list(new), defect
 
-        (name,), defect = self.tape.loop(on_names, [start], small, most)
-        return Matrix(self.tape, name, self.shape), Matrix(self.tape, defect, ())
+        names, defect = self.tape.loop(on_names, list(start), small, most)
+        return arrays(names), Matrix(self.tape, defect, ())
 
     def __repr__(self) -> str:
         return f"{self.name}{self.shape}"

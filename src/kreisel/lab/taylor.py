@@ -1,8 +1,8 @@
 """Taylor series and quadrature of the equations of motion, in many digits: independent references.
 
-`series` is for the Lagrange top and Clebsch's case of any n; the others for the Lagrange top, n = 3, with orientation:
-m' = p x b, b' = m x b, q' = omega q / 2 with omega = m + (1/alpha - 1) (m.b) b/|b|^2; nothing of a method's formulas
-enters.  Needs python-flint.
+`series` is for the Lagrange top and Clebsch's case of any n, `free_body` for the Euler top, n = 3; the others for the
+Lagrange top, n = 3, with orientation: m' = p x b, b' = m x b, q' = omega q / 2 with
+omega = m + (1/alpha - 1) (m.b) b/|b|^2; nothing of a method's formulas enters.  Needs python-flint.
 """
 
 from __future__ import annotations
@@ -51,6 +51,35 @@ def series(
     before, flint.ctx.prec = flint.ctx.prec, int((digits + 14) * 3.33)
     try:
         return _march_matrices(flint, X, v, fixed, time, clebsch, digits)
+    finally:
+        flint.ctx.prec = before
+
+
+def free_body(mu: Array, moments: Array, time: float, *, digits: int = 24) -> Array:
+    """The axial vector mu (3,) at `time` >= 0, of flint.arb: mu' = mu x mu/I, doubles taken as exact.
+
+    Steps and rounding as in `series`.  Raises `InputError` without python-flint.
+    """
+    try:
+        import flint
+    except ImportError as error:
+        raise InputError("The reference in many digits needs python-flint: pip install 'kreisel[exact]'.") from error
+    before, flint.ctx.prec = flint.ctx.prec, int((digits + 14) * 3.33)
+    try:
+        arb, order = flint.arb, int(1.3 * digits) + 7
+        z, (a, b, c) = [arb(float(v)) for v in mu], [1 / arb(float(v)) for v in moments]
+        rates, done, end = (c - b, a - c, b - a), arb(0), arb(time)
+        while not done == end:
+            terms = [[v] for v in z]
+            for k in range(order):
+                new = [rate * _cauchy(terms[i - 2], terms[i - 1], k) / (k + 1) for i, rate in enumerate(rates)]
+                for term, value in zip(terms, new, strict=True):
+                    term.append(value)
+            h, left = arb(_length(terms, order, digits)), end - done
+            final = bool(left <= h)
+            z = [_sum(term, left if final else h).mid() for term in terms]
+            done = end if final else (done + h).mid()
+        return np.array(z, dtype=object)
     finally:
         flint.ctx.prec = before
 

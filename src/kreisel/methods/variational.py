@@ -166,7 +166,13 @@ def newton_step(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
 
 def sweeps(turn: Linear, M: Array) -> tuple[Array, Array]:
     """The same N by fixed-point sweeps, as many as round-off needs: for n > 3, where a Newton step costs O(n^6)."""
-    return algebra.repeat(lambda N: sweep(turn, M, N), M, SWEEP_LIMIT**2, MOST_SWEEPS)
+
+    def improved(N: Array) -> tuple[tuple[Array], Array]:
+        new, defect = sweep(turn, M, N)
+        return (new,), defect
+
+    (N,), defect = algebra.repeat(improved, (M,), SWEEP_LIMIT**2, MOST_SWEEPS, ("skew",))
+    return N, defect
 
 
 def sweep(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:

@@ -15,8 +15,10 @@ from kreisel.errors import InputError
 from kreisel.methods.composition import symmetric_composition
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Guard, Scheme
-from kreisel.methods.variational import DEFECT, NEWTON_LIMIT, SWEEP_LIMIT
+from kreisel.methods.variational import DEFECT
 from kreisel.model import Model
+
+LIMIT = 1e-13  # of the error of X
 
 State = tuple[Array, ...]
 
@@ -24,8 +26,9 @@ State = tuple[Array, ...]
 def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The system's symmetric map with step dt, of order 2 (default), or composed to order 4, 6 or 8.
 
-    Of an implicit map the largest last correction, an angle squared, is carried along as the component "defect" and
-    guarded.  Raises `InputError` for other orders and for steps at which the map does not exist.
+    Of an implicit map the largest error that its solution has left, as estimated, an angle squared, is carried along as
+    the component "defect" and guarded.  Raises `InputError` for other orders and for steps at which the map does not
+    exist.
     """
     phi, space = model.map, model.system.space
     if not phi.symmetric:
@@ -69,7 +72,7 @@ def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Schem
         options={"order": order},
         guard=Guard(
             DEFECT,
-            (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
+            LIMIT**2,
             "The implicit equation of the map was not solved to round-off",
             "a step close to the largest at which the map exists. Use a smaller dt.",
         )

@@ -44,7 +44,7 @@ def deviation(P, eps):  # R = (1 - Q)/eps^2
 
 
 def turn(M, P, *, J, c, eps):
-    return quadratic_potential.solved(M, deviation(P, eps), J=J, c=c, eps=eps)
+    return quadratic_potential.solved(M, outer(P), deviation(P, eps), J=J, c=c, eps=eps)
 
 
 def move(M, P, X, *, J, eps):
@@ -73,7 +73,7 @@ def lax_matrix(M, P, *, J, lam, eps):  # (J W^T + l Q)(W J - l Q)
 
 
 def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
-    return quadratic_potential.conjugated(M, deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
+    return quadratic_potential.conjugated(M, outer(P), deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
 
 
 def largest_step(M, P, *, J):

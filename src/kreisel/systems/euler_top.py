@@ -10,7 +10,7 @@ keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 
 
 import numpy as np
 
-from kreisel.algebra import axial, cayley, cayley_conjugate, cross, dot, hat, identity, pairing, repeat, vec
+from kreisel.algebra import axial, cayley, cayley_conjugate, cross, dot, hat, identity, pairing, vec
 from kreisel.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import metric_spectrum
 from kreisel.systems import implicit
@@ -54,17 +54,17 @@ def lax(M, *, J, c, lam):  # L = lambda J^2 + M,   U = lambda J + Omega
 
 
 def turn(M, *, J, c, eps):
-    """X with W = cay(X), and the square of its last correction."""
-    return turn_in_space(M, J, eps) if M.shape[-1] == 3 else turn_by_sweeps(M, c, eps)
+    """X with W = cay(X), and the square of what is left of its error, as estimated."""
+    return turn_in_space(M, J, eps) if M.shape[-1] == 3 else turn_by_doubling(M, J, c, eps)
 
 
 def turn_in_space(M, J, eps):
     """For n = 3 with X = hat(x), h = eps/2: (I - sigma) x + h x x mu = h mu, sigma = h <x, mu>.
 
     Hence x as a function of sigma, and <x, mu> h = sigma is a quartic equation p(sigma) = 0 whose coefficients are
-    integrals of the map.  Halley's method for its least root, from h^2 sum mu_i^2/I_i, which is below it.  With the
-    step in percent of the longest that has a solution, forty random bodies: round-off left up to 97, square of the
-    last correction 1e-13 at 99.
+    integrals of the map.  Halley's method for its least root, from h^2 sum mu_i^2/I_i, which is below it: each
+    correction is of the order of the cube of that before.  With the step in percent of the longest that has a
+    solution, forty random bodies: the square of the last correction is below 1e-30 up to 90, 1e-13 at 99.
     """
     h, u = eps / 2, axial(M)
     moments = J[..., SECOND] + J[..., THIRD]
@@ -84,18 +84,19 @@ def turn_in_space(M, J, eps):
     d = moments - vec(s)
     minors = d[..., SECOND] * d[..., THIRD]
     x = vec(h / (d[..., 0] * minors[..., 0] + dot(d, square))) * (minors * u + vec(m) * u + vec(h) * cross(d * u, u))
-    return hat(x), change * change / (e1 * e1)
+    last = change * change / (e1 * e1)
+    return hat(x), last * last * last
 
 
-def turn_by_sweeps(M, c, eps):
-    h = eps / 2
+def turn_by_doubling(M, J, c, eps):
+    """For n > 3: X J + J X = (eps/2)(M - [X, M] - X M X)."""
+    one = identity(M.shape[-1]) + 0 * M
 
-    def improved(X):
+    def residual(X):
         XM = X @ M
-        new = h * c * (M - (XM - XM.mT) - XM @ X)
-        return new, pairing(new - X, new - X)
+        return (X * J[..., :, None] + X * J[..., None, :]) - eps / 2 * (M - (XM - XM.mT) - XM @ X)
 
-    return repeat(improved, h * c * M, implicit.SMALL, implicit.MOST_SWEEPS)
+    return implicit.corrected(implicit.branch(M, J, one, one, eps), residual, c)
 
 
 def move(M, X):

@@ -2,39 +2,85 @@
 
     Q W J - J W^T Q = eps M,   W = cay(X) in SO(n),   X -> 0 as eps -> 0,   J = diag(J_i) > 0,   Q = (1 - eps^2 P)^(1/2)
 
-The branch exists where det(J^2 + l eps M - l^2 Q^2) has no imaginary root l: there the symmetric part of W J, or of
-Q W J, is positive and W has no eigenvalue -1, so that X is finite.  The roots are integrals of the maps.
-[Moser, Veselov, Comm. Math. Phys. 139 (1991); Cardoso, Leite, Linear Algebra Appl. 360 (2003)]
+Z = Q^-1 W J solves Q^2 Z^2 - eps M Z - J^2 = 0, and its eigenvalues l are roots of det(J^2 + l eps M - l^2 Q^2), which
+are integrals of the maps.  The branch has all of them in Re l > 0.  It exists where no root is imaginary: there the
+symmetric part S of W J, or of Q W J, is positive and W has no eigenvalue -1, so that X is finite.  With
+l = gamma (1 + z)/(1 - z), U = (Z - gamma)/(Z + gamma), the equation and S become
+
+    A + B U + A^T U^2 = 0,   A = gamma^2 Q^2 - J^2 - gamma eps M,   B = 2 (gamma^2 Q^2 + J^2),
+    Y + A^T Y^-1 A = B,      Y = B + A^T U = 2 gamma S + B/2,
+
+and the branch, |z| < 1, is the greatest Y > 0, which exists where A^T z + B + A/z > 0 on the unit circle.
+[Moser, Veselov, Comm. Math. Phys. 139 (1991); Cardoso, Leite, Linear Algebra Appl. 360 (2003); Engwerda, Ran,
+Rijkeboer, Linear Algebra Appl. 186 (1993); Meini, Math. Comp. 71 (2002)]
 """
 
 import numpy as np
 
-from kreisel.algebra import coordinates, identity, pairing, repeat, skew, solve
+from kreisel.algebra import identity, pairing, repeat, solve, sqrt, through_inverse
+from kreisel.systems.matrices import diagonal
 
-NEWTON_STEPS = 5
-MOST_SWEEPS = 300
-SMALL = 1e-31  # the square of a correction of X that no longer matters
+DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
+SMALL = 1e-18  # of |A|^2 over the 4th power of gamma: what is left of Y is of the order of A^T Y^-1 A
+SMALL_CHANGE = 1e-33  # the square of a correction of X that no longer matters
+CORRECTIONS, MOST_CORRECTIONS = 2, 6
 YS = 48
 
 
-def root(residual, slope, inverse, X):
-    """X with residual(X) = 0 and the square of its last correction: Newton's method for n = 3, else sweeps.
+def branch(M, J, Q, square, eps):
+    """X on the branch by cyclic reduction, from Q and its square: U -> U^2 in each doubling, A -> 0 and B -> Y.
 
-    slope(X) gives D -> d residual; inverse(R) is the inverse of the slope at X = 0, approximately.
+    The matrices to be divided by stay positive.  gamma^2 = sum J/sum J^-1, which for two moments is their product.
+    Sixty random bodies each of n = 3, 4, 6, 8: 5 to 8 doublings up to half of the longest step, 6 to 8 at 0.9 of it,
+    7 to 10 at 0.99, and 10 at most at 0.999.
     """
-    n = X.shape[-1]
-    if n > 3:
-        return repeat(lambda X: _corrected(X, inverse(residual(X))), X, SMALL, MOST_SWEEPS)
-    basis, defect = np.eye(3, dtype=np.int8), 0
-    for _ in range(NEWTON_STEPS):
-        along = slope(X)
-        columns = np.stack([coordinates(along(skew(e, n) + 0 * X)) for e in basis], -1)
-        X, defect = _corrected(X, skew(solve(columns, coordinates(residual(X))[..., None])[..., 0], n))
+    scale = J.sum(-1) / (1 / J).sum(-1)
+    gamma, D = sqrt(scale), diagonal(J)
+    D2, first = D * D, scale * square
+    middle, start = first + D2, first - D2 - gamma * eps * M
+
+    def doubled(A, B, C):
+        inner, outer, new = through_inverse(B - C, A)
+        size = (new * new).sum(-1).sum(-1) / (scale * scale)
+        return (new, B - inner, C + outer), size
+
+    state = start, 2 * middle, 0 * middle
+    if M.shape[-1] == 3:
+        for _ in range(DOUBLINGS):
+            state, _ = doubled(*state)
+    else:
+        state, _ = repeat(doubled, state, SMALL, MOST_DOUBLINGS, ("matrix", "symmetric", "symmetric"))
+    W = (state[1] - middle) / (2 * gamma) + eps / 2 * M  # Q W J
+    one = Q @ D
+    return skew_part(D @ solve(W + one, W - one) / J[..., None, :])  # (W + 1)^-1 (W - 1)
+
+
+def corrected(X, residual, c):
+    """X - c o residual(X), some times, and the square of the last correction; X is right up to round-off before.
+
+    What a solution leaves has a steady part, from the rounding of constants, and the integrals drift with it.  Six
+    random bodies of n = 4, the worst of the integrals in bands after 20 000 steps at 0.5, 0.9 and 0.99 of the longest
+    step: 3.0, 18 and 21 corrected once by a formula with c_jk for 1/(J_j + J_k); 0.6, 1.0 and 2.6 here.
+    """
+
+    def once(X):
+        change = c * residual(X)
+        return (X - change,), pairing(change, change)
+
+    if X.shape[-1] > 3:
+        (X,), defect = repeat(once, (X,), SMALL_CHANGE, MOST_CORRECTIONS, ("skew",))
+        return X, defect
+    for _ in range(CORRECTIONS):
+        (X,), defect = once(X)
     return X, defect
 
 
-def _corrected(X, change):
-    return X - change, pairing(change, change)
+def symmetric_part(A):
+    return (A + A.mT) / 2
+
+
+def skew_part(A):
+    return (A - A.mT) / 2
 
 
 def largest_step(M, J, P):

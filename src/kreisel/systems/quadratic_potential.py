@@ -46,44 +46,32 @@ def lax(M, P, *, J, c, lam):  # L = lambda J^2 + M + P/lambda,   U = lambda J + 
 def deviation(P, eps):
     """R = (1 - Q)/eps^2 of Q = (1 - eps^2 P)^(1/2), which solves R = P/2 + eps^2 R^2/2.
 
-    Newton's method for the square root, for R: with Q = 1 - eps^2 R, the new Q is (Q + Q^-1 (1 - eps^2 P))/2.
+    Newton's method for the square root from 1, in the increments of R (Iannazzo 2006): from (Q + Q^-1 (1 - eps^2 P))/2
+    rounding grows by half the root of the condition in each step.
     """
-    R, one, square = P / 2, identity(P.shape[-1]), eps * eps
+    one, square = identity(P.shape[-1]), eps * eps
+    R = change = P / 2
     for _ in range(ROOT_STEPS):
-        R = R + symmetric_part(solve(one - square * R, P / 2 + square / 2 * (R @ R) - R))
+        change = implicit.symmetric_part(square / 2 * (change @ solve(one - square * R, change)))
+        R = R + change
     return R
 
 
-def symmetric_part(S):
-    return (S + S.mT) / 2
+def solved(M, P, R, *, J, c, eps):
+    """X with W = cay(X), and the square of what is left of its error, as estimated; from R."""
+    D, one, square = diagonal(J), identity(M.shape[-1]), eps * eps
+    Q = one - square * R
+    tilt = square * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]
 
-
-def solved(M, R, *, J, c, eps):
-    """X with W = cay(X), and the square of its last correction, from R."""
-    D = diagonal(J)
-    Q = identity(M.shape[-1]) - eps * eps * R
-    tilt = eps * eps * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]
-
-    def residual(X):  # (Q W J - J W^T Q - eps M)/2 with W = 1 + 2 Y
-        Y = resolvent(X, X)
-        A = Q @ Y @ D
+    def residual(X):  # (Q W J - J W^T Q - eps M)/2 with W = 1 + 2 (1 - X)^-1 X
+        A = Q @ resolvent(X, X) @ D
         return A - A.mT - tilt / 2
 
-    def slope(X):
-        K = identity(X.shape[-1]) + resolvent(X, X)
-        left, right = Q @ K, K @ D
-
-        def along(d):
-            B = left @ d @ right
-            return B - B.mT
-
-        return along
-
-    return implicit.root(residual, slope, lambda r: c * r, eps / 2 * c * M)
+    return implicit.corrected(implicit.branch(M, J, Q, one - square * P, eps), residual, c)
 
 
 def turn(M, P, *, J, c, eps):
-    return solved(M, deviation(P, eps), J=J, c=c, eps=eps)
+    return solved(M, P, deviation(P, eps), J=J, c=c, eps=eps)
 
 
 def moved(M, R, X, *, J, eps):  # W^T (M + eps [R, W J + J W^T]) W
@@ -123,13 +111,13 @@ def lax_matrix(M, P, *, J, lam, eps):  # (J W^T + l Q)(W J - l Q)
     return diagonal(J * J) + lam * eps * M - lam * lam * (identity(M.shape[-1]) - eps * eps * P)
 
 
-def conjugated(M, R, *, J, c, lam, eps):  # J + l Q W
+def conjugated(M, P, R, *, J, c, lam, eps):  # J + l Q W
     Q = identity(M.shape[-1]) - eps * eps * R
-    return diagonal(J) + lam * Q @ cayley(solved(M, R, J=J, c=c, eps=eps)[0])
+    return diagonal(J) + lam * Q @ cayley(solved(M, P, R, J=J, c=c, eps=eps)[0])
 
 
 def conjugator(M, P, *, J, c, lam, eps):
-    return conjugated(M, deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
+    return conjugated(M, P, deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
 
 
 def largest_step(M, P, *, J):
