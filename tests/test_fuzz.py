@@ -72,7 +72,8 @@ ODD = [
     "nan", "inf", "-inf", "-0.0", "0", "-1", "1e400", "1e308", "1e-320", "1e154", "9" * 400, "1_0", "0x10", "true",
     '"x"', "[]", "{}", "[[]]", "1979-05-27", "07:32:00", '"\\u0000"', '"\\U0001F600"', "[1, 2]", "[1.0, 2.0, 3.0, 4.0]",
     "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "{ from = 0, to = 1, count = 3 }", "{ sphere = 1 }", "[" * 2000 + "]" * 2000,
-    "24", "4", "3.5", '"dop853"', '"variational"', '"exact"', '"auto"', "9223372036854775808", "2", "1e-9",
+    "[" * 200 + "]" * 200, "24", "4", "3.5", '"dop853"', '"variational"', '"exact"', '"auto"', "9223372036854775808",
+    "2", "1e-9",
 ]  # fmt: skip
 KEYS = [
     "tol = 1e-9", 'order = "auto"', "alpha = 2.0", "orientation = [1, 0, 0, 0]", "every = 7", "[sweep]", "draws = 3",
@@ -299,7 +300,8 @@ def reworded(text: str, rng: random.Random) -> str:
         return text
     a, b = rng.choice(spans)
     odd = ["1e18", "-1", "0", "null", "true", "1e400", '""', '"x"', "[]", "{}", "[1e18]", "123456789012345678",
-           "NaN", '"/etc/passwd"', '"../../x"', '"float32"', '"|O"', '"object"', '"blosc"', "[" * 3000]  # fmt: skip
+           "NaN", '"/etc/passwd"', '"../../x"', '"float32"', '"|O"', '"object"', '"blosc"', "[" * 3000,
+           "[" * 900 + "]" * 900, '{"a":' * 40 + "1" + "}" * 40]  # fmt: skip
     return text[:a] + rng.choice(odd) + text[b:]
 
 
@@ -346,7 +348,9 @@ def used(store: Path, out: Path, rng: random.Random) -> None:
         assert not too_large(kr.open_run(store))
 
 
-def test_damaged_archives(stores: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_archives(
+    stores: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
     for case in range(ARCHIVES):
         rng = random.Random(f"{SEED} {case}")
@@ -357,6 +361,8 @@ def test_damaged_archives(stores: list[Path], tmp_path: Path, monkeypatch: pytes
         try:
             with alarm(told):
                 used(store, tmp_path, rng)
+            told_twice = [r.getMessage() for r in caplog.records if r.name == "asyncio"]
+            assert not told_twice, "here or in a case before, a traceback beside the message: " + told_twice[0]
         except BaseException as error:
             raise AssertionError(
                 f"seed {SEED}, case {case}, {store.name}: {told}: {type(error).__name__}: {error}"

@@ -7,7 +7,6 @@ writes whole chunks, each atomically, and `failed` last: where that chunk is, th
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import resource
 import time
@@ -27,6 +26,7 @@ from kreisel.runs.lanes import Lanes, Quantity
 from kreisel.runs.march import March
 from kreisel.runs.own import load
 from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.reading import parsed
 from kreisel.runs.summaries import SUMMARIES, Summary
 
 TRAJECTORIES = "trajectories"
@@ -220,7 +220,11 @@ def _opened(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, 
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
     found: dict[str, Any] = dict(group.arrays())
     arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
-    return Sweep(json.loads(text), Path(file) if file else None), arrays, int(str(group.attrs["block_lanes"]))
+    return (
+        Sweep(parsed(text, "The attribute sweep"), Path(file) if file else None),
+        arrays,
+        int(str(group.attrs["block_lanes"])),
+    )
 
 
 def _numbered(value: Array, array: Any) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from pathlib import Path
@@ -25,6 +24,7 @@ from kreisel.runs.archive import (
 )
 from kreisel.runs.blocks import COMPUTED, MISSING
 from kreisel.runs.drift import KINDS, lane_scales
+from kreisel.runs.reading import parsed
 from kreisel.runs.sweep import open_sweep
 
 if TYPE_CHECKING:
@@ -107,13 +107,13 @@ def check_sweep(path: Path) -> tuple[xr.Dataset, list[str]]:
 def _metadata_faults(path: Path, complete: bool) -> list[str]:
     """Metadata that are not as they were written; of an interrupted run they still change."""
     try:
-        written = json.loads((path / CHECKSUMS).read_text(encoding="utf-8"))
+        written = dict(parsed((path / CHECKSUMS).read_bytes(), CHECKSUMS).items())
         here = metadata_hashes(path)
         faults = [f"{name.removesuffix('/zarr.json')} is missing" for name in written if name not in here]
         changed = [name for name, value in written.items() if here.get(name, value) != value]
     except FileNotFoundError:
         return [f"{CHECKSUMS} is missing"] if complete else []
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, AttributeError) as error:
         return [f"{CHECKSUMS} cannot be read: {error}"]
     return faults + [f"{name} was changed after the run" for name in changed]
 
@@ -189,7 +189,7 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     if is_own(run.attrs):
         return []
     model = model_of(run.attrs)
-    options = json.loads(run.attrs["options"])
+    options = parsed(run.attrs["options"], "The attribute options")
     plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
     kinds = dict(model.system.space.components)
     missing = [f"{name} is missing" for name in plan.outcomes if name not in run]
