@@ -34,6 +34,7 @@ from kreisel.runs.sweep import carry_out
 CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))
 ARCHIVES = int(os.environ.get("KREISEL_FUZZ_ARCHIVES", "30"))
 SEED = int(os.environ.get("KREISEL_FUZZ_SEED", "1"))
+MOST_FAILURES = 20  # that are told together
 SECONDS = 240  # that a case may take; kernels may have to be compiled, on a busy machine
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MOST_STEPS, MOST_LANES = 60, 40
@@ -196,7 +197,7 @@ def quiet() -> Iterator[None]:
 
 
 def test_mutated_files(tmp_path: Path) -> None:
-    outcomes = {"ran": 0, "refused": 0}
+    outcomes, failures = {"ran": 0, "refused": 0}, []
     for case in range(CONFIGURATIONS):
         rng = random.Random(f"{SEED} {case}")
         text = mutated(rng.choice(VALID), rng)
@@ -207,8 +208,10 @@ def test_mutated_files(tmp_path: Path) -> None:
                 outcomes[carried_out(data, tmp_path / "made")] += 1
         except (tomllib.TOMLDecodeError, RecursionError, kr.InputError):
             outcomes["refused"] += 1
-        except BaseException as error:
-            raise AssertionError(f"seed {SEED}, case {case}: {type(error).__name__}: {error}\n{text}") from error
+        except Exception as error:
+            failures.append(f"seed {SEED}, case {case}: {type(error).__name__}: {error}\n{text[:3000]}")
+            assert len(failures) < MOST_FAILURES, "\n\n".join(failures)
+    assert not failures, "\n\n".join(failures)
     assert outcomes["ran"] > CONFIGURATIONS / 20
     assert outcomes["refused"] > CONFIGURATIONS / 20
 
@@ -352,6 +355,7 @@ def test_damaged_archives(
     stores: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
+    failures = []
     for case in range(ARCHIVES):
         rng = random.Random(f"{SEED} {case}")
         original = rng.choice(stores)
@@ -362,13 +366,14 @@ def test_damaged_archives(
             with alarm(told):
                 used(store, tmp_path, rng)
             told_twice = [r.getMessage() for r in caplog.records if r.name == "asyncio"]
+            caplog.clear()
             assert not told_twice, "here or in a case before, a traceback beside the message: " + told_twice[0]
-        except BaseException as error:
-            raise AssertionError(
-                f"seed {SEED}, case {case}, {store.name}: {told}: {type(error).__name__}: {error}"
-            ) from error
+        except Exception as error:
+            failures.append(f"seed {SEED}, case {case}, {store.name}: {told}: {type(error).__name__}: {error}")
+            assert len(failures) < MOST_FAILURES, "\n".join(failures)
         for path in tmp_path.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
+    assert not failures, "\n".join(failures)
 
 
 def test_every_flip_of_a_chunk_is_found(stores: list[Path], tmp_path: Path) -> None:

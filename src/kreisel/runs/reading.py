@@ -7,12 +7,12 @@ A parser, a printer or a copy of nested data calls itself once a level, so that 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Any
 
 from kreisel.errors import InputError
 
 DEEPEST = 32  # levels; a sweep's description needs six
+NESTING = (dict, list, tuple)
 
 
 def parsed(text: str | bytes, what: str) -> Any:
@@ -31,15 +31,15 @@ def shallow(value: Any, what: str) -> Any:
     level = [value]
     for _ in range(DEEPEST):
         level = [inner for outer in level for inner in _inside(outer)]
-    if any(isinstance(rest, Mapping | list | tuple) for rest in level):
+    if any(isinstance(rest, NESTING) for rest in level):
         raise InputError(_too_deep(what))
     return value
 
 
 def _inside(value: Any) -> Any:
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):
         return value.values()
-    return value if isinstance(value, list | tuple) else ()
+    return value if isinstance(value, NESTING) else ()
 
 
 def _too_deep(what: str) -> str:
