@@ -3,7 +3,8 @@
 python benchmarks/soak.py [--part NAME ...] [--share 1.0]      writes benchmarks/results/soak.json
 
 Each part stands in the result with what was asked, what was done, the seconds and whether it passed; the other parts
-stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.
+stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.  Fuzzing goes in slices, and
+the result tells after each how many cases are done; it has passed when all are.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +26,8 @@ from typing import Any
 
 HERE = Path(__file__).parent
 RESULT = HERE / "results" / "soak.json"
-LANES, BLOCKS_BEFORE_THE_KILL = 10**6, 20
+LONGEST = 4 * 3600  # seconds of one process
+LANES, BLOCKS_BEFORE_THE_KILL, SLICES = 10**6, 20, 20
 SWEEP = """
 [system]
 name = "lagrange-top"
@@ -52,12 +54,26 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
     """Tests with larger numbers in their environment."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files.split(), "-k", chosen]
     env = {**os.environ, "KREISEL_FULL": "1", **{k: str(v) for k, v in counts.items()}}
-    done = subprocess.run(command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False, timeout=LONGEST
+    )
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-200:]
     if done.returncode:
         told = [line for line in done.stdout.splitlines() if line.startswith("E  ")]
         print("\n".join(told[:20]) or done.stdout[-6000:], file=sys.stderr)
     return {"passed": done.returncode == 0, "pytest": last.strip("= "), **{k.lower(): v for k, v in counts.items()}}
+
+
+def fuzzed(chosen: str, name: str, count: int) -> Iterator[dict[str, Any]]:
+    """Cases of tests/test_fuzz.py in slices, each in a process of its own; what is done so far after each."""
+    width, failed, lines = max(1, -(-count // SLICES)), [], []
+    for first in range(0, count, width):
+        some = min(width, count - first)
+        told = tests("tests/test_fuzz.py", chosen, **{name: some, "KREISEL_FUZZ_FIRST": first})
+        lines.append(told["pytest"])
+        failed += [] if told["passed"] else [[first, first + some]]
+        whole = {"asked": count, "done": first + some, "failed_slices": failed}
+        yield {"passed": not failed and first + some == count, **whole, "pytest": lines[-1]}
 
 
 def million(share: float) -> dict[str, Any]:
@@ -72,7 +88,7 @@ def million(share: float) -> dict[str, Any]:
             command = [sys.executable, "-m", "kreisel", "sweep", "sweep.toml", "--json", "--workers", str(workers)]
             client = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             killed = workers == 2 and kill_a_worker(client, folder)
-            out, err = client.communicate()
+            out, err = client.communicate(timeout=LONGEST)
             if client.returncode:
                 return {"passed": False, "error": err[-500:]}
             told.append({**json.loads(out), "workers": workers, "killed": bool(killed)})
@@ -117,23 +133,34 @@ def contents(store: Path) -> dict[str, Any]:
 
 def memory(share: float) -> dict[str, Any]:
     """benchmarks/memory.py: the memory of a run at each tenth of its way."""
-    done = subprocess.run([sys.executable, str(HERE / "memory.py"), str(int(10**9 * share))], check=False)
+    done = subprocess.run(
+        [sys.executable, str(HERE / "memory.py"), str(int(10**9 * share))], check=False, timeout=LONGEST
+    )
     told = json.loads((HERE / "results" / "memory.json").read_text(encoding="utf-8"))
     return {"passed": done.returncode == 0 and told["growth_MiB"] < 32, **told}
 
 
-PARTS: dict[str, Callable[[float], dict[str, Any]]] = {
+PARTS: dict[str, Callable[[float], dict[str, Any] | Iterator[dict[str, Any]]]] = {
     "kills of a run": lambda share: tests("tests/test_resume.py", "killed", KREISEL_KILLS=int(200 * share)),
     "kills of a sweep": lambda share: tests("tests/test_sweep.py", "killed_at_random", KREISEL_KILLS=int(200 * share)),
     "killed schedulers and workers": lambda share: tests("tests/test_sweep.py", "scheduler or two_workers or own"),
     "faults": lambda share: tests("tests/test_faults.py", ""),
-    "fuzzed configurations": lambda share: tests(
-        "tests/test_fuzz.py", "mutated or anything", KREISEL_FUZZ=int(67_000 * share)
-    ),  # and half as many made by Hypothesis: 10^5 together
-    "fuzzed archives": lambda share: tests("tests/test_fuzz.py", "archives", KREISEL_FUZZ_ARCHIVES=int(10_000 * share)),
+    "fuzzed configurations": lambda share: fuzzed("mutated or anything", "KREISEL_FUZZ", int(67_000 * share)),
+    # and half as many made by Hypothesis: 10^5 together
+    "fuzzed archives": lambda share: fuzzed("archives", "KREISEL_FUZZ_ARCHIVES", int(10_000 * share)),
     "a million lanes": million,
     "memory": memory,
 }
+
+
+def note(name: str, told: dict[str, Any]) -> None:
+    """Write the result of a part beside the others."""
+    when = datetime.now(UTC).isoformat(timespec="seconds")
+    made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
+    result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
+    result[name] = {**told, "when": when, **made}
+    RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(f"{name}: {json.dumps(result[name])}", flush=True)
 
 
 def main() -> int:
@@ -144,14 +171,9 @@ def main() -> int:
     good = True
     for name in asked.part or PARTS:
         begun = time.perf_counter()
-        told = PARTS[name](asked.share)
-        seconds = round(time.perf_counter() - begun, 1)
-        when = datetime.now(UTC).isoformat(timespec="seconds")
-        made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
-        result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
-        result[name] = {"share": asked.share, **told, "seconds": seconds, "when": when, **made}
-        RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        print(f"{name}: {json.dumps(result[name])}", flush=True)
+        made = PARTS[name](asked.share)
+        for told in [made] if isinstance(made, dict) else made:
+            note(name, {"share": asked.share, **told, "seconds": round(time.perf_counter() - begun, 1)})
         good = good and told["passed"]
     return 0 if good else 1
 
