@@ -61,13 +61,16 @@ def kill_during(path: Path, after: float, *run: object) -> bool:
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
     context.set_forkserver_preload(["kreisel.runs.simulate", "kreisel.runs.archive", "numba"])
     begun = context.Event()
-    child = context.Process(target=apart, args=(begun, path, *run))
+    child = context.Process(target=apart, args=(begun, path, *run), daemon=True)
     child.start()
-    assert begun.wait(60)
-    time.sleep(after)
-    working = child.is_alive()
-    child.kill()
-    child.join()
+    try:
+        assert begun.wait(60)
+        time.sleep(after)
+        working = child.is_alive()
+    finally:
+        child.kill()
+        child.join(60)
+    assert not child.is_alive()
     return working
 
 

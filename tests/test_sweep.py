@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -286,9 +287,16 @@ def test_the_same_call_goes_on(whole: Path, tmp_path: Path, monkeypatch: pytest.
     assert contents(tmp_path / "s" / "sweep.zarr") != before
 
 
-def command(folder: Path, *more: str) -> subprocess.Popen[str]:
+@contextmanager
+def command(folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    """`kreisel sweep`, which ends with the test whatever happens."""
     args = [sys.executable, "-m", "kreisel", "sweep", "sweep.toml", "--json", *more]
-    return subprocess.Popen(args, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    client = subprocess.Popen(args, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield client
+    finally:
+        client.kill()
+        client.communicate(timeout=60)
 
 
 def blocks_done(folder: Path) -> int:
@@ -317,11 +325,11 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 
 def test_two_workers_one_of_them_killed(slow: dict[str, object], tmp_path: Path) -> None:
     (tmp_path / "sweep.toml").write_text(SLOW)
-    client = command(tmp_path, "--workers", "2")
-    until_blocks(tmp_path, 3, client)
-    hands = children(client.pid)
-    os.kill(hands[0], signal.SIGKILL)
-    out, err = client.communicate(timeout=120)
+    with command(tmp_path, "--workers", "2") as client:
+        until_blocks(tmp_path, 3, client)
+        hands = children(client.pid)
+        os.kill(hands[0], signal.SIGKILL)
+        out, err = client.communicate(timeout=120)
     assert client.returncode == 0, err
     assert json.loads(out)["failed"] == 0
     assert [p.name for p in tmp_path.iterdir() if p.suffix != ".toml"] == ["sweep.zarr"]
@@ -330,16 +338,14 @@ def test_two_workers_one_of_them_killed(slow: dict[str, object], tmp_path: Path)
 
 def test_a_killed_client_and_a_signal(slow: dict[str, object], tmp_path: Path) -> None:
     (tmp_path / "sweep.toml").write_text(SLOW)
-    client = command(tmp_path, "--workers", "0")
-    until_blocks(tmp_path, 3, client)
-    client.kill()
-    client.communicate()
+    with command(tmp_path, "--workers", "0") as client:
+        until_blocks(tmp_path, 3, client)
     kept = blocks_done(tmp_path)
     assert 3 <= kept < 24
-    client = command(tmp_path, "--workers", "0")
-    until_blocks(tmp_path, kept + 2, client)
-    client.terminate()
-    _, err = client.communicate(timeout=60)
+    with command(tmp_path, "--workers", "0") as client:
+        until_blocks(tmp_path, kept + 2, client)
+        client.terminate()
+        _, err = client.communicate(timeout=60)
     assert client.returncode == 128 + signal.SIGTERM
     assert "the same command goes on" in err
     assert blocks_done(tmp_path) >= kept + 2
@@ -363,13 +369,16 @@ def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pyte
         assert trial < 10 * KILLS
         for _ in range(3):  # the same sweep up to three times
             event = context.Event()
-            child = context.Process(target=apart, args=(event, folder))
+            child = context.Process(target=apart, args=(event, folder), daemon=True)
             child.start()
-            assert event.wait(60)
-            time.sleep(moments.uniform(0, took))
-            killed += child.is_alive()
-            child.kill()
-            child.join()
+            try:
+                assert event.wait(60)
+                time.sleep(moments.uniform(0, took))
+                killed += child.is_alive()
+            finally:
+                child.kill()
+                child.join(60)
+            assert not child.is_alive()
             part = folder / "sweep.zarr.part"
             if (part / "failed" / "c").exists():
                 kept = kr.open_run(part)
@@ -419,22 +428,22 @@ def test_a_killed_scheduler(slow: dict[str, object], tmp_path: Path) -> None:
     ]
     worker = subprocess.Popen([*hand, "--death-timeout", "5"], cwd=tmp_path, **quiet)
     try:
-        client = command(tmp_path, "--scheduler", address)
-        until_blocks(tmp_path, 2, client)
-        scheduler.kill()
-        scheduler.wait()
-        _, err = client.communicate(timeout=90)
+        with command(tmp_path, "--scheduler", address) as client:
+            until_blocks(tmp_path, 2, client)
+            scheduler.kill()
+            scheduler.wait(60)
+            _, err = client.communicate(timeout=90)
         assert client.returncode == 2, err
         assert "went away" in err
         assert "Traceback" not in err
     finally:
         for process in (worker, scheduler):
             process.kill()
-            process.wait()
+            process.wait(60)
     assert 2 <= blocks_done(tmp_path) < 24
     assert contents(carried(tmp_path, SLOW)) == slow
-    nobody = command(tmp_path, "--overwrite", "--scheduler", address)
-    assert "No Dask scheduler answers" in nobody.communicate(timeout=60)[1]
+    with command(tmp_path, "--overwrite", "--scheduler", address) as nobody:
+        assert "No Dask scheduler answers" in nobody.communicate(timeout=60)[1]
     assert nobody.returncode == 2
 
 

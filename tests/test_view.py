@@ -239,18 +239,18 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
 def served(tmp_path, top, x0):
     kr.simulate(top, x0, dt=0.05, steps=200, path=tmp_path / "top.zarr", progress=False)
     serving = serve.server(tmp_path / "top.zarr")
-    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05})
+    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
     yield tmp_path / "top.zarr", serve.address(serving)
     serving.shutdown()
-    thread.join()
+    thread.join(60)
     serving.server_close()
 
 
 def ask(url: str, method: str = "GET", **headers: str):
     request = urllib.request.Request(url, headers={k.replace("_", "-"): v for k, v in headers.items()}, method=method)
     try:
-        with urllib.request.urlopen(request) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, answer.read(), answer.headers
     except urllib.error.HTTPError as error:
         with error:
@@ -345,7 +345,7 @@ def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, m
     reopen(path, extend=400)  # as of a run that has been interrupted: 201 rows of 401, not complete
     monkeypatch.setattr(serve, "EVERY", 0.3)
     serving = serve.server(path)
-    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05})
+    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
     try:
         chromium.open(serve.address(serving))
@@ -361,5 +361,5 @@ def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, m
         assert chromium.complaints == []
     finally:
         serving.shutdown()
-        thread.join()
+        thread.join(60)
         serving.server_close()
