@@ -230,6 +230,34 @@ def test_steps_methods_and_orders_vary(tmp_path: Path) -> None:
         kr.sweep(top, x0, dt=1, steps=1, path=tmp_path / "t.zarr", workers=0, save=["trajectories"], **told)
 
 
+def test_each_lane_chooses_its_own_order_and_step(tmp_path: Path) -> None:
+    """order="auto": a lane is a single run, whatever the blocks and the other lanes; what it chose is told."""
+    top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
+    auto: dict[str, Any] = {"dt": 2.0, "steps": 30, "every": 10, "order": "auto"}
+    spins, alphas = [0.2, 40.0, 1.5, 1.6, 7.0, 1e160], [1.0, 1.0, 1.0, 0.5, 0.0, 1.0]
+    told = {"list": {"state.m[2]": spins, "system.alpha": alphas}, "save": ["drift", "trajectories"], "workers": 0}
+    one, two, all_ = (
+        kr.sweep(top, x0, path=tmp_path / f"{block}.zarr", block=block, tol=1e-8, **auto, **told).load()
+        for block in (1, 2, 6)
+    )
+    for name in one.variables:
+        assert all(np.array_equal(one[name].values, other[name].values, equal_nan=True) for other in (two, all_)), name
+    assert one.failed.values.tolist() == [0, 0, 0, 0, 1, 1]
+    chosen = list(zip(one.chosen_order.values[:4].tolist(), one.chosen_dt.values[:4].tolist(), strict=True))
+    assert len(set(chosen)) >= 3
+    assert one.chosen_dt.values[1] < one.chosen_dt.values[0]
+    assert np.isnan(one.chosen_dt.values[4:]).all()
+    for lane in range(4):
+        start = {**x0, "m": (0.1, 0.2, spins[lane])}
+        single = kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=alphas[lane]), start, tol=1e-8, **auto)
+        assert (json.loads(single.attrs["options"])["order"], single.attrs["dt"]) == chosen[lane]
+        assert (one.a.values[:, lane] == single.a.values).all()
+    varied = kr.sweep(
+        top, x0, path=tmp_path / "tol.zarr", workers=0, save=["drift"], list={"run.tol": [1e-3, 1e-8]}, tol=1.0, **auto
+    ).load()
+    assert varied.chosen_dt.values.tolist()[1] == chosen[2][1]
+
+
 def test_diagonals_and_three_lanes_are_not_mistaken(tmp_path: Path) -> None:
     """Three lanes of axial vectors or diagonals look like one matrix."""
     J, M = np.array([[1, 1.1, 1.2], [1, 1.3, 1.2], [1.0, 1.2, 1.5]]), np.eye(3)

@@ -126,6 +126,8 @@ class Store:
             if TRAJECTORIES in self.sweep.save:
                 for name, told in _trajectories(plan, total, width).items():
                     out.setdefault(name, told)
+        for name, meaning in blocks.CHOSEN.items() if self.sweep.automatic else ():
+            add(name, (), (), {"long_name": meaning, "units": "1"})
         spare = {"dtype": np.dtype("u1"), "fill_value": 0}
         add("message", (MESSAGE_BYTES,), ("character",), {"long_name": "why a lane failed, in UTF-8"}, **spare)
         flags = {"flag_values": [COMPUTED, FAILED, MISSING], "flag_meanings": "computed failed missing"}
@@ -246,7 +248,7 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
 def _combinations(sweep: Sweep) -> Iterator[list[int]]:
     """For each combination of method and order some lanes that have it."""
     lanes, names = sweep.lanes, ("run.method", "run.order")
-    tables = {**lanes.grid, **lanes.listed}
+    tables = lanes.tables
     sizes = [size for _, size in lanes.axes]
     choices: list[list[int]] = []
     for quantities, size in lanes.axes:
