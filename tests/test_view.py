@@ -17,7 +17,7 @@ import browser
 import kreisel as kr
 from kreisel.view import bodies, serve
 from kreisel.view.page import as_json, page, scripts
-from kreisel.view.scene import scene
+from kreisel.view.scene import MOVING_PATH, scene
 from kreisel.view.thinning import extremes, mixed
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -334,6 +334,26 @@ def test_the_page_plays_and_is_scrubbed(chromium, oriented, tmp_path):
     chromium.wait("document.getElementById('scene').layout.paper_bgcolor === '#16181d'")
     assert chromium.complaints == []
     assert [r for r in chromium.requests if not r.startswith(("file:", "data:", "blob:"))] == []
+
+
+@needs_browser
+def test_a_long_path_is_thinned_while_it_moves_and_whole_at_rest(chromium, top, x0, tmp_path):
+    run = kr.simulate(top, x0, dt=0.05, steps=20_000)
+    told = scene(run)
+    few, tip = np.frombuffer(base64.b64decode(told["few"]), "<i4"), run.a.values
+    assert len(few) <= MOVING_PATH + 12
+    assert all(tip[few, k].min() == tip[:, k].min() and tip[few, k].max() == tip[:, k].max() for k in range(3))
+    page = kr.view(run).save(tmp_path / "run.html")
+    chromium.open(page.as_uri())
+    chromium.wait("document.body && document.body.dataset.ready")
+    points = "document.getElementById('scene').data[1].x.length"
+    whole = chromium.run(points)
+    assert whole > 3000
+    chromium.run("document.getElementById('play').click()")
+    chromium.wait(f"{points} === {len(few)}")
+    chromium.run("document.getElementById('play').click()")
+    chromium.wait(f"{points} === {whole}")
+    assert chromium.complaints == []
 
 
 @needs_browser
