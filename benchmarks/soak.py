@@ -1,10 +1,11 @@
 """The long faults: kills, fuzzed input, a sweep of a million lanes that loses a worker, memory over 10^9 steps.
 
-python benchmarks/soak.py [--part NAME ...] [--share 1.0]      writes benchmarks/results/soak.json
+python benchmarks/soak.py [--part NAME ...] [--share 1.0] [--again]      writes benchmarks/results/soak.json
 
 Each part stands in the result with what was asked, what was done, the seconds and whether it passed; the other parts
 stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.  Fuzzing goes in slices, and
-the result tells after each how many cases are done; it has passed when all are.
+the result tells after each how many cases are done; it has passed when all have.  `--again` goes on with such a
+result: the slices that failed, and those that are missing.
 """
 
 from __future__ import annotations
@@ -64,16 +65,20 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
     return {"passed": done.returncode == 0, "pytest": last.strip("= "), **{k.lower(): v for k, v in counts.items()}}
 
 
-def fuzzed(chosen: str, name: str, count: int) -> Iterator[dict[str, Any]]:
-    """Cases of tests/test_fuzz.py in slices, each in a process of its own; what is done so far after each."""
-    width, failed, lines = max(1, -(-count // SLICES)), [], []
-    for first in range(0, count, width):
-        some = min(width, count - first)
-        told = tests("tests/test_fuzz.py", chosen, **{name: some, "KREISEL_FUZZ_FIRST": first})
-        lines.append(told["pytest"])
-        failed += [] if told["passed"] else [[first, first + some]]
-        whole = {"asked": count, "done": first + some, "failed_slices": failed}
-        yield {"passed": not failed and first + some == count, **whole, "pytest": lines[-1]}
+def fuzzed(chosen: str, name: str, count: int, before: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Cases of tests/test_fuzz.py in slices, each in a process of its own; what is done so far after each.
+
+    Of a result of before the slices that failed and those that are missing.
+    """
+    width = max(1, -(-count // SLICES))
+    done, failed = (before["done"], before["failed_slices"]) if before.get("asked") == count else (0, [])
+    for first in [*(first for first, _ in failed), *range(done, count, width)]:
+        stop = min(first + width, count)
+        told = tests("tests/test_fuzz.py", chosen, **{name: stop - first, "KREISEL_FUZZ_FIRST": first})
+        failed = [f for f in failed if f[0] != first] + ([] if told["passed"] else [[first, stop]])
+        done = max(done, stop)
+        passed = done == count and not failed
+        yield {"passed": passed, "asked": count, "done": done, "failed_slices": failed, "pytest": told["pytest"]}
 
 
 def million(share: float) -> dict[str, Any]:
@@ -140,24 +145,30 @@ def memory(share: float) -> dict[str, Any]:
     return {"passed": done.returncode == 0 and told["growth_MiB"] < 32, **told}
 
 
-PARTS: dict[str, Callable[[float], dict[str, Any] | Iterator[dict[str, Any]]]] = {
+FUZZED = {
+    "fuzzed configurations": ("mutated or anything", "KREISEL_FUZZ", 67_000),
+    "fuzzed archives": ("archives", "KREISEL_FUZZ_ARCHIVES", 10_000),
+}  # of the configurations half as many are made by Hypothesis besides: 10^5 together
+PARTS: dict[str, Callable[[float], dict[str, Any]]] = {
     "kills of a run": lambda share: tests("tests/test_resume.py", "killed", KREISEL_KILLS=int(200 * share)),
     "kills of a sweep": lambda share: tests("tests/test_sweep.py", "killed_at_random", KREISEL_KILLS=int(200 * share)),
     "killed schedulers and workers": lambda share: tests("tests/test_sweep.py", "scheduler or two_workers or own"),
     "faults": lambda share: tests("tests/test_faults.py", ""),
-    "fuzzed configurations": lambda share: fuzzed("mutated or anything", "KREISEL_FUZZ", int(67_000 * share)),
-    # and half as many made by Hypothesis: 10^5 together
-    "fuzzed archives": lambda share: fuzzed("archives", "KREISEL_FUZZ_ARCHIVES", int(10_000 * share)),
     "a million lanes": million,
     "memory": memory,
 }
+
+
+def known() -> dict[str, Any]:
+    """The results so far."""
+    return dict(json.loads(RESULT.read_text(encoding="utf-8"))) if RESULT.exists() else {}
 
 
 def note(name: str, told: dict[str, Any]) -> None:
     """Write the result of a part beside the others."""
     when = datetime.now(UTC).isoformat(timespec="seconds")
     made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
-    result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
+    result = known()
     result[name] = {**told, "when": when, **made}
     RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     print(f"{name}: {json.dumps(result[name])}", flush=True)
@@ -165,15 +176,22 @@ def note(name: str, told: dict[str, Any]) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--part", action="append", choices=list(PARTS))
+    parser.add_argument("--part", action="append", choices=[*PARTS, *FUZZED])
+    parser.add_argument("--again", action="store_true")
     parser.add_argument("--share", type=float, default=1.0)
     asked = parser.parse_args()
     good = True
-    for name in asked.part or PARTS:
-        begun = time.perf_counter()
-        made = PARTS[name](asked.share)
-        for told in [made] if isinstance(made, dict) else made:
-            note(name, {"share": asked.share, **told, "seconds": round(time.perf_counter() - begun, 1)})
+    for name in asked.part or [*PARTS, *FUZZED]:
+        begun, before = time.perf_counter(), known().get(name, {}) if asked.again else {}
+        told = {"passed": before.get("passed", False)}
+        if name in FUZZED:
+            chosen, count, most = FUZZED[name]
+            steps = fuzzed(chosen, count, int(most * asked.share), before)
+        else:
+            steps = (PARTS[name](asked.share) for _ in range(1))
+        for told in steps:
+            seconds = round(before.get("seconds", 0) + time.perf_counter() - begun, 1)
+            note(name, {"share": asked.share, **told, "seconds": seconds})
         good = good and told["passed"]
     return 0 if good else 1
 

@@ -79,7 +79,7 @@ def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choic
 def _checked(tol: Any) -> float:
     try:
         tolerance = float(tol)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         tolerance = math.nan
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise InputError(

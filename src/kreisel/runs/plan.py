@@ -335,7 +335,7 @@ def positive(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a positive number; {value!r} came.") from None
     if not math.isfinite(number) or number < SHORTEST_STEP:
         raise InputError(
@@ -357,7 +357,7 @@ def _orientation(value: Any, model: Model) -> Array:
     n = model.n
     try:
         g = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         g = np.full(0, np.nan)
     if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
         length = np.sqrt((g * g).sum(-1, keepdims=True))
