@@ -48,7 +48,8 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         return None, faults
     damaged = damaged_rows(run)
     for name, (first, last, why) in damaged:
-        faults.append(f"{name} cannot be read in rows {first} to {last}: {why}")
+        where = f" in rows {first} to {last}" if "time" in run[name].dims else ""
+        faults.append(f"{name} cannot be read{where}: {why}")
     run = run.drop_vars({name for name, _ in damaged}).load()
     faults += [
         f"{name} is not finite at row {int(np.argmin(np.isfinite(v.values.reshape(len(v), -1)).all(1)))}"
@@ -153,7 +154,8 @@ def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
 def _trouble(part: xr.Variable) -> str | None:
     """Why a part cannot be read, if so."""
     try:
-        lost = part.dtype.kind == "f" and part.size > 0 and bool(np.isnan(part.values).all())
+        values = part.values
+        lost = values.dtype.kind == "f" and values.size > 0 and bool(np.isnan(values).all())
     except Exception as error:  # whatever a damaged chunk makes the libraries raise
         return str(error) or type(error).__name__
     return "nothing is there" if lost else None
@@ -170,8 +172,11 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     run = open_archive(path, indexed=False)
     rows = run.sizes.get("time", 0)
     keep = np.ones(rows, dtype=bool)
-    for _, (first, last, _) in damaged_rows(run):
-        keep[first : last + 1] = False
+    for name, (first, last, _) in damaged_rows(run):
+        if "time" in run[name].dims:
+            keep[first : last + 1] = False
+        else:
+            run = run.drop_vars(name)  # the numbers of the lanes
     if not keep.any():
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
     whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()

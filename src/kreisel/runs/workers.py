@@ -21,6 +21,7 @@ LOSSES = 5  # workers that a block may lose before it is blamed
 LOOK = 0.5  # seconds between two looks at what is going on
 PATIENCE = 120.0  # seconds that workers of our own may take to start, and that none of them may be there
 CLOSING = 20.0  # seconds after which they are killed
+ANSWER = 20.0  # seconds in which somebody else's scheduler must answer
 LOST = "The blocks that were done are kept: the same command goes on."
 
 
@@ -180,7 +181,7 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
         else:
             address = scheduler
         try:
-            client = distributed.Client(address, timeout=20)
+            client = distributed.Client(address, timeout=PATIENCE if scheduler is None else ANSWER)
             stack.callback(_closed, client)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(
