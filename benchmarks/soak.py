@@ -1,9 +1,11 @@
 """The long faults: kills, fuzzed input, a sweep of a million lanes that loses a worker, memory over 10^9 steps.
 
-python benchmarks/soak.py [--part NAME ...] [--share 1.0]      writes benchmarks/results/soak.json
+python benchmarks/soak.py [--part NAME ...] [--share 1.0] [--again]      writes benchmarks/results/soak.json
 
 Each part stands in the result with what was asked, what was done, the seconds and whether it passed; the other parts
-stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.
+stay as they were.  `--share 0.1` asks for a tenth of the cases, and the result says so.  Fuzzing goes in slices, and
+the result tells after each how many cases are done; it has passed when all have.  `--again` goes on with such a
+result: the slices that failed, and those that are missing.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +27,8 @@ from typing import Any
 
 HERE = Path(__file__).parent
 RESULT = HERE / "results" / "soak.json"
-LANES, BLOCKS_BEFORE_THE_KILL = 10**6, 20
+LONGEST = 4 * 3600  # seconds of one process
+LANES, BLOCKS_BEFORE_THE_KILL, SLICES = 10**6, 20, 20
 SWEEP = """
 [system]
 name = "lagrange-top"
@@ -52,12 +55,30 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
     """Tests with larger numbers in their environment."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files.split(), "-k", chosen]
     env = {**os.environ, "KREISEL_FULL": "1", **{k: str(v) for k, v in counts.items()}}
-    done = subprocess.run(command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=HERE.parent, env=env, capture_output=True, text=True, check=False, timeout=LONGEST
+    )
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-200:]
     if done.returncode:
         told = [line for line in done.stdout.splitlines() if line.startswith("E  ")]
         print("\n".join(told[:20]) or done.stdout[-6000:], file=sys.stderr)
     return {"passed": done.returncode == 0, "pytest": last.strip("= "), **{k.lower(): v for k, v in counts.items()}}
+
+
+def fuzzed(chosen: str, name: str, count: int, before: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Cases of tests/test_fuzz.py in slices, each in a process of its own; what is done so far after each.
+
+    Of a result of before the slices that failed and those that are missing.
+    """
+    width = max(1, -(-count // SLICES))
+    done, failed = (before["done"], before["failed_slices"]) if before.get("asked") == count else (0, [])
+    for first in [*(first for first, _ in failed), *range(done, count, width)]:
+        stop = min(first + width, count)
+        told = tests("tests/test_fuzz.py", chosen, **{name: stop - first, "KREISEL_FUZZ_FIRST": first})
+        failed = [f for f in failed if f[0] != first] + ([] if told["passed"] else [[first, stop]])
+        done = max(done, stop)
+        passed = done == count and not failed
+        yield {"passed": passed, "asked": count, "done": done, "failed_slices": failed, "pytest": told["pytest"]}
 
 
 def million(share: float) -> dict[str, Any]:
@@ -72,7 +93,7 @@ def million(share: float) -> dict[str, Any]:
             command = [sys.executable, "-m", "kreisel", "sweep", "sweep.toml", "--json", "--workers", str(workers)]
             client = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             killed = workers == 2 and kill_a_worker(client, folder)
-            out, err = client.communicate()
+            out, err = client.communicate(timeout=LONGEST)
             if client.returncode:
                 return {"passed": False, "error": err[-500:]}
             told.append({**json.loads(out), "workers": workers, "killed": bool(killed)})
@@ -117,41 +138,60 @@ def contents(store: Path) -> dict[str, Any]:
 
 def memory(share: float) -> dict[str, Any]:
     """benchmarks/memory.py: the memory of a run at each tenth of its way."""
-    done = subprocess.run([sys.executable, str(HERE / "memory.py"), str(int(10**9 * share))], check=False)
+    done = subprocess.run(
+        [sys.executable, str(HERE / "memory.py"), str(int(10**9 * share))], check=False, timeout=LONGEST
+    )
     told = json.loads((HERE / "results" / "memory.json").read_text(encoding="utf-8"))
     return {"passed": done.returncode == 0 and told["growth_MiB"] < 32, **told}
 
 
+FUZZED = {
+    "fuzzed configurations": ("mutated or anything", "KREISEL_FUZZ", 67_000),
+    "fuzzed archives": ("archives", "KREISEL_FUZZ_ARCHIVES", 10_000),
+}  # of the configurations half as many are made by Hypothesis besides: 10^5 together
 PARTS: dict[str, Callable[[float], dict[str, Any]]] = {
     "kills of a run": lambda share: tests("tests/test_resume.py", "killed", KREISEL_KILLS=int(200 * share)),
     "kills of a sweep": lambda share: tests("tests/test_sweep.py", "killed_at_random", KREISEL_KILLS=int(200 * share)),
     "killed schedulers and workers": lambda share: tests("tests/test_sweep.py", "scheduler or two_workers or own"),
     "faults": lambda share: tests("tests/test_faults.py", ""),
-    "fuzzed configurations": lambda share: tests(
-        "tests/test_fuzz.py", "mutated or anything", KREISEL_FUZZ=int(67_000 * share)
-    ),  # and half as many made by Hypothesis: 10^5 together
-    "fuzzed archives": lambda share: tests("tests/test_fuzz.py", "archives", KREISEL_FUZZ_ARCHIVES=int(10_000 * share)),
     "a million lanes": million,
     "memory": memory,
 }
 
 
+def known() -> dict[str, Any]:
+    """The results so far."""
+    return dict(json.loads(RESULT.read_text(encoding="utf-8"))) if RESULT.exists() else {}
+
+
+def note(name: str, told: dict[str, Any]) -> None:
+    """Write the result of a part beside the others."""
+    when = datetime.now(UTC).isoformat(timespec="seconds")
+    made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
+    result = known()
+    result[name] = {**told, "when": when, **made}
+    RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(f"{name}: {json.dumps(result[name])}", flush=True)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--part", action="append", choices=list(PARTS))
+    parser.add_argument("--part", action="append", choices=[*PARTS, *FUZZED])
+    parser.add_argument("--again", action="store_true")
     parser.add_argument("--share", type=float, default=1.0)
     asked = parser.parse_args()
     good = True
-    for name in asked.part or PARTS:
-        begun = time.perf_counter()
-        told = PARTS[name](asked.share)
-        seconds = round(time.perf_counter() - begun, 1)
-        when = datetime.now(UTC).isoformat(timespec="seconds")
-        made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
-        result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
-        result[name] = {"share": asked.share, **told, "seconds": seconds, "when": when, **made}
-        RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        print(f"{name}: {json.dumps(result[name])}", flush=True)
+    for name in asked.part or [*PARTS, *FUZZED]:
+        begun, before = time.perf_counter(), known().get(name, {}) if asked.again else {}
+        told = {"passed": before.get("passed", False)}
+        if name in FUZZED:
+            chosen, count, most = FUZZED[name]
+            steps = fuzzed(chosen, count, int(most * asked.share), before)
+        else:
+            steps = (PARTS[name](asked.share) for _ in range(1))
+        for told in steps:
+            seconds = round(before.get("seconds", 0) + time.perf_counter() - begun, 1)
+            note(name, {"share": asked.share, **told, "seconds": seconds})
         good = good and told["passed"]
     return 0 if good else 1
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import select
 import shutil
 import subprocess
 import tempfile
@@ -12,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+SILENCE = 120.0  # seconds after which a browser that does not answer is given up
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
     "--headless=new",
@@ -70,6 +72,7 @@ class Browser:
 
     def _next(self) -> Any:
         while b"\0" not in self.buffer:
+            assert select.select([self.into], [], [], SILENCE)[0], f"the browser says nothing; {self.complaints}"
             piece = os.read(self.into, 1 << 20)
             assert piece, "the browser ended"
             self.buffer += piece
@@ -118,7 +121,11 @@ class Browser:
 
     def close(self) -> None:
         self.process.terminate()
-        self.process.wait(timeout=20)
+        try:
+            self.process.wait(timeout=20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait(timeout=20)
         os.close(self.out)
         os.close(self.into)
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -53,6 +53,7 @@ CASES = [
     ("a = [0.6, 0.0, 0.8]", "a = [0.6, 0.0, 0.8]\norientation = [2.0, 0, 0, 0]", ["length 1"]),
     ("a = [0.6, 0.0, 0.8]", "a = [0.6, 0, 0.8]\norientation = [[1,0,0],[0,1,0],[0,0,-1]]", ["determinant +1"]),
     ("a = [0.6, 0.0, 0.8]", "a = [0.6, 0, 0.8]\norientation = [1, 2]", ["rotation matrix"]),
+    ("a = [0.6, 0.0, 0.8]", f"a = [0.6, 0, 0.8]\norientation = {10**400}", ["rotation matrix"]),
     ("dt = 0.05", "dt = 0.0", ["dt must be positive"]),
     ("dt = 0.05", "dt = -1.0", ["dt must be positive", "reverse"]),
     ("dt = 0.05", "dt = nan", ["dt must be positive"]),

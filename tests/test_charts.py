@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -84,14 +87,26 @@ def lab(linear_rgb: np.ndarray) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-@pytest.mark.parametrize("name", THEMES)
+def in_the_dark(c: str) -> str:
+    """A colour of a light figure on a dark page: CSS's invert(share) hue-rotate(180deg)."""
+    css = (Path(__file__).parent.parent / "docs" / "static" / "kreisel.css").read_text(encoding="utf-8")
+    (share,) = set(re.findall(r"filter: invert\(([0-9.]+)\) hue-rotate\(180deg\)", css))
+    turn = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])
+    rgb = np.array([int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    out = np.clip(turn @ (rgb * (1 - float(share)) + (1 - rgb) * float(share)), 0, 1)
+    return "#" + "".join(f"{round(255 * v):02x}" for v in out)
+
+
+@pytest.mark.parametrize("name", [*THEMES, "light, in the dark"])
 def test_the_colours_are_readable_and_apart(name):
-    theme = THEMES[name]
-    assert contrast(theme.ink, theme.paper) >= 12
-    assert contrast(theme.faint, theme.paper) >= 3
-    assert min(contrast(c, theme.paper) for c in theme.colours) >= 2.1
+    theme = THEMES[name.partition(",")[0]]
+    shown = in_the_dark if "in the dark" in name else str
+    ink, paper, faint, *colours = map(shown, (theme.ink, theme.paper, theme.faint, *theme.colours))
+    assert contrast(ink, paper) >= 12
+    assert contrast(faint, paper) >= 3
+    assert min(contrast(c, paper) for c in colours) >= 2.1
     for matrix in (np.eye(3), *BLIND.values()):
-        seen = [lab(np.clip(matrix @ linear(c), 0, 1)) for c in theme.colours]
+        seen = [lab(np.clip(matrix @ linear(c), 0, 1)) for c in colours]
         gaps = [np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i]]
         assert min(gaps) > 9
 

@@ -47,7 +47,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     if done.returncode:
         pytest.skip("no file system may be mounted here; the stand-in tests the same")
     yield where
-    subprocess.run(["umount", "-l", str(where)], check=True)
+    subprocess.run(["umount", "-l", str(where)], check=True, timeout=20)
 
 
 def values(path: Path) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def test_a_disk_that_fails_at_any_write(
 
 def test_a_read_only_disk(top: object, x0: object, disk: Path) -> None:
     kr.simulate(top, x0, path=disk / "run.zarr", dt=0.1, steps=20)
-    subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+    subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True, timeout=20)
     for act in (
         lambda: kr.simulate(top, x0, path=disk / "other.zarr", dt=0.1, steps=20),
         lambda: kr.sweep(top, x0, path=disk / "s.zarr", **SWEPT),
@@ -138,7 +138,7 @@ def test_a_read_only_disk(top: object, x0: object, disk: Path) -> None:
         with pytest.raises(kr.RunError, match="read-only"):
             act()
     assert checking.check_archive(disk / "run.zarr")[1] == []  # reading needs no writing
-    subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True)
+    subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True, timeout=20)
     assert kr.resume(disk / "run.zarr", extend=100).attrs["steps"] == 100
 
 

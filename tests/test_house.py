@@ -66,7 +66,7 @@ def test_import_is_light() -> None:
         "plotly",
     )
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout
     assert out.split() == []
 
 
@@ -87,7 +87,7 @@ from kreisel.cli import main
 main()
 """
     run = [sys.executable, "-c", code]
-    out = subprocess.run(run, capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+    out = subprocess.run(run, capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120).stdout
     assert out.split() == ["first", "step"]
 
 
@@ -97,7 +97,8 @@ def test_every_public_name_exists() -> None:
 
 
 def test_the_package_runs_as_the_command() -> None:
-    out = subprocess.run([sys.executable, "-m", "kreisel", "systems"], capture_output=True, text=True, check=True)
+    run = [sys.executable, "-m", "kreisel", "systems"]
+    out = subprocess.run(run, capture_output=True, text=True, check=True, timeout=120)
     assert "lagrange-top-moving" in out.stdout
 
 

@@ -653,7 +653,8 @@ path = "{path}"
 
 def kreisel(*arguments: object) -> subprocess.CompletedProcess[str]:
     code = "import sys; from kreisel.cli import main; main()"
-    return subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True)
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
 def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:

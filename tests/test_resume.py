@@ -61,13 +61,16 @@ def kill_during(path: Path, after: float, *run: object) -> bool:
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
     context.set_forkserver_preload(["kreisel.runs.simulate", "kreisel.runs.archive", "numba"])
     begun = context.Event()
-    child = context.Process(target=apart, args=(begun, path, *run))
+    child = context.Process(target=apart, args=(begun, path, *run), daemon=True)
     child.start()
-    assert begun.wait(60)
-    time.sleep(after)
-    working = child.is_alive()
-    child.kill()
-    child.join()
+    try:
+        assert begun.wait(60)
+        time.sleep(after)
+        working = child.is_alive()
+    finally:
+        child.kill()
+        child.join(60)
+    assert not child.is_alive()
     return working
 
 
@@ -241,6 +244,21 @@ def test_damage_is_named_and_the_rest_recovered(top: object, x0: object, tmp_pat
     rest = kr.open_run(tmp_path / "rest.zarr")
     assert rest.attrs["complete"] is False
     assert rest.equals(whole.sel(time=rest.time))
+
+
+def test_damaged_numbers_of_lanes_are_named_and_the_rest_recovered(top: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    start = top.state(m=[[0.1, 0.2, 1.5], [0.3, 0.2, 1.5]], a=(0.6, 0, 0.8))
+    whole = kr.simulate(top, start, path=path, **OPTIONS).load()
+    chunk = path / "lane" / "c" / "0"
+    chunk.write_bytes(chunk.read_bytes() + b"more")
+    run, faults = checking.check_archive(path)
+    assert [fault.split(":")[0] for fault in faults] == ["lane cannot be read"]
+    assert run is not None and (run.a.values == whole.a.values).all()
+    assert checking.recover(path, tmp_path / "rest.zarr") == (len(whole.time), len(whole.time))
+    assert (kr.open_run(tmp_path / "rest.zarr").a.values == whole.a.values).all()
+    with pytest.raises(kr.InputError, match="lane cannot be read"):
+        kr.open_run(path)
 
 
 def test_changed_metadata_are_named(top: object, x0: object, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -229,6 +230,34 @@ def test_steps_methods_and_orders_vary(tmp_path: Path) -> None:
         kr.sweep(top, x0, dt=1, steps=1, path=tmp_path / "t.zarr", workers=0, save=["trajectories"], **told)
 
 
+def test_each_lane_chooses_its_own_order_and_step(tmp_path: Path) -> None:
+    """order="auto": a lane is a single run, whatever the blocks and the other lanes; what it chose is told."""
+    top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
+    auto: dict[str, Any] = {"dt": 2.0, "steps": 30, "every": 10, "order": "auto"}
+    spins, alphas = [0.2, 40.0, 1.5, 1.6, 7.0, 1e160], [1.0, 1.0, 1.0, 0.5, 0.0, 1.0]
+    told = {"list": {"state.m[2]": spins, "system.alpha": alphas}, "save": ["drift", "trajectories"], "workers": 0}
+    one, two, all_ = (
+        kr.sweep(top, x0, path=tmp_path / f"{block}.zarr", block=block, tol=1e-8, **auto, **told).load()
+        for block in (1, 2, 6)
+    )
+    for name in one.variables:
+        assert all(np.array_equal(one[name].values, other[name].values, equal_nan=True) for other in (two, all_)), name
+    assert one.failed.values.tolist() == [0, 0, 0, 0, 1, 1]
+    chosen = list(zip(one.chosen_order.values[:4].tolist(), one.chosen_dt.values[:4].tolist(), strict=True))
+    assert len(set(chosen)) >= 3
+    assert one.chosen_dt.values[1] < one.chosen_dt.values[0]
+    assert np.isnan(one.chosen_dt.values[4:]).all()
+    for lane in range(4):
+        start = {**x0, "m": (0.1, 0.2, spins[lane])}
+        single = kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=alphas[lane]), start, tol=1e-8, **auto)
+        assert (json.loads(single.attrs["options"])["order"], single.attrs["dt"]) == chosen[lane]
+        assert (one.a.values[:, lane] == single.a.values).all()
+    varied = kr.sweep(
+        top, x0, path=tmp_path / "tol.zarr", workers=0, save=["drift"], list={"run.tol": [1e-3, 1e-8]}, tol=1.0, **auto
+    ).load()
+    assert varied.chosen_dt.values.tolist()[1] == chosen[2][1]
+
+
 def test_diagonals_and_three_lanes_are_not_mistaken(tmp_path: Path) -> None:
     """Three lanes of axial vectors or diagonals look like one matrix."""
     J, M = np.array([[1, 1.1, 1.2], [1, 1.3, 1.2], [1.0, 1.2, 1.5]]), np.eye(3)
@@ -286,9 +315,16 @@ def test_the_same_call_goes_on(whole: Path, tmp_path: Path, monkeypatch: pytest.
     assert contents(tmp_path / "s" / "sweep.zarr") != before
 
 
-def command(folder: Path, *more: str) -> subprocess.Popen[str]:
+@contextmanager
+def command(folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    """`kreisel sweep`, which ends with the test whatever happens."""
     args = [sys.executable, "-m", "kreisel", "sweep", "sweep.toml", "--json", *more]
-    return subprocess.Popen(args, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    client = subprocess.Popen(args, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield client
+    finally:
+        client.kill()
+        client.communicate(timeout=60)
 
 
 def blocks_done(folder: Path) -> int:
@@ -317,11 +353,11 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
 
 def test_two_workers_one_of_them_killed(slow: dict[str, object], tmp_path: Path) -> None:
     (tmp_path / "sweep.toml").write_text(SLOW)
-    client = command(tmp_path, "--workers", "2")
-    until_blocks(tmp_path, 3, client)
-    hands = children(client.pid)
-    os.kill(hands[0], signal.SIGKILL)
-    out, err = client.communicate(timeout=120)
+    with command(tmp_path, "--workers", "2") as client:
+        until_blocks(tmp_path, 3, client)
+        hands = children(client.pid)
+        os.kill(hands[0], signal.SIGKILL)
+        out, err = client.communicate(timeout=120)
     assert client.returncode == 0, err
     assert json.loads(out)["failed"] == 0
     assert [p.name for p in tmp_path.iterdir() if p.suffix != ".toml"] == ["sweep.zarr"]
@@ -330,16 +366,14 @@ def test_two_workers_one_of_them_killed(slow: dict[str, object], tmp_path: Path)
 
 def test_a_killed_client_and_a_signal(slow: dict[str, object], tmp_path: Path) -> None:
     (tmp_path / "sweep.toml").write_text(SLOW)
-    client = command(tmp_path, "--workers", "0")
-    until_blocks(tmp_path, 3, client)
-    client.kill()
-    client.communicate()
+    with command(tmp_path, "--workers", "0") as client:
+        until_blocks(tmp_path, 3, client)
     kept = blocks_done(tmp_path)
     assert 3 <= kept < 24
-    client = command(tmp_path, "--workers", "0")
-    until_blocks(tmp_path, kept + 2, client)
-    client.terminate()
-    _, err = client.communicate(timeout=60)
+    with command(tmp_path, "--workers", "0") as client:
+        until_blocks(tmp_path, kept + 2, client)
+        client.terminate()
+        _, err = client.communicate(timeout=60)
     assert client.returncode == 128 + signal.SIGTERM
     assert "the same command goes on" in err
     assert blocks_done(tmp_path) >= kept + 2
@@ -363,13 +397,16 @@ def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pyte
         assert trial < 10 * KILLS
         for _ in range(3):  # the same sweep up to three times
             event = context.Event()
-            child = context.Process(target=apart, args=(event, folder))
+            child = context.Process(target=apart, args=(event, folder), daemon=True)
             child.start()
-            assert event.wait(60)
-            time.sleep(moments.uniform(0, took))
-            killed += child.is_alive()
-            child.kill()
-            child.join()
+            try:
+                assert event.wait(60)
+                time.sleep(moments.uniform(0, took))
+                killed += child.is_alive()
+            finally:
+                child.kill()
+                child.join(60)
+            assert not child.is_alive()
             part = folder / "sweep.zarr.part"
             if (part / "failed" / "c").exists():
                 kept = kr.open_run(part)
@@ -419,22 +456,22 @@ def test_a_killed_scheduler(slow: dict[str, object], tmp_path: Path) -> None:
     ]
     worker = subprocess.Popen([*hand, "--death-timeout", "5"], cwd=tmp_path, **quiet)
     try:
-        client = command(tmp_path, "--scheduler", address)
-        until_blocks(tmp_path, 2, client)
-        scheduler.kill()
-        scheduler.wait()
-        _, err = client.communicate(timeout=90)
+        with command(tmp_path, "--scheduler", address) as client:
+            until_blocks(tmp_path, 2, client)
+            scheduler.kill()
+            scheduler.wait(60)
+            _, err = client.communicate(timeout=90)
         assert client.returncode == 2, err
         assert "went away" in err
         assert "Traceback" not in err
     finally:
         for process in (worker, scheduler):
             process.kill()
-            process.wait()
+            process.wait(60)
     assert 2 <= blocks_done(tmp_path) < 24
     assert contents(carried(tmp_path, SLOW)) == slow
-    nobody = command(tmp_path, "--overwrite", "--scheduler", address)
-    assert "No Dask scheduler answers" in nobody.communicate(timeout=60)[1]
+    with command(tmp_path, "--overwrite", "--scheduler", address) as nobody:
+        assert "No Dask scheduler answers" in nobody.communicate(timeout=60)[1]
     assert nobody.returncode == 2
 
 

@@ -146,9 +146,8 @@ def step(x, *, a):  # Lyness
 
 
 def command(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "kreisel", "investigate", *words], capture_output=True, text=True, check=False
-    )
+    run = [sys.executable, "-m", "kreisel", "investigate", *words]
+    return subprocess.run(run, capture_output=True, text=True, check=False, timeout=300)
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import browser
 import kreisel as kr
 from kreisel.view import bodies, serve
 from kreisel.view.page import as_json, page, scripts
-from kreisel.view.scene import scene
+from kreisel.view.scene import MOVING_PATH, scene
 from kreisel.view.thinning import extremes, mixed
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -239,18 +239,18 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
 def served(tmp_path, top, x0):
     kr.simulate(top, x0, dt=0.05, steps=200, path=tmp_path / "top.zarr", progress=False)
     serving = serve.server(tmp_path / "top.zarr")
-    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05})
+    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
     yield tmp_path / "top.zarr", serve.address(serving)
     serving.shutdown()
-    thread.join()
+    thread.join(60)
     serving.server_close()
 
 
 def ask(url: str, method: str = "GET", **headers: str):
     request = urllib.request.Request(url, headers={k.replace("_", "-"): v for k, v in headers.items()}, method=method)
     try:
-        with urllib.request.urlopen(request) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, answer.read(), answer.headers
     except urllib.error.HTTPError as error:
         with error:
@@ -337,6 +337,26 @@ def test_the_page_plays_and_is_scrubbed(chromium, oriented, tmp_path):
 
 
 @needs_browser
+def test_a_long_path_is_thinned_while_it_moves_and_whole_at_rest(chromium, top, x0, tmp_path):
+    run = kr.simulate(top, x0, dt=0.05, steps=20_000)
+    told = scene(run)
+    few, tip = np.frombuffer(base64.b64decode(told["few"]), "<i4"), run.a.values
+    assert len(few) <= MOVING_PATH + 12
+    assert all(tip[few, k].min() == tip[:, k].min() and tip[few, k].max() == tip[:, k].max() for k in range(3))
+    page = kr.view(run).save(tmp_path / "run.html")
+    chromium.open(page.as_uri())
+    chromium.wait("document.body && document.body.dataset.ready")
+    points = "document.getElementById('scene').data[1].x.length"
+    whole = chromium.run(points)
+    assert whole > 3000
+    chromium.run("document.getElementById('play').click()")
+    chromium.wait(f"{points} === {len(few)}")
+    chromium.run("document.getElementById('play').click()")
+    chromium.wait(f"{points} === {whole}")
+    assert chromium.complaints == []
+
+
+@needs_browser
 def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, monkeypatch):
     from kreisel.runs.archive import reopen
 
@@ -345,7 +365,7 @@ def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, m
     reopen(path, extend=400)  # as of a run that has been interrupted: 201 rows of 401, not complete
     monkeypatch.setattr(serve, "EVERY", 0.3)
     serving = serve.server(path)
-    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05})
+    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
     thread.start()
     try:
         chromium.open(serve.address(serving))
@@ -361,5 +381,5 @@ def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, m
         assert chromium.complaints == []
     finally:
         serving.shutdown()
-        thread.join()
+        thread.join(60)
         serving.server_close()

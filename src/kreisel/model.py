@@ -120,6 +120,13 @@ class Model:
                 self.constants[p.letter] = self.params[p.letter]
                 self.axes[p.letter] = self.params[p.letter].ndim
 
+    def lanes(self, ids: Array) -> Model:
+        """The model of some lanes of a batch; itself where it has no batch axes."""
+        if not self.batch:
+            return self
+        own = {p.letter: _axes(p, self.params[p.letter]) for p in self.system.parameters}
+        return Model(self.system, {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()})
+
     def _dimension(self) -> int:
         if self.system.n is not None:
             return self.system.n

@@ -1,12 +1,9 @@
 """kr.analysis.frequencies: the lines of a quasi-periodic motion, far more exactly than a Fourier transform resolves
 them.
 
-Laskar's numerical analysis of fundamental frequencies: with the window w of Hann to the power `power`, a line is a
-root of
-d|Z|^2/d(omega), Z(omega) = sum_k w_k f_k exp(-i omega t_k); its width is 1/T, but the root lies at the frequency up to
-what other lines leak, which falls like T^-(2 power + 2).  Then all amplitudes are fitted together and each line is
-sought again in what the others leave, until the frequencies stand still.
-[J. Laskar, Icarus 88 (1990) 266; Laskar, Introduction to frequency map analysis, 1999, arXiv math/0305364]
+Laskar's numerical analysis of fundamental frequencies: a line is a maximum of the windowed Fourier integral
+(`kreisel.runs.harmonics`).  Then all amplitudes are fitted together and each line is sought again in what the others
+leave, until the frequencies stand still.
 """
 
 from __future__ import annotations
@@ -19,6 +16,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError
+from kreisel.runs import harmonics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,39 +143,16 @@ class _Finder:
 
     def __init__(self, t: Array, power: int):
         self.t, self.step, self.width = t, t[1] - t[0], 2 * np.pi / (t[-1] - t[0])
-        window = np.cos(np.pi * t / (t[-1] - t[0] + self.step)) ** (2 * power)
-        self.window = window / window.sum()
+        self.window = harmonics.window(t, power)
         self.power = power
 
     def strongest(self, f: Array, real: bool) -> float:
         """The largest peak."""
-        size = 4 * len(f)
-        spectrum = np.abs(np.fft.fft(self.window * f, size))
-        grid = 2 * np.pi * np.fft.fftfreq(size, self.step)
-        usable = grid >= 0 if real else np.full(size, True)
-        return self.peak(f, float(grid[usable][spectrum[usable].argmax()]))
-
-    def transform(self, f: Array, omega: float) -> tuple[complex, complex]:
-        """Z and dZ/d(omega)."""
-        weighted = self.window * f * np.exp(-1j * omega * self.t)
-        return complex(weighted.sum()), complex((-1j * self.t * weighted).sum())
+        return float(harmonics.strongest(self.t, (self.window * (f.real if real else f))[:, None])[0])
 
     def peak(self, f: Array, guess: float) -> float:
-        """The maximum of |Z| next to a guess, as a root of its derivative."""
-        from scipy.optimize import brentq
-
-        def slope(omega: float) -> float:
-            Z, dZ = self.transform(f, omega)
-            return float((Z.conjugate() * dZ).real)
-
-        reach = 0.3 * self.width
-        for _ in range(6):
-            low, high = guess - reach, guess + reach
-            ends = slope(low), slope(high)
-            if ends[0] > 0 > ends[1]:
-                return float(brentq(slope, low, high, xtol=1e-18, rtol=4 * np.finfo(float).eps))
-            guess, reach = (guess + reach if ends[1] > 0 else guess - reach), reach
-        return guess
+        """The maximum of |Z| next to a guess."""
+        return float(harmonics.peaks(self.t, (self.window * f)[:, None], [guess])[0])
 
     def _waves(self, found: list[float]) -> Array:
         return np.exp(1j * np.outer(self.t, found))

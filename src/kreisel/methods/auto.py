@@ -3,7 +3,7 @@
 The maps of `method="baecklund"` keep the invariant tori, so the error of a state is one of phase and grows like the
 time.  A pilot from the initial state, some turns long, measures the error of each order at one step; since it goes
 like h^order, that tells the step for which the error at the end of the run is the tolerance.  The cost of a step is
-its number of stages.  Nothing is adapted on the way.
+its number of stages.  Nothing is adapted on the way.  What is measured of a lane does not depend on other lanes.
 """
 
 from __future__ import annotations
@@ -12,14 +12,16 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from kreisel import algebra
+import numpy as np
+
 from kreisel.algebra import Array
+from kreisel.contract import component_axes
 from kreisel.errors import InputError
 from kreisel.methods.baecklund import baecklund
 from kreisel.model import Model
 
 ORDERS = (4, 8, 12, 16, 20, 24)  # an even number of stages: they take any step
-TURNS = 6.0  # radians that the pilot takes at the fastest rate
+TURNS = 6.0  # radians that the pilot takes at most at the fastest rate, and more than half as many
 FINEST = 12  # steps of the highest order in the reference of the pilot: half a radian each
 SMALL = 1e-4  # an error of a pilot that goes like h^order
 MOST_HALVINGS = 12
@@ -40,30 +42,44 @@ class Choice:
 def choose(model: Model, state: tuple[Array, ...], spacing: float, time: float, tol: Any) -> Choice:
     """For states saved every `spacing` until `time`; the error counts relative to the largest entry of the state.
 
-    Of an ensemble the worst lane counts.  Raises `InputError` for a tolerance that doubles cannot hold.
+    Of an ensemble the worst lane counts.  Raises `InputError` for a tolerance that doubles cannot hold, and where no
+    order gets through the pilot.
     """
     tolerance = _checked(tol)
-    rate = _fastest(model, state)
-    span = min(time, TURNS / rate) if rate > 0 else time
-    truth = _march(model, state, ORDERS[-1], span, FINEST)
+    return _cheapest(*_measured(model, state, time), spacing, tolerance)
+
+
+def choose_each(model: Model, state: tuple[Array, ...], spacing: float, time: float, tol: Any) -> list[Choice]:
+    """The same of each lane for itself, whatever the others are."""
+    tolerance = _checked(tol)
+    h, error = _measured(model, state, time)
+    return [_cheapest(h[:, i : i + 1], error[:, i : i + 1], spacing, tolerance) for i in range(h.shape[1])]
+
+
+def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choice:
+    """By the step (orders, lanes) of the pilots and what error that step would make at the end of the run."""
     best: tuple[float, Choice] | None = None
-    for order in ORDERS:
-        h, error = _pilot(model, state, order, span, truth)
-        growth = max(error, ROUND_OFF) * SAFETY * max(time / span, 1.0)
-        step = h * (tolerance / growth) ** (1 / order)
+    for order, length, growth in zip(ORDERS, h, error, strict=True):
+        step = (length * (tolerance / growth) ** (1 / order)).min()
+        if not step > 0:  # NaN
+            continue
         steps = max(1, math.ceil(spacing / step))
-        expected = growth * (spacing / steps / h) ** order
+        expected = float((growth * (spacing / steps / length) ** order).max())
         cost = order * steps
         if best is None or cost < best[0]:
             best = cost, Choice(order, steps, expected)
-    assert best is not None
+    if best is None:
+        raise InputError(
+            "order='auto' finds no step: the state is not finite after a few turns at any order. Usual cause: numbers "
+            "that are too large. Check the parameters and the initial state."
+        )
     return best[1]
 
 
 def _checked(tol: Any) -> float:
     try:
         tolerance = float(tol)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         tolerance = math.nan
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise InputError(
@@ -73,11 +89,42 @@ def _checked(tol: Any) -> float:
     return tolerance
 
 
-def _fastest(model: Model, state: tuple[Array, ...]) -> float:
-    """The largest of |omega| and sqrt(|momentum'|), over the lanes: the rate that a step has to resolve."""
-    turning = algebra.magnitude(model.call(model.system.velocity, *state))
-    pull = max(algebra.magnitude(part) for part in model.flow(*state))
-    return max(turning, math.sqrt(pull))
+def _measured(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, Array]:
+    """The step of each order's pilot (orders, lanes), and the error that it would make until `time`.
+
+    The length of a pilot is one of a few; lanes of the same are stepped together.
+    """
+    state = _spread(model, state)
+    with np.errstate(all="ignore"):
+        rate = _fastest(model, state)
+        span = np.minimum(time, TURNS / 2.0 ** np.ceil(np.log2(rate)))  # where nothing moves, `time`
+        h, error = np.full((2, len(ORDERS), len(span)), np.nan)
+        for length in np.unique(span[span > 0]):
+            here = np.flatnonzero(span == length)
+            few, start = model.lanes(here), tuple(part[here] for part in state)
+            truth = _march(few, start, ORDERS[-1], length, FINEST)
+            for k, order in enumerate(ORDERS):
+                h[k, here], error[k, here] = _pilot(few, start, order, length, truth)
+        return h, np.maximum(error, ROUND_OFF) * SAFETY * np.maximum(time / span, 1.0)
+
+
+def _spread(model: Model, state: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The components with their axis of lanes, of one lane if need be."""
+    axes = [component_axes(kind) for _, kind in model.system.space.components]
+    batch = np.broadcast_shapes((1,), model.batch, *(p.shape[: p.ndim - k] for p, k in zip(state, axes, strict=True)))
+    return tuple(np.broadcast_to(p, batch + p.shape[p.ndim - k :]) for p, k in zip(state, axes, strict=True))
+
+
+def _size(x: Array) -> Array:
+    """The largest |entry| of each lane."""
+    return np.asarray(abs(x).reshape(len(x), -1).max(-1))
+
+
+def _fastest(model: Model, state: tuple[Array, ...]) -> Array:
+    """The largest of |omega| and sqrt(|momentum'|), of each lane: the rate that a step has to resolve."""
+    turning = _size(model.call(model.system.velocity, *state))
+    pull = np.max([_size(part) for part in model.flow(*state)], axis=0)
+    return np.maximum(turning, np.sqrt(pull))
 
 
 def _march(model: Model, state: tuple[Array, ...], order: int, span: float, count: int) -> tuple[Array, ...]:
@@ -88,17 +135,23 @@ def _march(model: Model, state: tuple[Array, ...], order: int, span: float, coun
     return z
 
 
-def _apart(one: tuple[Array, ...], other: tuple[Array, ...]) -> float:
-    return max(algebra.magnitude(a - b) / algebra.magnitude(b) for a, b in zip(one, other, strict=True) if abs(b).max())
-
-
 def _pilot(
     model: Model, state: tuple[Array, ...], order: int, span: float, truth: tuple[Array, ...]
-) -> tuple[float, float]:
-    """The longest step, of span, span/2, span/4, ..., whose error over the pilot is small, and that error."""
+) -> tuple[Array, Array]:
+    """Of each lane the longest step, of span, span/2, span/4, ..., whose error over the pilot is small, and that."""
+    step, error = np.full((2, len(state[0])), np.nan)
+    lost = ~np.isfinite(np.max([_size(part) for part in truth], axis=0))
     for halvings in range(MOST_HALVINGS):
-        count = 1 << halvings
-        error = _apart(_march(model, state, order, span, count), truth)
-        if error < SMALL:
+        coarse = ~(error < SMALL)
+        error[coarse] = _apart(_march(model, state, order, span, 1 << halvings), truth)[coarse]
+        step[coarse] = span / (1 << halvings)
+        if ((error < SMALL) | lost).all():
             break
-    return span / count, error
+    return step, error
+
+
+def _apart(one: tuple[Array, ...], other: tuple[Array, ...]) -> Array:
+    """The largest difference of each lane, relative to the largest entry of each component."""
+    sizes = [_size(part) for part in other]
+    apart = [_size(a - b) for a, b in zip(one, other, strict=True)]
+    return np.asarray(np.max([np.where(s == 0, 0.0, d / s) for d, s in zip(apart, sizes, strict=True)], axis=0))

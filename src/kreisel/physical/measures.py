@@ -55,7 +55,7 @@ def numbers(value: Any, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> 
     """Finite floats of one of the shapes, or (..., 3).  Raises `InputError`."""
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.full(0, np.nan)
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():

@@ -176,7 +176,7 @@ def _basis(basis: Any, name: str) -> np.ndarray:
     try:
         E = np.asarray(basis)
         E = E.astype(np.complex128 if np.iscomplexobj(E) else np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         E = np.empty(0)
     if E.ndim != 3 or E.shape[-1] != E.shape[-2] or not E.size or not np.isfinite(E).all():
         raise InputError(f"The basis of {name} must be finite matrices (d, N, N); shape {np.shape(basis)} came.")

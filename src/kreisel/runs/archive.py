@@ -34,6 +34,7 @@ from kreisel.runs import checkpoint
 from kreisel.runs.drift import KINDS
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.reading import parsed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -371,7 +372,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     part = path.with_name(path.name + ".part")
     store = part if part.exists() else path
     attrs = read_attributes(store)
-    confined(store)
+    require_sound(store)
     if store == path and extend is None:
         raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
     steps = attrs["steps"] if extend is None else extend
@@ -430,11 +431,11 @@ def metadata_hashes(store: Path) -> dict[str, str]:
     out = {}
     for path in sorted(store.rglob("zarr.json")):
         try:
-            told = json.loads(path.read_text(encoding="utf-8"))
+            told = parsed(path.read_text(encoding="utf-8"), str(path))
             if isinstance(told, dict):
                 told.pop("consolidated_metadata", None)
             text = json.dumps(told, sort_keys=True)
-        except (ValueError, RecursionError):
+        except ValueError:
             text = repr(path.read_bytes())
         out[path.relative_to(store).as_posix()] = hashlib.sha256(text.encode()).hexdigest()
     return out
@@ -472,22 +473,52 @@ def metadata(store: Path) -> dict[str, Any]:
     """The attributes of a Zarr store, not yet checked.  Raises `InputError` where there is none."""
     if not store.exists():
         raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.")
-    try:
-        size = (store / "zarr.json").stat().st_size
-        if size > LARGEST_METADATA:
-            raise InputError(f"{store} is damaged: its zarr.json has {size:,} bytes.")
-        attrs = json.loads((store / "zarr.json").read_text(encoding="utf-8"))["attributes"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
+    attrs = _node(store).get("attributes")
     return attrs if isinstance(attrs, dict) else {}
 
 
-def confined(store: Path) -> None:
-    """Raises `InputError` where a store holds links: what is read and written through them is not in the store."""
+def _node(folder: Path) -> dict[str, Any]:
+    """The zarr.json of a group or an array.  Raises `InputError`."""
+    path = folder / "zarr.json"
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_METADATA:
+            raise InputError(f"{folder} is damaged: its zarr.json has {size:,} bytes.")
+        told = parsed(path.read_bytes(), str(path))
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read as a Zarr archive: {error}") from error
+    if not isinstance(told, dict):
+        raise InputError(f"{path} is damaged: an object was expected, {str(told)[:80]} came.")
+    return told
+
+
+def require_sound(store: Path) -> None:
+    """Raises `InputError` where a store holds links, or metadata that Zarr does not understand.
+
+    What is read and written through links is not in the store.  Each node is opened alone: Zarr opens those of a group
+    at the same time, and leaves the others behind, with their tracebacks, when one of them fails.
+    """
+    import zarr
+
     for folder, folders, files in os.walk(store):
         for name in (*folders, *files):
             if os.path.islink(os.path.join(folder, name)):
                 raise InputError(f"{store} holds a link, {os.path.join(folder, name)}. An archive has no use for one.")
+        if "zarr.json" not in files:
+            continue
+        kind = _node(Path(folder)).get("node_type")
+        if kind not in ("array", "group"):
+            raise InputError(f"{folder}/zarr.json is damaged: node_type must be array or group; {str(kind)[:80]} came.")
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                if kind == "array":
+                    zarr.open_array(folder, mode="r", zarr_format=3)
+                else:
+                    zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
+        except Exception as error:  # whatever damaged metadata make the library raise
+            why = str(error) or type(error).__name__
+            raise InputError(f"{folder}/zarr.json cannot be read as Zarr's metadata: {why}") from error
 
 
 def too_large(run: xr.Dataset) -> list[str]:
@@ -533,7 +564,7 @@ def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = read_attributes(path)
-    confined(path)
+    require_sound(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -623,10 +654,7 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
 
 def _object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
     """An attribute that holds a JSON object."""
-    try:
-        told = json.loads(attrs[name])
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"The attribute {name} is damaged: {error}") from error
+    told = parsed(attrs[name], f"The attribute {name}")
     if not isinstance(told, dict):
         raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")
     return told

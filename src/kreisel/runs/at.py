@@ -70,7 +70,7 @@ def at(
 def _times(times: Any) -> np.ndarray:
     try:
         wanted = np.asarray(times, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         wanted = np.full(1, np.nan)
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
         raise InputError(f"times must be a finite number or a list of them, at least one; {times!r} came.")

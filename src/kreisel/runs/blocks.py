@@ -7,7 +7,6 @@ writes whole chunks, each atomically, and `failed` last: where that chunk is, th
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import resource
 import time
@@ -23,15 +22,19 @@ from kreisel.algebra import Array
 from kreisel.contract import System
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.methods.auto import Choice
+from kreisel.model import Model
 from kreisel.runs.lanes import Lanes, Quantity
 from kreisel.runs.march import March
 from kreisel.runs.own import load
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.plan import Plan, choices, make_plan, settled
+from kreisel.runs.reading import parsed
 from kreisel.runs.summaries import SUMMARIES, Summary
 
 TRAJECTORIES = "trajectories"
 COMPUTED, FAILED, MISSING = 0, 1, 255  # values of the variable `failed`
 MESSAGE_BYTES = 400
+CHOSEN = {"chosen_order": "order chosen for the tolerance", "chosen_dt": "step chosen for the tolerance"}
 TROUBLES = (InputError, RunError, ArithmeticError, np.linalg.LinAlgError)  # of single lanes
 
 
@@ -50,8 +53,48 @@ class Sweep:
         self._kinds = {p.letter: p.kind for p in self.system.parameters}
         self._kinds_of_state = dict(self.system.space.components)
 
-    def plan(self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]) -> Plan:
-        """The ensemble of the lanes `ids` of what `Lanes.filled` gave.  Raises `InputError`."""
+    def plan(
+        self,
+        sections: Mapping[str, Mapping[str, Any]],
+        ids: Array,
+        varied: set[tuple[str, str]],
+        choice: Choice | None = None,
+    ) -> Plan:
+        """The ensemble of the lanes `ids` of what `Lanes.filled` gave, with what was chosen for order="auto".
+
+        Raises `InputError`.
+        """
+        model, start, orientation, settings = self._asked(sections, ids, varied)
+        if choice is not None:
+            settings |= {"tol": None, **settled(choice, settings["dt"], settings["steps"], settings["every"])}
+        plan = make_plan(model, model.state(**start), orientation=orientation, **settings)
+        if plan.lanes != len(ids):
+            raise InputError("A batch axis came in [system] or [state]; what varies stands in [sweep.list].")
+        return plan
+
+    def alike(
+        self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]
+    ) -> list[tuple[Array, Choice | None]]:
+        """The lanes in groups that are stepped together: with order="auto", those with the same choice.
+
+        Each lane has its own, that of a single run: it depends on no other lane and on no block.
+        """
+        model, start, _, settings = self._asked(sections, ids, varied)
+        if settings["order"] != "auto":
+            return [(ids, None)]
+        told = {k: settings[k] for k in ("dt", "steps", "every", "method")}
+        found: dict[tuple[int, int], tuple[list[int], Choice]] = {}
+        each = choices(model, model.state(**start), tol=settings.get("tol"), **told)
+        if len(each) != len(ids):
+            return [(ids, None)]  # `plan` says what is wrong
+        for lane, choice in zip(ids.tolist(), each, strict=True):
+            found.setdefault((choice.order, choice.steps), ([], choice))[0].append(lane)
+        return [(np.array(lanes), choice) for lanes, choice in found.values()]
+
+    def _asked(
+        self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]
+    ) -> tuple[Model, dict[str, Any], Any, dict[str, Any]]:
+        """Model, start, orientation and settings of an ensemble.  Raises `InputError`."""
 
         def chosen(section: str, letter: str) -> Any:
             value = sections[section][letter]
@@ -73,11 +116,13 @@ class Sweep:
         missing = [k for k in ("dt", "steps") if run.get(k) is None]
         if missing:
             raise InputError(f"[run] needs {' and '.join(missing)}, or vary it in [sweep.grid] or [sweep.list].")
-        settings = {"every": 1, "method": None, "order": None, **run}
-        plan = make_plan(model, model.state(**start), orientation=orientation, **settings)
-        if plan.lanes != len(ids):
-            raise InputError("A batch axis came in [system] or [state]; what varies stands in [sweep.list].")
-        return plan
+        return model, start, orientation, {"every": 1, "method": None, "order": None, **run}
+
+    @property
+    def automatic(self) -> bool:
+        """Whether order="auto" occurs."""
+        told = [np.atleast_1d(v) for q, v in self.lanes.tables.items() if q.name == "run.order"]
+        return "auto" in (np.concatenate(told) if told else [self.lanes.base["run"].get("order")])
 
     def groups(self, values: Mapping[Quantity, Array], count: int) -> list[Array]:
         """Lanes that can be stepped together: those whose run settings are the same."""
@@ -104,17 +149,21 @@ class Sweep:
         sections, varied = self.lanes.filled(values), {(q.section, q.letter) for q in values}
         out = {name: np.full(shape, np.nan) for name, (shape, _) in known.items()}
         faults: dict[int, str] = {}
-        pending = self.groups(values, stop - first)[::-1]
+        pending: list[tuple[Array, Choice | None, bool]]  # lanes, what was chosen for them, and whether that is done
+        pending = [(ids, None, False) for ids in reversed(self.groups(values, stop - first))]
         while pending:
-            ids = pending.pop()
+            ids, choice, chosen = pending.pop()
             try:
-                part, failed = self._simulated(self.plan(sections, ids, varied))
+                if not chosen:
+                    pending += [(lanes, one, True) for lanes, one in reversed(self.alike(sections, ids, varied))]
+                    continue
+                part, failed = self._simulated(self.plan(sections, ids, varied, choice))
             except TROUBLES as error:
                 if len(ids) == 1:
                     faults[int(ids[0])] = str(error)
                 else:  # one of them is at fault: the halves are tried
                     half = len(ids) // 2
-                    pending += [ids[half:], ids[:half]]
+                    pending += [(ids[half:], choice, chosen), (ids[:half], choice, chosen)]
                 continue
             for name in out.keys() & part.keys():
                 out[name][(*(slice(None),) * known[name][1], ids)] = part[name]
@@ -140,6 +189,10 @@ class Sweep:
         out: dict[str, Array] = {}
         for summary in summaries:
             out |= summary.result()
+        options = plan.scheme.options or {}
+        if "order" in options:
+            told = (options["order"], plan.dt)
+            out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, told, strict=True)}
         for value in out.values():
             value[list(failed)] = np.nan
         return out | {name: np.concatenate(values) for name, values in whole.items()}, failed
@@ -220,7 +273,11 @@ def _opened(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, 
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
     found: dict[str, Any] = dict(group.arrays())
     arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
-    return Sweep(json.loads(text), Path(file) if file else None), arrays, int(str(group.attrs["block_lanes"]))
+    return (
+        Sweep(parsed(text, "The attribute sweep"), Path(file) if file else None),
+        arrays,
+        int(str(group.attrs["block_lanes"])),
+    )
 
 
 def _numbered(value: Array, array: Any) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from pathlib import Path
@@ -25,6 +24,7 @@ from kreisel.runs.archive import (
 )
 from kreisel.runs.blocks import COMPUTED, MISSING
 from kreisel.runs.drift import KINDS, lane_scales
+from kreisel.runs.reading import parsed
 from kreisel.runs.sweep import open_sweep
 
 if TYPE_CHECKING:
@@ -48,7 +48,8 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         return None, faults
     damaged = damaged_rows(run)
     for name, (first, last, why) in damaged:
-        faults.append(f"{name} cannot be read in rows {first} to {last}: {why}")
+        where = f" in rows {first} to {last}" if "time" in run[name].dims else ""
+        faults.append(f"{name} cannot be read{where}: {why}")
     run = run.drop_vars({name for name, _ in damaged}).load()
     faults += [
         f"{name} is not finite at row {int(np.argmin(np.isfinite(v.values.reshape(len(v), -1)).all(1)))}"
@@ -107,13 +108,13 @@ def check_sweep(path: Path) -> tuple[xr.Dataset, list[str]]:
 def _metadata_faults(path: Path, complete: bool) -> list[str]:
     """Metadata that are not as they were written; of an interrupted run they still change."""
     try:
-        written = json.loads((path / CHECKSUMS).read_text(encoding="utf-8"))
+        written = dict(parsed((path / CHECKSUMS).read_bytes(), CHECKSUMS).items())
         here = metadata_hashes(path)
         faults = [f"{name.removesuffix('/zarr.json')} is missing" for name in written if name not in here]
         changed = [name for name, value in written.items() if here.get(name, value) != value]
     except FileNotFoundError:
         return [f"{CHECKSUMS} is missing"] if complete else []
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, AttributeError) as error:
         return [f"{CHECKSUMS} cannot be read: {error}"]
     return faults + [f"{name} was changed after the run" for name in changed]
 
@@ -153,7 +154,8 @@ def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
 def _trouble(part: xr.Variable) -> str | None:
     """Why a part cannot be read, if so."""
     try:
-        lost = part.dtype.kind == "f" and part.size > 0 and bool(np.isnan(part.values).all())
+        values = part.values
+        lost = values.dtype.kind == "f" and values.size > 0 and bool(np.isnan(values).all())
     except Exception as error:  # whatever a damaged chunk makes the libraries raise
         return str(error) or type(error).__name__
     return "nothing is there" if lost else None
@@ -170,8 +172,11 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     run = open_archive(path, indexed=False)
     rows = run.sizes.get("time", 0)
     keep = np.ones(rows, dtype=bool)
-    for _, (first, last, _) in damaged_rows(run):
-        keep[first : last + 1] = False
+    for name, (first, last, _) in damaged_rows(run):
+        if "time" in run[name].dims:
+            keep[first : last + 1] = False
+        else:
+            run = run.drop_vars(name)  # the numbers of the lanes
     if not keep.any():
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
     whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
@@ -189,7 +194,7 @@ def _recomputed(run: xr.Dataset) -> list[str]:
     if is_own(run.attrs):
         return []
     model = model_of(run.attrs)
-    options = json.loads(run.attrs["options"])
+    options = parsed(run.attrs["options"], "The attribute options")
     plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
     kinds = dict(model.system.space.components)
     missing = [f"{name} is missing" for name in plan.outcomes if name not in run]

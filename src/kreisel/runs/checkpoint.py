@@ -15,6 +15,7 @@ import signal
 import socket
 import tempfile
 import threading
+import tokenize
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -26,6 +27,7 @@ import numpy as np
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, disk_trouble
 from kreisel.runs.march import Snapshot
+from kreisel.runs.reading import parsed
 
 NAME = "engine/checkpoint.npz"  # in a group of its own, where Zarr does not look for arrays
 
@@ -63,9 +65,16 @@ def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
             {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(p)} for p in ("engine/", "start/")
         )
         return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError, NotImplementedError) as error:
-        # the last: zipfile meets a kind of compression or encryption that it does not know
+    except DAMAGE as error:
         raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
+
+
+# What a damaged .npz makes zipfile and NumPy raise: NotImplementedError where a kind of compression or encryption is
+# not known, the last three where the header of an array, a Python literal, is never closed or nested too deep.
+DAMAGE = (
+    OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError, NotImplementedError, tokenize.TokenError,
+    RecursionError, MemoryError,
+)  # fmt: skip
 
 
 def _arrays(path: Path) -> dict[str, Any]:
@@ -132,7 +141,7 @@ class Lock:
 
 def _owner(told: str) -> str:
     try:
-        data = json.loads(told)
+        data = parsed(told, "The lock")
         return f"process {data['pid']} on host {data['host']}"
     except (ValueError, KeyError, TypeError):
         return "another process"

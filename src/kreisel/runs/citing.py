@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.resources
-import json
 import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from kreisel.contract import System
 from kreisel.errors import InputError
 from kreisel.methods import METHODS, default_method, sources
 from kreisel.model import Model
+from kreisel.runs.reading import parsed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,7 +45,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
             raise InputError(f"A run, or a system, was expected; {type(what).__name__} came. Say kr.cite(run).")
         told, version = str(attrs["references"]), str(attrs["source"]).removeprefix("kreisel ")
-        method, order = attrs["method"], json.loads(attrs["options"]).get("order")
+        method, order = attrs["method"], parsed(attrs["options"], "The attribute options").get("order")
     known = bibliography()
     here, unknown = _keys(told, known)
     keys = dict.fromkeys([*here, *(sources(method, order) if method in METHODS else ())])

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from kreisel.errors import InputError, nearest
+from kreisel.runs.reading import shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
@@ -91,7 +92,7 @@ def parse_sweep(
     data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()
 ) -> tuple[dict[str, Any], Path | None, Path]:
     """The same of a configuration that is already a dict."""
-    _check_sections(data, (*SECTIONS, "sweep"), source)
+    _check_sections(shallow(data, source), (*SECTIONS, "sweep"), source)
     tables = {section: _table(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
     _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Run, "run", source)  # what is missing may vary
@@ -105,7 +106,7 @@ def parse_sweep(
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
     """Check a configuration that is already a dict; `folder` is where a file named in [system] is looked for."""
-    _check_sections(data, SECTIONS, source)
+    _check_sections(shallow(data, source), SECTIONS, source)
     tables = {section: _table(data, section, source) for section in SECTIONS}
     name, file, system = _system(tables["system"], source, folder)
     del system["name"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 from kreisel.runs.archive import is_own, model_of
+from kreisel.runs.reading import parsed
 from kreisel.systems import find
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def kinds_of(attrs: Mapping[str, Any]) -> dict[str, str]:
     if not is_own(attrs):
         return dict(find(attrs["system"]).space.components)
     try:
-        kinds = json.loads(attrs["components"])
+        kinds = parsed(attrs["components"], "The attribute components")
         return {str(letter): str(kind) for letter, kind in kinds.items()}
     except (KeyError, ValueError, AttributeError) as error:
         raise InputError(f"The components among the attributes are damaged: {error}.") from error

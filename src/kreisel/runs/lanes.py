@@ -112,6 +112,11 @@ class Lanes:
         """Everything that varies."""
         return (*self.grid, *self.listed, *self.draws)
 
+    @property
+    def tables(self) -> dict[Quantity, Array]:
+        """The values of the grid and of the list."""
+        return {**self.grid, **self.listed}
+
     def _check_names(self, told: Mapping[str, Any]) -> None:
         names = [k.name for k in (*self.grid, *self.listed, *self.draws)]
         twice = {name for name in names if names.count(name) > 1}
@@ -167,9 +172,8 @@ class Lanes:
     def values(self, first: int, stop: int) -> dict[Quantity, Array]:
         """The values of lanes first to stop - 1 (lanes, ...), for every quantity that varies."""
         places = np.unravel_index(np.arange(first, stop), [size for _, size in self.axes])
-        tables = {**self.grid, **self.listed}
         out = {
-            quantity: tables[quantity][place]
+            quantity: self.tables[quantity][place]
             for (quantities, _), place in zip(self.axes, places, strict=True)
             for quantity in quantities
         }

@@ -24,6 +24,7 @@ from kreisel.model import Model, State
 if TYPE_CHECKING:
     from kreisel.engines.closed import ClosedForm
     from kreisel.engines.levels import Printer
+    from kreisel.methods.auto import Choice
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
@@ -164,25 +165,38 @@ def _chosen(
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.methods.auto import choose
 
+    _require_choices(model, steps, every, method)
+    choice = choose(model, _parts(model, state, None), every * dt, steps * dt, tol)
+    plan = make_plan(model, state, **settled(choice, dt, steps, every), orientation=orientation, engine=engine)
+    told = {"tol": float(tol), "expected_error": choice.expected}
+    return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **told}))
+
+
+def choices(model: Any, x0: Any, *, dt: Any, steps: Any, every: Any, method: str | None, tol: Any) -> list[Choice]:
+    """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
+    from kreisel.methods.auto import choose_each
+
+    dt, steps, every, state = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every"), checked_state(model, x0)
+    _require_choices(model, steps, every, method)
+    return choose_each(model, _parts(model, state, None), every * dt, steps * dt, tol)
+
+
+def settled(choice: Choice, dt: float, steps: int, every: int) -> dict[str, Any]:
+    """The settings of a run with this choice; rows are saved at the same times."""
+    return {
+        "dt": every * dt / choice.steps,
+        "steps": steps // every * choice.steps,
+        "every": choice.steps,
+        "method": "baecklund",
+        "order": choice.order,
+    }
+
+
+def _require_choices(model: Model, steps: int, every: int, method: str | None) -> None:
     if (method or default_method(model)) != "baecklund":
         raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
     if steps % every:
         raise InputError(f"order='auto' needs steps to be a multiple of every; steps = {steps}, every = {every} came.")
-    parts = _parts(model, state, None)
-    choice = choose(model, parts, every * dt, steps * dt, tol)
-    plan = make_plan(
-        model,
-        state,
-        dt=every * dt / choice.steps,
-        steps=steps // every * choice.steps,
-        every=choice.steps,
-        method="baecklund",
-        order=choice.order,
-        orientation=orientation,
-        engine=engine,
-    )
-    told = {"tol": float(tol), "expected_error": choice.expected}
-    return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **told}))
 
 
 def plan_of_times(
@@ -323,7 +337,7 @@ def positive(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a positive number; {value!r} came.") from None
     if not math.isfinite(number) or number < SHORTEST_STEP:
         raise InputError(
@@ -345,7 +359,7 @@ def _orientation(value: Any, model: Model) -> Array:
     n = model.n
     try:
         g = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         g = np.full(0, np.nan)
     if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
         length = np.sqrt((g * g).sum(-1, keepdims=True))

@@ -20,10 +20,11 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, disk_trouble
 from kreisel.runs import blocks
-from kreisel.runs.archive import confined, dimensions, metadata, saved_times, versions, write_checksums
+from kreisel.runs.archive import dimensions, metadata, require_sound, saved_times, versions, write_checksums
 from kreisel.runs.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
 from kreisel.runs.lanes import Quantity, as_json
 from kreisel.runs.plan import Plan
+from kreisel.runs.reading import parsed
 from kreisel.runs.summaries import FEWEST_ROWS, PARTS
 from kreisel.runs.workers import LOST
 
@@ -81,7 +82,7 @@ class Store:
 
     def _same(self, where: Path) -> None:
         attrs = read_attributes(where)
-        confined(where)
+        require_sound(where)
         if attrs["sweep"] != self._text or attrs["block_lanes"] != self.width:
             raise InputError(
                 f"{where} holds another sweep{_difference(attrs['sweep'], self._text)} and is left as it is. Choose "
@@ -125,6 +126,8 @@ class Store:
             if TRAJECTORIES in self.sweep.save:
                 for name, told in _trajectories(plan, total, width).items():
                     out.setdefault(name, told)
+        for name, meaning in blocks.CHOSEN.items() if self.sweep.automatic else ():
+            add(name, (), (), {"long_name": meaning, "units": "1"})
         spare = {"dtype": np.dtype("u1"), "fill_value": 0}
         add("message", (MESSAGE_BYTES,), ("character",), {"long_name": "why a lane failed, in UTF-8"}, **spare)
         flags = {"flag_values": [COMPUTED, FAILED, MISSING], "flag_meanings": "computed failed missing"}
@@ -211,8 +214,8 @@ def _is_ours(part: Path) -> bool:
 def _difference(theirs: str, mine: str) -> str:
     """Which part of two descriptions differs."""
     try:
-        other = json.loads(theirs)
-        here = json.loads(mine)
+        other = parsed(theirs, "The attribute sweep")
+        here = parsed(mine, "The attribute sweep")
         parts = [f"{s}.{k}" for s in here for k in {**here[s], **other[s]} if here[s].get(k) != other[s].get(k)]
     except (ValueError, TypeError, KeyError, AttributeError):
         return ""
@@ -245,7 +248,7 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
 def _combinations(sweep: Sweep) -> Iterator[list[int]]:
     """For each combination of method and order some lanes that have it."""
     lanes, names = sweep.lanes, ("run.method", "run.order")
-    tables = {**lanes.grid, **lanes.listed}
+    tables = lanes.tables
     sizes = [size for _, size in lanes.axes]
     choices: list[list[int]] = []
     for quantities, size in lanes.axes:

@@ -4,8 +4,8 @@
     extremes     NAME_min and NAME_max of each component of the state, over the saved rows
     frequencies  NAME_frequency: angular frequency of the largest harmonic of each component of the state
 
-The frequency is the maximum of the Fourier integral under a Hann window, refined between the bins (the frequency
-analysis of Laskar, Icarus 88 (1990) 266): for a quasi-periodic motion it is off by O(1/T^4), T the length of the run.
+The frequency is that of `harmonics` under Hann's window: for a quasi-periodic motion it is off by O(1/T^4), T the
+length of the run.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.engines.layout import Floats
 from kreisel.methods import Outcome
+from kreisel.runs import harmonics
 from kreisel.runs.drift import KINDS
 
 STATES = ("state", "orientation")
@@ -140,39 +141,10 @@ PARTS = {"drift": Drift.parts, "extremes": Extremes.parts, "frequencies": Freque
 
 
 def angular_frequency(samples: Floats, spacing: float) -> Floats:
-    """Of each column of samples (rows, columns): the frequency of its largest harmonic, mean removed, 0 if constant.
-
-    Under the Hann window two bins of a harmonic have the ratio r = (2 - x)/(1 + x), x in [0, 1] from the larger;
-    Newton's method for the maximum of |sum w_k f_k exp(-i theta k)|^2 does the rest.
-    """
-    rows = len(samples)
-    window = 1 - np.cos(2 * np.pi * np.arange(rows) / rows)
-    size = abs(samples).max(0)
-    swing = samples - samples.mean(0)
-    still = ~(abs(swing).max(0) > ROUND_OFF * size)
-    weighted = window[:, None] * np.where(still, 0.0, swing)
-    heights = abs(np.fft.rfft(weighted, axis=0))
-    heights[0] = 0
-    peak = heights[:-1].argmax(0)
-    lane = np.arange(samples.shape[1])
-    here, below, above = heights[peak, lane], heights[np.maximum(peak - 1, 0), lane], heights[peak + 1, lane]
-    side = np.where(above >= below, 1, -1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.maximum(above, below) / here
-        theta = 2 * np.pi / rows * (peak + side * np.clip((2 * ratio - 1) / (1 + ratio), 0, 1))
-    theta = _maximum(weighted, np.where(still, 0.0, theta))
-    return np.where(still, np.where(np.isfinite(size), 0.0, np.nan), theta / spacing)
-
-
-def _maximum(weighted: Floats, theta: Floats) -> Floats:
-    """Three Newton steps for the maximum of |F(theta)|^2, none longer than a quarter of a bin."""
-    rows = len(weighted)
-    k = np.arange(rows)[:, None] - (rows - 1) / 2  # from the middle, where the phase turns least
-    for _ in range(3):
-        turned = weighted * np.exp(-1j * theta * k)
-        F, F1, F2 = turned.sum(0), (-1j * k * turned).sum(0), (-k * k * turned).sum(0)
-        slope = 2 * (F1 * F.conj()).real
-        curve = 2 * ((F2 * F.conj()).real + abs(F1) ** 2)
-        step = np.divide(-slope, curve, out=np.zeros_like(slope), where=curve < 0)
-        theta = theta + np.clip(step, -np.pi / 2 / rows, np.pi / 2 / rows)
-    return np.asarray(theta)
+    """Of each column of samples (rows, columns): the frequency of its largest harmonic, mean removed, 0 if constant."""
+    t = spacing * (np.arange(len(samples)) - (len(samples) - 1) / 2)
+    weights = harmonics.window(t, 1)
+    swing = samples - (weights[:, None] * samples).sum(0)
+    constant = ~(abs(swing).max(0) > ROUND_OFF * abs(samples).max(0))
+    omega = harmonics.strongest(t, weights[:, None] * np.where(constant, 0.0, swing), still=False)
+    return np.where(constant, np.where(np.isfinite(samples).all(0), 0.0, np.nan), omega)

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import InputError, Interrupted
 from kreisel.model import Model
 from kreisel.runs import blocks
-from kreisel.runs.archive import confined, target
+from kreisel.runs.archive import require_sound, target
 from kreisel.runs.blocks import TRAJECTORIES, Sweep
 from kreisel.runs.checkpoint import Lock, signals_wait
 from kreisel.runs.lanes import described
 from kreisel.runs.plan import check_model, checked_state
 from kreisel.runs.progress import Progress
+from kreisel.runs.reading import shallow
 from kreisel.runs.store import Store, read_attributes
 from kreisel.runs.workers import Tasks, check_workers, pool
 
@@ -145,7 +146,7 @@ def carry_out(
 ) -> Report:
     """Make a sweep, or go on with it, from its description; `file` defines a system of the user's own."""
     begun = time.perf_counter()
-    plain = _checked(described(description), file)
+    plain = _checked(described(shallow(description, "The description of the sweep")), file)
     check_workers(workers, scheduler)
     store = Store(path, Sweep(plain, file))
     with Lock(path):
@@ -193,7 +194,7 @@ def open_sweep(path: Path) -> xr.Dataset:
     import xarray as xr
 
     read_attributes(path)
-    confined(path)
+    require_sound(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

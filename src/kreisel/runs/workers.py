@@ -6,8 +6,10 @@ import contextlib
 import itertools
 import logging
 import os
+import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +18,10 @@ from kreisel.runs.blocks import compute
 from kreisel.runs.checkpoint import Stop
 
 LOSSES = 5  # workers that a block may lose before it is blamed
+LOOK = 0.5  # seconds between two looks at what is going on
+PATIENCE = 120.0  # seconds that workers of our own may take to start, and that none of them may be there
+CLOSING = 20.0  # seconds after which they are killed
+ANSWER = 20.0  # seconds in which somebody else's scheduler must answer
 LOST = "The blocks that were done are kept: the same command goes on."
 
 
@@ -53,7 +59,7 @@ class Pool:
     """Dask's workers."""
 
     def __init__(self, client: Any, address: str | None):
-        self._client, self._address = client, address
+        self._client, self._address, self._seen = client, address, time.monotonic()
 
     def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
         """What each block took, in the order in which they end.  Only a few are with the workers at a time."""
@@ -68,16 +74,12 @@ class Pool:
                     at_work[self._submit(tasks, block, 0)] = block
                 if not at_work:
                     return
-                try:
-                    ready, _ = distributed.wait(list(at_work), timeout=0.5, return_when="FIRST_COMPLETED")
-                except TimeoutError:
-                    self._require_scheduler()
-                    continue
-                for future in ready:
-                    block = at_work.pop(future)
+                for future in self._ended(at_work):
+                    block = at_work[future]
                     try:
-                        yield future.result()
+                        got = self._fetched(future)
                     except distributed.KilledWorker:
+                        del at_work[future]
                         losses[block] += 1
                         if losses[block] >= LOSSES:
                             raise RunError(
@@ -85,6 +87,10 @@ class Pool:
                                 f"it. Use a smaller block or memory in [sweep]. {LOST}"
                             ) from None
                         at_work[self._submit(tasks, block, losses[block])] = block
+                        continue
+                    if got:
+                        del at_work[future]
+                        yield got[0]
         except (OSError, distributed.CancelledError) as error:
             raise RunError(f"The scheduler {self._address or 'here'} went away: {error}. {LOST}") from error
         finally:
@@ -97,8 +103,11 @@ class Pool:
 
         at_work = {self._client.submit(function, item, pure=False): place for place, item in enumerate(items)}
         try:
-            for future in distributed.as_completed(list(at_work)):
-                yield at_work[future], future.result()
+            while at_work:
+                for future in self._ended(at_work):
+                    got = self._fetched(future)
+                    if got:
+                        yield at_work.pop(future), got[0]
         except distributed.KilledWorker as error:
             raise RunError(f"A worker was lost again and again: {error}. Usual cause: too little memory.") from None
         except (OSError, distributed.CancelledError) as error:
@@ -111,9 +120,37 @@ class Pool:
         key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
         return self._client.submit(compute, *tasks.arguments(block), key=key, pure=False)
 
-    def _require_scheduler(self) -> None:
+    def _fetched(self, future: Any) -> list[Any]:
+        """The result of one that has ended; none where its worker went away with it, and it is made again."""
+        try:
+            return [future.result(PATIENCE)]
+        except TimeoutError:
+            if future.status == "error":
+                raise  # its own
+            return []
+
+    def _ended(self, at_work: Iterable[Any]) -> Iterable[Any]:
+        """Those that have ended, none if that takes longer.  Raises `RunError` where there is nobody left to wait for.
+
+        The workers of somebody else's cluster may stand in a queue for hours.  One of our own starts again when it is
+        killed, but not when it loses its connection, as it does over a task that it cannot read.
+        """
+        import distributed
+
+        try:
+            return set(distributed.wait(list(at_work), timeout=LOOK, return_when="FIRST_COMPLETED").done)
+        except TimeoutError:
+            pass
         if self._client.status not in ("running", "connecting"):
             raise RunError(f"The scheduler {self._address or 'here'} went away. {LOST}")
+        if self._address is not None or self._client.ncores():
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > PATIENCE:
+            raise RunError(
+                f"No worker has been there for {PATIENCE:g} s, and none started again. Usual cause: code that they "
+                f"cannot import, or too little memory. {LOST}"
+            )
+        return ()
 
 
 def check_workers(workers: Any, scheduler: str | None) -> None:
@@ -140,20 +177,12 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
     with contextlib.ExitStack() as stack:
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))  # errors come as exceptions
         if scheduler is None:
-            count = workers or os.cpu_count() or 1
-            address = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=count,
-                    threads_per_worker=1,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                )
-            )
+            address = stack.enter_context(_processes(workers or os.cpu_count() or 1))
         else:
             address = scheduler
         try:
-            client = stack.enter_context(distributed.Client(address, timeout=20))
+            client = distributed.Client(address, timeout=PATIENCE if scheduler is None else ANSWER)
+            stack.callback(_closed, client)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(
                 f"No Dask scheduler answers at {scheduler}: {error}. Is `dask scheduler` running?"
@@ -161,3 +190,41 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
         if sys.stderr.isatty() if progress is None else progress:
             print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
         yield Pool(client, scheduler)
+
+
+@contextlib.contextmanager
+def _processes(count: int) -> Iterator[Any]:
+    """A scheduler here and so many worker processes.  Raises `RunError` where they do not start."""
+    import distributed
+
+    try:
+        cluster = distributed.LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+            death_timeout=PATIENCE,
+        )
+    except (TimeoutError, OSError, RuntimeError) as error:
+        raise RunError(
+            f"The {count} worker processes did not start: {error or type(error).__name__}. Ask for fewer workers, or 0 "
+            "for none."
+        ) from error
+    try:
+        yield cluster
+    finally:
+        ids = [getattr(nanny, "pid", None) for nanny in cluster.workers.values()]
+        if not _closed(cluster):
+            for process in filter(None, ids):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
+
+
+def _closed(what: Any) -> bool:
+    """Close a client or a cluster; whether it did so in time."""
+    try:
+        what.close(timeout=CLOSING)
+    except TimeoutError:
+        return False
+    return True

@@ -5,6 +5,7 @@
   const BYTES_TURN = 4;
   const PATH = 1, TRAIL = 2, AXIS = 3, ARROW = 4, BODY = 5; // traces; 0 is the sphere
   const PERIOD = 60; // saved states a second at speed 1
+  const REST = 400; // milliseconds without a new state after which the whole path is shown again
 
   function unpack(text, kind) {
     const raw = atob(text), bytes = new Uint8Array(raw.length);
@@ -18,6 +19,7 @@
     d.tip = unpack(d.tip, "f4");
     d.turn = d.turn === null ? null : unpack(d.turn, "f4");
     d.path = unpack(d.path, "i4");
+    d.few = unpack(d.few, "i4");
     d.edges = unpack(d.edges, "f8");
     for (const s of d.series) s.change = unpack(s.change, "f4");
     d.count = d.time.length;
@@ -26,7 +28,7 @@
   }
 
   let D = decode($("data").textContent);
-  const state = { frame: 0, time: D.time[0], playing: false, ready: false, drawn: -1 };
+  const state = { frame: 0, time: D.time[0], playing: false, ready: false, drawn: -1, whole: true, moved: 0 };
   const axes3 = D.coordinates.slice();
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const theme = () => D.themes[dark.matches ? "dark" : "light"];
@@ -84,9 +86,8 @@
 
   function sceneTraces() {
     const t = theme(), c = t.colours, base = { type: "scatter3d", hoverinfo: "skip", showlegend: false };
-    const trace = (rows, colour, width, joined) => joined
-      ? { ...base, ...pick(rows), mode: "lines", line: { color: colour, width } }
-      : { ...base, ...pick(rows), mode: "markers", marker: { color: colour, size: Math.max(1.2, width / 1.5), line: { width: 0 } } };
+    const trace = (rows, colour, width, joined) => ({ ...base, ...pick(rows), mode: joined ? "lines" : "markers",
+      line: { color: colour, width }, marker: { color: colour, size: Math.max(1.2, width / 1.5), line: { width: 0 } } });
     const out = [
       { ...base, ...sphere(), mode: "lines", line: { color: t.grid, width: 1 } },
       trace(D.path, t.faint, 1.5, D.path_joined),
@@ -196,8 +197,21 @@
     $("scrub").value = state.frame;
   }
 
-  function draw() {
-    if (!state.ready || state.drawn === state.frame) return;
+  // The path stands still, but every picture draws it anew: while something moves, fewer points of it.
+  function showPath(whole) {
+    if (state.whole === whole || D.few.length === D.path.length) return;
+    state.whole = whole;
+    const { x, y, z } = pick(whole ? D.path : D.few);
+    Plotly.restyle("scene", { x: [x], y: [y], z: [z], mode: (whole ? D.path_joined : D.few_joined) ? "lines" : "markers" }, [PATH]);
+  }
+
+  function draw(now) {
+    if (!state.ready) return;
+    if (state.drawn === state.frame) {
+      if (!state.playing && now - state.moved > REST) showPath(true);
+      return;
+    }
+    if (state.drawn >= 0) { showPath(false); state.moved = now; }
     state.drawn = state.frame;
     const parts = [pick(trailRows()), fromOrigin(pick([state.frame]))], traces = [TRAIL, AXIS];
     if (D.body && D.turn.length > BYTES_TURN) { parts.push(turned()); traces.push(BODY); }
@@ -232,7 +246,7 @@
       if (now - since > 500) { document.body.dataset.fps = (1000 * pictures / (now - since)).toFixed(1); pictures = 0; since = now; }
     } else since = null;
     before = now;
-    draw();
+    draw(now);
     requestAnimationFrame(tick);
   }
 
@@ -261,6 +275,7 @@
     await Plotly.react("scene", sceneTraces(), sceneLayout(), still);
     await Plotly.react("drift", driftTraces(), driftLayout(), still);
     state.drawn = -1;
+    state.whole = true;
     document.body.dataset.count = D.count;
   }
 

@@ -1,0 +1,168 @@
+"""Brackets without end in what a stranger sends: one message on every path that reads JSON, TOML or a header."""
+
+from __future__ import annotations
+
+import gc
+import json
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import kreisel as kr
+from kreisel.runs import checking, config, reading
+from kreisel.runs.sweep import carry_out
+
+TOP = kr.LagrangeTop(p=(0, 0, 1))
+X0 = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
+DEPTHS = (33, 940, 100_000)  # the second is read on a shallow stack and not on a deep one
+
+
+def lists(depth: int) -> str:
+    return "[" * depth + "]" * depth
+
+
+def tables(depth: int) -> str:
+    return '{"a":' * depth + "1" + "}" * depth
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stores") / "run.zarr"
+    kr.simulate(TOP, X0, dt=0.1, steps=100, path=path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stores") / "sweep.zarr"
+    kr.sweep(TOP, X0, dt=0.1, steps=20, path=path, workers=0, list={"system.alpha": [1.0, 1.2]})
+    return path
+
+
+def attribute(store: Path, file: str, name: str, nested: str, quoted: bool) -> None:
+    """Write a nested value as an attribute, or as the text of one that holds JSON."""
+    path = store / file
+    told = json.loads(path.read_text())
+    told["attributes"][name] = nested if quoted else "HERE"
+    path.write_text(json.dumps(told).replace('"HERE"', nested))
+
+
+USES: dict[str, Callable[[Path], Any]] = {
+    "check": checking.check_archive,
+    "resume": lambda store: kr.resume(store, extend=200, progress=False),
+    "plot": lambda store: kr.plot(kr.open_run(store)),
+    "cite": lambda store: kr.cite(kr.open_run(store)),
+    "recover": lambda store: checking.recover(store, store.with_name("recovered.zarr")),
+    "export": lambda store: kr.export(store, store.with_suffix(".parquet")),
+}
+# where the brackets stand, whether in a text of their own, and what reads them
+PLACES = [
+    *(("zarr.json", "comment", False, use) for use in USES),
+    *(("a/zarr.json", "kind", False, use) for use in USES),
+    *(("zarr.json", "parameters", True, use) for use in ("resume", "plot")),
+    *(("zarr.json", "options", True, use) for use in ("resume", "cite")),
+]
+
+
+@pytest.mark.parametrize("nested", [lists, tables])
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_metadata_of_a_run(run: Path, nested: Callable[[int], str], depth: int, tmp_path: Path) -> None:
+    for file, name, quoted, use in PLACES:
+        store = tmp_path / "run.zarr"
+        shutil.copytree(run, store)
+        attribute(store, file, name, nested(depth), quoted)
+        with pytest.raises(kr.InputError, match="nested too deep"):
+            USES[use](store)
+        shutil.rmtree(store)
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_checksums(run: Path, swept: Path, depth: int, tmp_path: Path) -> None:
+    for original in (run, swept):
+        store = tmp_path / original.name
+        shutil.copytree(original, store)
+        for text in (lists(depth), '{"a/zarr.json": ' + "[" * depth, "[[1]]"):
+            (store / "engine" / "checksums.json").write_text(text)
+            (fault,) = checking.check_archive(store)[1]
+            assert "engine/checksums.json cannot be read" in fault
+        attribute(store, "zarr.json", "comment", lists(depth), True)  # a text like any other
+        (store / "engine" / "checksums.json").unlink()
+        assert checking.check_archive(store)[1] == ["engine/checksums.json is missing"]
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_metadata_of_a_sweep(swept: Path, depth: int, tmp_path: Path) -> None:
+    store = tmp_path / "sweep.zarr"
+    for file in ("zarr.json", "failed/zarr.json"):
+        shutil.copytree(swept, store)
+        attribute(store, file, "comment", lists(depth), False)
+        for use in (checking.check_archive, kr.open_run):
+            with pytest.raises(kr.InputError, match="nested too deep"):
+                use(store)
+        shutil.rmtree(store)
+    shutil.copytree(swept, store)
+    attribute(store, "zarr.json", "sweep", tables(depth), True)
+    with pytest.raises(kr.InputError, match="holds another sweep"):
+        kr.sweep(TOP, X0, dt=0.1, steps=20, path=store, workers=0, list={"system.alpha": [1.0, 1.2]})
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_configurations(depth: int, tmp_path: Path) -> None:
+    text = (Path(__file__).parent.parent / "examples" / "lagrange-top.toml").read_text()
+    (tmp_path / "run.toml").write_text(text.replace("a = [0.6, 0.0, 0.8]", f"a = {lists(depth)}"))
+    assert lists(depth) in (tmp_path / "run.toml").read_text()
+    with pytest.raises(kr.InputError, match=r"nested too deep|not valid TOML"):
+        config.read(tmp_path / "run.toml")
+    deep: Any = 1.0
+    for _ in range(depth):
+        deep = [deep]
+    description = {
+        "system": {"name": "lagrange-top", "p": [0, 0, 1]}, "state": X0, "run": {"dt": 0.1, "steps": 10},
+        "sweep": {"list": {"state.a": deep}},
+    }  # fmt: skip
+    with pytest.raises(kr.InputError, match="The description of the sweep is nested too deep"):
+        carry_out(description, tmp_path / "sweep.zarr", workers=0)
+    while isinstance(deep, list):  # a deep list is freed level by level
+        deep = deep.pop()
+
+
+def test_the_deepest_that_is_read() -> None:
+    assert reading.parsed(lists(reading.DEEPEST), "it") is not None
+    for text in (lists(reading.DEEPEST + 1), tables(reading.DEEPEST + 1), "[" * 10**6):
+        with pytest.raises(kr.InputError, match="it is"):
+            reading.parsed(text, "it")
+
+
+@pytest.mark.parametrize("header", ["-" * 9000 + "1", "(" * 9000, "[" * 150 + "]" * 150], ids=["minus", "open", "deep"])
+def test_header_of_a_checkpoint(run: Path, header: str, tmp_path: Path) -> None:
+    store = tmp_path / "run.zarr"
+    shutil.copytree(run, store)
+    path = store / "engine" / "checkpoint.npz"
+    with zipfile.ZipFile(path) as archive:
+        members = {info.filename: archive.read(info) for info in archive.infolist()}
+    text = (header + "\n").encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data[-8:])
+    with pytest.raises(kr.InputError, match=r"checkpoint .* is damaged"):
+        kr.resume(store, extend=200, progress=False)
+
+
+@pytest.mark.parametrize("text", ["{", '{"zarr_format": 3, "node_type": "arra"}', "[]", '{"zarr_format": 3}', "\xff"])
+def test_one_message_where_an_array_is_damaged(
+    run: Path, text: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Zarr opens all arrays at a time; those that it leaves behind print their tracebacks when they are collected."""
+    store = tmp_path / "run.zarr"
+    shutil.copytree(run, store)
+    (store / "a" / "zarr.json").write_bytes(text.encode("latin-1"))
+    for use in USES.values():
+        with pytest.raises(kr.InputError, match=r"a/zarr\.json"):
+            use(store)
+    gc.collect()
+    assert [record.getMessage() for record in caplog.records] == []
