@@ -74,10 +74,11 @@ def asked(n: int) -> list[tuple[str, str, int, str, str | None]]:
             rows.append((f"{system}, large", system, 1, "suris", "large"))
         if n in DENSE.get(system, ()):
             rows.append((f"{system}, dense", system, 1, "suris", "cpu"))
-    if n >= 10:
+    if 10 <= n <= 300:  # beyond, constants in extended precision take minutes
         rows.append(("clebsch, baecklund of order 2", "clebsch", 2, "baecklund", None))
+    if n >= 10:
         rows.append((ORIENTED, "lagrange-top", 1, "suris", None))
-    if FROM <= n <= 300:  # beyond, its constants in extended precision take 42 s at n = 1000
+    if FROM <= n <= 300:
         rows.append(("lagrange-top, baecklund of order 8", "lagrange-top", 8, "baecklund", None))
     return rows
 
