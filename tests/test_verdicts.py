@@ -154,7 +154,7 @@ def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN)
     out = command(str(tmp_path / "own.py"), "--steps", "1000", "--html", str(tmp_path / "p.html"))
     assert out.returncode == 0, out.stderr
-    assert "integrable: 1 independent integrals" in out.stdout and (tmp_path / "p.html").is_file()
+    assert "integrable: 1 independent integral on leaves" in out.stdout and (tmp_path / "p.html").is_file()
     out = command("lagrange-top", "--set", "alpha=2", "--eps", "1/2", "--steps", "1000", "--json", "--iterates", "6")
     told = json.loads(out.stdout)
     assert told["verdict"] == "integrable" and told["degrees"][:4] == [1, 3, 9, 19]
