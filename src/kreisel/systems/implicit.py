@@ -17,7 +17,7 @@ Rijkeboer, Linear Algebra Appl. 186 (1993); Meini, Math. Comp. 71 (2002)]
 
 import numpy as np
 
-from kreisel.algebra import identity, pairing, repeat, solve, sqrt, through_inverse
+from kreisel.algebra import identity, mat, pairing, repeat, solve, sqrt, through_inverse
 from kreisel.systems.matrices import diagonal
 
 DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
@@ -36,8 +36,8 @@ def branch(M, J, Q, square, eps):
     """
     scale = J.sum(-1) / (1 / J).sum(-1)
     gamma, D = sqrt(scale), diagonal(J)
-    D2, first = D * D, scale * square
-    middle, start = first + D2, first - D2 - gamma * eps * M
+    D2, first = D * D, mat(scale) * square
+    middle, start = first + D2, first - D2 - mat(gamma) * eps * M
 
     def doubled(A, B, C):
         inner, outer, new = through_inverse(B - C, A)
@@ -50,7 +50,7 @@ def branch(M, J, Q, square, eps):
             state, _ = doubled(*state)
     else:
         state, _ = repeat(doubled, state, SMALL, MOST_DOUBLINGS, ("matrix", "symmetric", "symmetric"))
-    W = (state[1] - middle) / (2 * gamma) + eps / 2 * M  # Q W J
+    W = (state[1] - middle) / (2 * mat(gamma)) + eps / 2 * M  # Q W J
     one = Q @ D
     return skew_part(D @ solve(W + one, W - one) / J[..., None, :])  # (W + 1)^-1 (W - 1)
 
