@@ -21,6 +21,7 @@ from kreisel.methods import Scheme, scheme
 from kreisel.model import Model
 from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
+from sizes import costly
 
 MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
 FLOPS_TOLERANCE = 2.0**12 * float(np.finfo(float).eps)
@@ -38,8 +39,15 @@ def first_scheme(model: Model, oriented: bool) -> Scheme:
     return scheme(model, "veselov" if symmetric else "suris", 0.05, 2 if symmetric else 1, oriented)
 
 
-@pytest.mark.parametrize(("n", "oriented"), [(3, False), (3, True), (4, True), (5, False), (9, True)])
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize(
+    ("name", "n", "oriented"),
+    [
+        (name, n, oriented)
+        for name in MAPS
+        for n, oriented in ((3, False), (3, True), (4, True), (5, False), (9, True))
+        if n < 9 or not costly(name)
+    ],
+)
 def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
     model, x0 = random_start(name, n)
     if oriented:
@@ -57,8 +65,7 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
         assert abs(row[0] - flat).max() < FLOPS_TOLERANCE * (1 + abs(flat).max())
 
 
-@pytest.mark.parametrize("n", [3, 4, 9])
-@pytest.mark.parametrize("name", list(REGISTRY))
+@pytest.mark.parametrize(("name", "n"), [(s, n) for s in REGISTRY for n in (3, 4, 9) if n < 9 or not costly(s)])
 def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     model, x0 = random_start(name, n)
     plan = scheme(model, "dop853", 0.1, None, True)

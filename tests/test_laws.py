@@ -5,22 +5,20 @@ n = 6 of the systems beyond the paper, which takes minutes, is for `make test-fu
 
 from __future__ import annotations
 
-import os
 from functools import cache
 
 import pytest
 
 from kreisel.lab import laws
 from kreisel.systems import REGISTRY
+from sizes import costly
 
-FULL = "KREISEL_FULL" in os.environ
-PAPER = ("heavy-top", "lagrange-top", "lagrange-top-moving", "symmetric-top", "kirchhoff", "clebsch", "neumann")
 CLAIMS = [
     (name, law, n, numbers)
     for name, system in REGISTRY.items()
     for law, stated in laws.LAWS.items()
     if stated.needs(system)
-    for n in ((3, 4, 5, 6)[: None if FULL or name in PAPER else 3] if system.n is None else (system.n,))
+    for n in ((3, 4, 5, 6)[: 3 if costly(name) else None] if system.n is None else (system.n,))
     for numbers in stated.numbers(system)
 ]
 SEEDS = {3: (0, 1, 2, 3), 4: (0, 1), 5: (0,), 6: (0,)}

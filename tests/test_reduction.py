@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -23,9 +22,9 @@ from kreisel.reduction.groups import random_element
 from kreisel.runs.own import load
 from kreisel.runs.simulate import resume
 from kreisel.systems import REGISTRY
+from sizes import FULL
 
 MOVING, REST = red.Frame.MOVING, red.Frame.REST
-FULL = "KREISEL_FULL" in os.environ  # `make test-full`
 J3 = np.array([1.0, 1.6, 2.3])
 
 
