@@ -164,7 +164,10 @@ def _rho(model: Model, record: Baecklund, own: tuple[Array, ...], mu: complex | 
     """The constant of the trajectory, computed in extended precision where the platform has it."""
     wide = {k: v.astype(np.longdouble) for k, v in model.constants.items()}
     with np.errstate(all="ignore"):
-        rho = call(record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide(mu)})
+        try:
+            rho = call(record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide(mu)})
+        except np.linalg.LinAlgError:  # beside numbers so large the others vanish
+            rho = np.array(np.nan)
     if not np.isfinite(rho).all():
         _explain(model, record, own, mu, order, dt)
     return rho.astype(complex if isinstance(mu, complex) else float)
