@@ -166,3 +166,15 @@ def test_one_message_where_an_array_is_damaged(
             use(store)
     gc.collect()
     assert [record.getMessage() for record in caplog.records] == []
+
+
+def test_an_axis_without_a_name(run: Path, tmp_path: Path) -> None:
+    """Zarr's metadata may leave the name of an axis out; an archive has them all."""
+    store = tmp_path / "run.zarr"
+    shutil.copytree(run, store)
+    told = json.loads((store / "a" / "zarr.json").read_text())
+    told["dimension_names"][1] = None
+    (store / "a" / "zarr.json").write_text(json.dumps(told))
+    for use in USES.values():
+        with pytest.raises(kr.InputError, match=r"a/zarr\.json is damaged: an axis in dimension_names has no name"):
+            use(store)

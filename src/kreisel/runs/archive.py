@@ -507,18 +507,22 @@ def require_sound(store: Path) -> None:
         if "zarr.json" not in files:
             continue
         kind = _node(Path(folder)).get("node_type")
+        axes: tuple[str | None, ...] = ()
         if kind not in ("array", "group"):
             raise InputError(f"{folder}/zarr.json is damaged: node_type must be array or group; {str(kind)[:80]} came.")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 if kind == "array":
-                    zarr.open_array(folder, mode="r", zarr_format=3)
+                    told = zarr.open_array(folder, mode="r", zarr_format=3).metadata
+                    axes = getattr(told, "dimension_names", None) or ()
                 else:
                     zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
         except Exception as error:  # whatever damaged metadata make the library raise
             why = str(error) or type(error).__name__
             raise InputError(f"{folder}/zarr.json cannot be read as Zarr's metadata: {why}") from error
+        if None in axes:
+            raise InputError(f"{folder}/zarr.json is damaged: an axis in dimension_names has no name.")
 
 
 def too_large(run: xr.Dataset) -> list[str]:
