@@ -76,6 +76,23 @@ def test_one_state_without_lanes(top: object, x0: object, tmp_path: Path) -> Non
     assert (pd.read_parquet(tmp_path / "run.parquet")["a[0]"].values == run.a.values[:, 0]).all()
 
 
+def test_attributes_of_any_kind(archive: Path, tmp_path: Path) -> None:
+    run = kr.open_run(archive)
+    run.attrs |= {
+        "words": ["a", "b"],
+        "table": {"x": 1},
+        "nothing": None,
+        "large": 10**30,
+        "many": [1, 2.5],
+        "so": True,
+    }
+    kr.export(run, tmp_path / "run.nc")
+    with xr.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as back:
+        told = back.attrs
+    assert (told["words"], told["table"], told["nothing"]) == ('["a", "b"]', '{"x": 1}', "null")
+    assert (told["large"], told["many"].tolist(), told["so"]) == (str(10**30), [1, 2.5], 1)
+
+
 def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="must end in"):
         kr.export(archive, tmp_path / "run.csv")

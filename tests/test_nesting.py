@@ -178,3 +178,13 @@ def test_an_axis_without_a_name(run: Path, tmp_path: Path) -> None:
     for use in USES.values():
         with pytest.raises(kr.InputError, match=r"a/zarr\.json is damaged: an axis in dimension_names has no name"):
             use(store)
+
+
+def test_an_integral_that_does_not_say_whether_it_is_kept(run: Path, tmp_path: Path) -> None:
+    store = tmp_path / "run.zarr"
+    shutil.copytree(run, store)
+    told = json.loads((store / "energy" / "zarr.json").read_text())
+    told["attributes"]["kepd"] = told["attributes"].pop("kept")
+    (store / "energy" / "zarr.json").write_text(json.dumps(told))
+    with pytest.raises(kr.InputError, match="energy has no attribute `kept`, 0 or 1"):
+        kr.open_run(store)

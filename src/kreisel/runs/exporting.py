@@ -79,8 +79,14 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """NetCDF has no booleans."""
-    return int(value) if isinstance(value, bool) else np.asarray(value) if isinstance(value, list) else value
+    """NetCDF has text, numbers and arrays of numbers; truth values become 1 and 0, anything else JSON."""
+    if isinstance(value, str):
+        return value
+    entries = value if isinstance(value, list) else [value]
+    if not all(isinstance(v, int | float | np.generic) for v in entries):
+        return json.dumps(value)
+    numbers = np.asarray(value)
+    return (numbers * 1)[()] if numbers.dtype.kind in "biuf" else json.dumps(value)
 
 
 def _chunks(variable: xr.Variable) -> tuple[int, ...]:
