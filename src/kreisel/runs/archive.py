@@ -583,10 +583,8 @@ def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
     for name, variable in run.data_vars.items():
-        lacks = [] if variable.dims[:1] == ("time",) else ["axis of time"]
-        lacks += [] if variable.attrs.get("kept") in (0, 1) else ["attribute `kept`, 0 or 1"]
-        if variable.attrs.get("kind") in KINDS and lacks:
-            raise InputError(f"{path} is damaged: {name} has no {', no '.join(lacks)}. `kreisel check {path}`.")
+        if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
+            raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
     if indexed and too_large(run):
         raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
     if not attrs["complete"] and until_checkpoint:

@@ -97,7 +97,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
                 worst = int(_ratio(abs(series - series[0]).max(0), band).argmax())
             label = f"{name}[{part}]" if family else str(name)
             at = float(step_scale[worst]), float(value_scale[worst])
-            yield Series(label, str(name), attrs["kind"], bool(attrs["kept"]), series[:, worst], *at)
+            yield Series(label, str(name), attrs["kind"], bool(attrs.get("kept", False)), series[:, worst], *at)
 
 
 def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
