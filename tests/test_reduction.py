@@ -391,7 +391,11 @@ def test_linear_algebra_of_small_matrices() -> None:
         assert abs(inverse @ A - np.eye(4)).max() < 1e-13
         assert np.allclose(determinant, np.linalg.det(A), rtol=1e-13)
         spd, E = jnp.asarray(A[0] @ A[0].T), jnp.asarray(rng(4).normal(size=(4, 4)))
-        for f in (linear.log_determinant, lambda X: linear.inverse(X)[1, 2], lambda X: linear.solve(X, E)[0, 3]):
+        for f in (
+            lambda X: linear.slogdet(X)[1],
+            lambda X: linear.inverse(X)[1, 2],
+            lambda X: linear.solve(X, E)[0, 3],
+        ):
             slope = (f(spd + 1e-6 * E) - f(spd - 1e-6 * E)) / 2e-6
             assert jax.jvp(f, (spd,), (E,))[1] == pytest.approx(float(slope), rel=1e-7)
             assert (jax.grad(f)(spd) * E).sum() == pytest.approx(float(slope), rel=1e-7)

@@ -27,7 +27,7 @@ Array = Any  # an array of any library, or a NumPy object array of any field
 
 # -- the one door to the array library ------------------------------------------------------------
 
-LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and trace_log, where its own do not serve
+LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet, where its own do not serve
 
 
 def exact(x: Array) -> bool:
@@ -257,8 +257,7 @@ def _as_float(v: Any) -> float:
 def trace_log(A: Array) -> Array:
     """Tr log A = log det A for A (..., n, n) with positive leading minors."""
     if not holds_objects(A):
-        own = _linear_algebra(A)
-        return own.trace_log(A) if hasattr(own, "trace_log") else own.slogdet(A)[1]
+        return _linear_algebra(A).slogdet(A)[1]
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
 

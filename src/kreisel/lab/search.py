@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.algebra import Array, cayley_act, dot, vec, wedge
+from kreisel.algebra import Array, cayley_act, dot, trace_log, vec, wedge
 from kreisel.contract import MOVING_SPACE, Frame, Map, System
 from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
@@ -134,7 +134,7 @@ def modified_kinetic(sigma: float = 2.0, alpha: float = 0.5) -> Model:
     from kreisel import reduction as red
 
     def discrete(W: Array, P: Array, *, sigma: float, alpha: float, eps: float) -> Any:
-        kinetic = alpha / eps * jnp.linalg.slogdet(2 * jnp.eye(3) + W + W.T)[1]
+        kinetic = alpha / eps * trace_log(2 * jnp.eye(3) + W + W.T)
         return -kinetic - sigma * (1 - alpha) / eps * jnp.log(1 + W[2, 2]) - eps * (P @ W)[2]
 
     system = red.system("modified-kinetic", group=red.SO(3), discrete=discrete)

@@ -21,38 +21,31 @@ def solve(A: Array, B: Array) -> Array:
     return inverse(A) @ B
 
 
-def trace_log(A: Array) -> Array:
-    """Tr log A = log det A for A (..., N, N) with a positive determinant."""
-    return log_determinant(A)
-
-
-@jax.custom_jvp
 def inverse(A: Array) -> Array:
-    """A^-1 for A (..., N, N); not finite where A is singular.  d(A^-1) = -A^-1 dA A^-1."""
+    """A^-1 for A (..., N, N); not finite where A is singular."""
     return inverse_and_determinant(A)[0]
 
 
-@inverse.defjvp
-def _inverse_jvp(at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
-    Y = inverse(at[0])
-    return Y, -Y @ along[0] @ Y
+def slogdet(A: Array) -> tuple[Array, Array]:
+    """The sign of det A and log |det A| for A (..., N, N)."""
+    determinant = inverse_and_determinant(A)[1]
+    return jnp.sign(determinant), jnp.log(abs(determinant))
 
 
 @jax.custom_jvp
-def log_determinant(A: Array) -> Array:
-    """Log det A.  d log det A = Tr(A^-1 dA)."""
-    return jnp.log(inverse_and_determinant(A)[1])
-
-
-@log_determinant.defjvp
-def _log_determinant_jvp(at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
-    return log_determinant(at[0]), (inverse(at[0]).swapaxes(-1, -2) * along[0]).sum((-2, -1))
-
-
 def inverse_and_determinant(A: Array) -> tuple[Array, Array]:
-    """A^-1 and det A for A (..., N, N), by Gauss and Jordan with partial pivoting."""
+    """A^-1 and det A for A (..., N, N), by Gauss and Jordan with partial pivoting.
+
+    d(A^-1) = -A^-1 dA A^-1, d det A = det A Tr(A^-1 dA).
+    """
     inverse, determinant = jnp.vectorize(_eliminated, signature="(n,n)->(n,n),()")(A)
     return inverse, determinant
+
+
+@inverse_and_determinant.defjvp
+def _jvp(at: tuple[Array], along: tuple[Array]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    Y, determinant = inverse_and_determinant(*at)
+    return (Y, determinant), (-Y @ along[0] @ Y, determinant * (Y.swapaxes(-1, -2) * along[0]).sum((-2, -1)))
 
 
 def _eliminated(A: Array) -> tuple[Array, Array]:
