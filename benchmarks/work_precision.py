@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -388,16 +389,22 @@ def main(arguments: list[str] | None = None) -> None:
     )
     options = parser.parse_args(arguments)
     target = RESULTS / "work_precision.json"
-    result: dict[str, Any] = json.loads(target.read_text())["runs"] if target.exists() else {}
+    before = json.loads(target.read_text()) if target.exists() else {}
+    result: dict[str, Any] = before.get("runs", {})
+    measured: dict[str, Any] = before.get("measured", {})
     there = {p: version(p) if find_spec(p) else "not installed: left out" for p in PEERS}
     for problem in problems():
         if options.only not in problem.name:
             continue
-        begun = time.perf_counter()
+        begun, load = time.perf_counter(), os.getloadavg()[0]
         makers = list(adaptive(problem))
         for end in TIMES:
             result[f"{problem.name}, T = {end:g}"] = measure(problem, makers, end, options.turns)
-        text = {"machine": machine(), "peers": there, "turns": options.turns, "verdict": verdict(result)}
+        measured[problem.name] = {
+            "turns": options.turns,
+            "load_average": [round(v, 1) for v in (load, os.getloadavg()[0])],
+        }
+        text = {"machine": machine(), "peers": there, "measured": measured, "verdict": verdict(result)}
         target.write_text(json.dumps(text | {"runs": result}, indent=1) + "\n")
         print(f"{problem.name}: {time.perf_counter() - begun:.0f} s", flush=True)
     print(*verdict(result), sep="\n")
