@@ -50,6 +50,49 @@ def test_the_equation_is_solved_on_the_branch(name: str, n: int) -> None:
             assert np.linalg.eigvals(np.linalg.solve(Q, W * J)).real.min() > 0
 
 
+def test_the_root_of_the_trajectory_serves_all_its_steps() -> None:
+    """The quartic's root, found once, gives the turn that is found anew, at states far along the orbit."""
+    for model, (M,), largest in bodies("euler-top", 3):
+        for share in (0.01, 0.5, 0.9, 0.99):
+            eps = share * largest
+            known = model.call(model.map.trajectory, M, eps=eps)
+            state = M
+            for _ in range(5):
+                X, _ = model.call(model.map.turn, state, eps=eps)
+                again, left = model.call(model.map.turn, state, eps=eps, **known)
+                assert left < LIMIT**2
+                assert abs(again - X).max() < 1e-13 / (1 - share) * (1 + abs(X).max()), share
+                (state,) = model.call(model.map.move, state, again)
+
+
+@pytest.mark.parametrize(("off", "told"), [(1e-9, False), (1e-2, True)])
+def test_a_wrong_root_is_corrected_or_told(off: float, told: bool) -> None:
+    for model, (M,), largest in bodies("euler-top", 3):
+        known = dict(model.call(model.map.trajectory, M, eps=0.5 * largest))
+        X, _ = model.call(model.map.turn, M, eps=0.5 * largest)
+        known["sigma"] = known["sigma"] * (1 + off)
+        again, defect = model.call(model.map.turn, M, eps=0.5 * largest, **known)
+        assert (defect > LIMIT**2) is np.bool_(told)
+        assert told or abs(again - X).max() < 1e-13 * (1 + abs(X).max())
+
+
+def test_a_root_frozen_without_its_correction_lets_the_energy_drift() -> None:
+    """What Newton's correction is for: the same march with the root as rounded, a hair off, drifts."""
+    model, (M,), largest = next(bodies("euler-top", 3))
+    eps = 0.5 * largest
+    known = dict(model.call(model.map.trajectory, M, eps=eps))
+    off = known | {"sigma": known["sigma"] * (1 + 1e-8)}
+    ends = []
+    for given in (known, off, off | {"weight": 0 * known["weight"]}):
+        state = M
+        for _ in range(200):
+            X, _ = model.call(model.map.turn, state, eps=eps, **given)
+            (state,) = model.call(model.map.move, state, X)
+        ends.append(abs(model.call(model.system.energy, state) / model.call(model.system.energy, M) - 1))
+    assert max(ends[:2]) < 1e-14
+    assert ends[2] > 1e-12
+
+
 def test_beyond_the_longest_step_the_defect_tells() -> None:
     for model, state, largest in bodies("euler-top", 4):
         X, defect = model.call(model.map.turn, *state, eps=1.02 * largest)

@@ -109,7 +109,7 @@ def one_of_each(
         *(
             (name, *(("veselov", 2) if phi.symmetric else ("suris", 1)), 3)
             for name, phi in MAPS.items()
-            if phi.turn is None
+            if phi.turn is None or phi.trajectory is not None
         ),
         ("lagrange-top", "suris", 1, 4),
         ("clebsch", "baecklund", 6, 3),

@@ -168,6 +168,7 @@ class Map:
     lax                      L(*state, lam, eps);  conjugator V(*state, lam, eps) with V L_(k+1) = L_k V
     turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: of implicit
                              maps, whose step is then move(*state, X, eps)
+    trajectory               (*state, eps) -> {name: number} that `turn` may take beside, constant on a trajectory
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
     commutes                 whether it commutes with itself at other steps and with the flow
@@ -188,6 +189,7 @@ class Map:
     lax: Function | None = None
     conjugator: Function | None = None
     turn: Function | None = None
+    trajectory: Function | None = None
     move: Function | None = None
     largest_step: Function | None = None
     second_order: Function | None = None

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, call
+from kreisel.contract import Frame, call, keywords
 from kreisel.errors import InputError
 from kreisel.methods.composition import symmetric_composition
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
@@ -51,6 +51,11 @@ def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Schem
     def reopen(x: State) -> State:
         return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0]) if implicit else x
 
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        with np.errstate(all="ignore"):  # beyond the domain, which `prepare` tells
+            each = [model.call(phi.trajectory, *x0[:count], eps=eps) for eps in gamma * dt]
+        return {}, {name: np.stack([known[name] for known in each], -1) for name in each[0]}
+
     def prepare(x0: State) -> State:
         _check_domain(model, x0[:count], dt * float(abs(gamma).max()), order)
         return reopen(x0)
@@ -61,7 +66,7 @@ def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Schem
         name="veselov",
         components=(*with_orientation(model, oriented), *extra),
         constants=dict(model.constants),
-        axes={**model.axes, "eps": 0},
+        axes={**model.axes, **dict.fromkeys(keywords(phi.turn or phi.step) - {*model.axes}, 0)},
         stages={"eps": gamma * dt},
         n=model.n,
         prepare=prepare,
@@ -70,6 +75,7 @@ def veselov(model: Model, dt: float, order: int | None, oriented: bool) -> Schem
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},
+        trajectory=None if phi.trajectory is None else trajectory,
         guard=Guard(
             DEFECT,
             LIMIT**2,

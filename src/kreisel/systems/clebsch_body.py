@@ -95,6 +95,7 @@ SYSTEM = replace(
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",
     map=replace(
         euler_top.MAP,
+        trajectory=None,
         step=step,
         inverse=inverse,
         adjoint=step,

@@ -139,6 +139,7 @@ SYSTEM = replace(
     lax=lax,
     map=replace(
         euler_top.MAP,
+        trajectory=None,
         step=step,
         inverse=inverse,
         adjoint=step,
