@@ -34,6 +34,12 @@ static inline Vec sum(Vec v, Vec y, Vec small) {
     return z + (((v - (z - part)) + (y - part)) + small);
 }
 
+// s x cross y of a constant y, as kreisel.algebra.impulse
+template <bool corrected> static inline Vec impulse(Real s, Vec x, Vec y) {
+    const double generic = 1 + 0x1p-20 * (0.5 + __builtin_sqrt(1.25));
+    return corrected ? s / generic * cross(x, generic * y) : s * cross(x, y);
+}
+
 // cay(hat(u)) and (I - hat(u))^-1
 template <bool corrected> struct Cayley {
     Vec u;
@@ -51,7 +57,7 @@ template <bool corrected> struct LagrangeTop { // c = p, alpha, eps
     Real eps;
     LagrangeTop(const Real *z, const Real *c) : m(axial_at(z)), a(vector_at(z + 3)), p(vector_at(c)), eps(c[4]) {}
     void step() {
-        m = m + eps * cross(p, a);
+        m = m - impulse<corrected>(eps, a, p);
         a = Cayley<corrected>(eps / 2 * m).act(a);
     }
     void store(Real *z) const { put_axial(z, m), put_vector(z + 3, a); }
@@ -68,7 +74,7 @@ template <bool corrected> struct LagrangeTopMoving { // c = A, alpha, eps
             Vec v = (1 / dot(A, A)) * (dot(A, u) * A);
             Cayley<true> first(-u), second(-((1 - alpha) / (alpha + dot(v, v)) * v));
             P = second.act(first.act(P));
-            M = second.act(M) + eps * cross(P, A);
+            M = second.act(M) + impulse<true>(eps, P, A);
         } else { // W = cay(X)
             Vec y = Cayley<false>(u).resolvent(A);
             Cayley<false> back(-((1 / alpha) * u + (1 - alpha) / alpha / dot(A, y) * cross(y, A)));
@@ -84,7 +90,7 @@ template <bool corrected> struct SymmetricTop { // c = A, eps
     Real eps;
     SymmetricTop(const Real *z, const Real *c) : M(axial_at(z)), P(vector_at(z + 3)), A(vector_at(c)), eps(c[3]) {}
     void step() {
-        M = M + eps * cross(P, A);
+        M = M + impulse<corrected>(eps, P, A);
         P = Cayley<corrected>(-eps / 2 * M).act(P);
     }
     void store(Real *z) const { put_axial(z, M), put_vector(z + 3, P); }

@@ -15,6 +15,7 @@ from kreisel.algebra import (
     dot,
     dot_less,
     identity,
+    impulse,
     log,
     mat,
     moebius,
@@ -42,30 +43,30 @@ def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a
 
 
 def step(m, a, *, p, eps):  # (dLT rest frame)
-    m = m + eps * wedge(a, p)
+    m = m + impulse(eps, a, p)
     return m, cayley_act(eps / 2 * m, a)  # (I - eps/2 m)^-1 (I + eps/2 m) a
 
 
 def inverse(m, a, *, p, eps):
     a = cayley_act(-eps / 2 * m, a)
-    return m - eps * wedge(a, p), a
+    return m - impulse(eps, a, p), a
 
 
 def adjoint(m, a, *, p, eps):
     a = cayley_act(eps / 2 * m, a)
-    return m + eps * wedge(a, p), a
+    return m + impulse(eps, a, p), a
 
 
 def involution(m, a, *, p, eps):
-    return -(m + eps * wedge(a, p)), a
+    return -(m + impulse(eps, a, p)), a
 
 
 def half_kick(m, a, *, p, eps):  # A_(eps/2)
-    return m + eps / 2 * wedge(a, p), a
+    return m + impulse(eps / 2, a, p), a
 
 
 def half_kick_back(m, a, *, p, eps):
-    return m - eps / 2 * wedge(a, p), a
+    return m - impulse(eps / 2, a, p), a
 
 
 def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|

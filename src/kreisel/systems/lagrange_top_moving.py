@@ -13,6 +13,7 @@ from kreisel.algebra import (
     cayley_conjugate,
     dot,
     identity,
+    impulse,
     log,
     mat,
     moebius,
@@ -72,27 +73,27 @@ def turn(M, P, *, A, alpha, eps):  # W^T M W and W^T P with W = cay(U) cay(-V) c
 
 def step(M, P, *, A, alpha, eps):  # (dmLT body)
     M, P = turn(M, P, A=A, alpha=alpha, eps=eps)
-    return M + eps * wedge(A, P), P
+    return M - impulse(eps, P, A), P
 
 
 def inverse(M, P, *, A, alpha, eps):
-    return turn(M - eps * wedge(A, P), P, A=A, alpha=alpha, eps=-eps)
+    return turn(M + impulse(eps, P, A), P, A=A, alpha=alpha, eps=-eps)
 
 
 def adjoint(M, P, *, A, alpha, eps):
-    return turn(M + eps * wedge(A, P), P, A=A, alpha=alpha, eps=eps)
+    return turn(M - impulse(eps, P, A), P, A=A, alpha=alpha, eps=eps)
 
 
 def involution(M, P, *, A, eps):
-    return -M + eps * wedge(A, P), P
+    return -(M + impulse(eps, P, A)), P
 
 
 def half_kick_back(M, P, *, A, eps):  # A_(-eps/2)
-    return M - eps / 2 * wedge(A, P), P
+    return M + impulse(eps / 2, P, A), P
 
 
 def half_kick(M, P, *, A, eps):
-    return M + eps / 2 * wedge(A, P), P
+    return M - impulse(eps / 2, P, A), P
 
 
 def shifted(M, P, *, A, eps):  # B_k

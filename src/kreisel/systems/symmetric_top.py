@@ -7,7 +7,19 @@ Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E1
 
 from dataclasses import replace
 
-from kreisel.algebra import act, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge
+from kreisel.algebra import (
+    act,
+    cayley_act,
+    dot,
+    identity,
+    impulse,
+    moebius,
+    pairing,
+    project_out,
+    trace_log,
+    vec,
+    wedge,
+)
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import bordered_spectrum
 from kreisel.systems import lagrange_top
@@ -21,30 +33,30 @@ def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
 
 
 def step(M, P, *, A, eps):
-    M = M + eps * wedge(A, P)
+    M = M - impulse(eps, P, A)
     return M, cayley_act(-eps / 2 * M, P)
 
 
 def inverse(M, P, *, A, eps):
     P = cayley_act(eps / 2 * M, P)
-    return M - eps * wedge(A, P), P
+    return M + impulse(eps, P, A), P
 
 
 def adjoint(M, P, *, A, eps):
     P = cayley_act(-eps / 2 * M, P)
-    return M + eps * wedge(A, P), P
+    return M - impulse(eps, P, A), P
 
 
 def involution(M, P, *, A, eps):
-    return -(M + eps * wedge(A, P)), P
+    return -(M - impulse(eps, P, A)), P
 
 
 def half_kick(M, P, *, A, eps):
-    return M + eps / 2 * wedge(A, P), P
+    return M - impulse(eps / 2, P, A), P
 
 
 def half_kick_back(M, P, *, A, eps):
-    return M - eps / 2 * wedge(A, P), P
+    return M + impulse(eps / 2, P, A), P
 
 
 def shifted(M, P, *, A, eps):
