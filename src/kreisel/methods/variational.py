@@ -110,7 +110,7 @@ def kick(system: System, state: State, time: Array, consts: Constants) -> State:
         return state
     still = tuple(z if i in carried else 0 * z for i, z in enumerate(state))
     rate = call(system.flow, still, consts)
-    return tuple(z if i in carried else z + time * rate[i] for i, z in enumerate(state))
+    return tuple(z if i in carried else z + algebra.increment(time, rate[i]) for i, z in enumerate(state))
 
 
 def coadjoint(system: System, X: Array, state: State) -> State:
