@@ -89,8 +89,8 @@ def test_products_are_rounded_and_literals_are_of_the_precision(top: object, pre
     assert " * " not in body
     assert "cuda.fma(" in body
     assert ("real(2.0)" in body) == (precision == "float32")
-    big = kr.LagrangeTop(p=np.eye(9)[0])
+    big = kr.LagrangeTop(p=np.eye(11)[0])
     plan = scheme(big, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    with pytest.raises(kr.InputError, match="n = 9"):
+    with pytest.raises(kr.InputError, match="n = 11"):
         cuda.source(plan, constants, columns, stages, precision)

@@ -44,8 +44,8 @@ def first_scheme(model: Model, oriented: bool) -> Scheme:
     [
         (name, n, oriented)
         for name in MAPS
-        for n, oriented in ((3, False), (3, True), (4, True), (5, False), (9, True))
-        if n < 9 or not costly(name)
+        for n, oriented in ((3, False), (3, True), (4, True), (5, False), (11, True))
+        if n < 11 or not costly(name)
     ],
 )
 def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
@@ -65,7 +65,7 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
         assert abs(row[0] - flat).max() < FLOPS_TOLERANCE * (1 + abs(flat).max())
 
 
-@pytest.mark.parametrize(("name", "n"), [(s, n) for s in REGISTRY for n in (3, 4, 9) if n < 9 or not costly(s)])
+@pytest.mark.parametrize(("name", "n"), [(s, n) for s in REGISTRY for n in (3, 4, 11) if n < 11 or not costly(s)])
 def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     model, x0 = random_start(name, n)
     plan = scheme(model, "dop853", 0.1, None, True)

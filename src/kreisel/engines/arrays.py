@@ -83,6 +83,28 @@ def symmetric(flat, n):
 
 
 @njit({options})
+def eliminated(A, B):
+    # A^-1 B without pivoting, as kreisel.algebra.solve has it
+    n, k, A, X = A.shape[0], B.shape[1], A.copy(), B.copy()
+    for p in range(n):
+        scale = 1.0 / A[p, p]
+        for i in range(p + 1, n):
+            c = A[i, p] * scale
+            for j in range(p + 1, n):
+                A[i, j] -= c * A[p, j]
+            for j in range(k):
+                X[i, j] -= c * X[p, j]
+    for p in range(n - 1, -1, -1):
+        scale = 1.0 / A[p, p]
+        for j in range(k):
+            x = X[p, j]
+            for i in range(p + 1, n):
+                x -= A[p, i] * X[i, j]
+            X[p, j] = x * scale
+    return X
+
+
+@njit({options})
 def mirror_symmetric(X):
     n = X.shape[0]
     for i in range(n):

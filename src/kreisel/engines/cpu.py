@@ -1,6 +1,6 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
-Up to n = 8, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
+Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
 same operations.  An ensemble of straight-line code runs in blocks of lanes, one array for each number, which LLVM
 vectorises; lane i has the bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has
 (NUMBA_NUM_THREADS).
@@ -31,7 +31,6 @@ from kreisel.engines import arrays
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, split
 from kreisel.engines.recording import (
-    STRAIGHT_LINE_N,
     Piece,
     Recording,
     flat_constants,
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
 EXACT = 'cache=True, nogil=True, error_model="numpy"'
 FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
 WIDTH, SCRATCH_BYTES = 64, 24 * 1024  # lanes in a block, fewer if their numbers would not stay in the first cache
-OBSERVED_LINES = 1000  # as many compile in a second
+OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 
 HEAD = '''"""Made by kreisel.engines.cpu by recording {name}; not to be edited."""
@@ -285,7 +284,7 @@ def compiled_observe(
 
     The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.
     """
-    if scheme.n > STRAIGHT_LINE_N or scheme.numbers != "any":
+    if scheme.n > OBSERVED_N or scheme.numbers != "any":
         return None
     constants, columns = flat_constants(scheme, lanes)
     found = recorded_outputs(scheme, function, columns)

@@ -15,8 +15,8 @@ from kreisel.engines.lines import Line, arranged
 from kreisel.engines.trace import Matrix, Scalar, Tape, text
 from kreisel.methods.scheme import Scheme
 
-STRAIGHT_LINE_N = 8
-STRAIGHT_LINES = 5000  # beyond, compiling takes longer than array code is slow; n = 3 has fewer up to order 12
+# A conjugate pair of Clebsch's system, n = 10, has 6700 lines: compiled in 35 s, it takes 2.3 us; array code 28 s, 10 us.
+STRAIGHT_LINE_N, STRAIGHT_LINES = 10, 7000
 MIRRORS = {"skew": "mirror", "symmetric": "mirror_symmetric"}
 LOADERS = {"skew": "skew", "symmetric": "symmetric", "matrix": "matrix", "vector": "vector", "scalar": "number"}
 STORERS = {

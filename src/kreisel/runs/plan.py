@@ -15,7 +15,6 @@ from kreisel.algebra import Array
 from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.engines.recording import STRAIGHT_LINE_N
 from kreisel.errors import InputError, nearest
 from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
-LARGE = STRAIGHT_LINE_N + 1
+LARGE = 9  # from here on the structured kernel, where there is one
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off

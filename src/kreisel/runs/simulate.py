@@ -56,7 +56,7 @@ def simulate(
                  it is then carried along as the variable g
     engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
                  Clebsch; both are chosen by n and method unless told), "cuda" (an NVIDIA GPU, float64) or
-                 "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 8
+                 "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
