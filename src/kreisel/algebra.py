@@ -221,10 +221,10 @@ def sqrt(x: Array) -> Array:
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 
-def cos_sin_small(x: Array) -> tuple[Array, Array]:
-    """Cos x and sin x of a scalar or a batch, |x| <= 0.8, by their series to round-off."""
+def cos_sin_small(x: Array, terms: int = 9) -> tuple[Array, Array]:
+    """Cos x and sin x of a scalar or a batch, |x| <= 0.8, by their series to round-off; 3 terms for |x| <= 0.007."""
     y, cos, sin = x * x, 1.0, 1.0
-    for k in range(18, 0, -2):
+    for k in range(2 * terms, 0, -2):
         cos = 1 - y * cos * (1 / (k * (k - 1)))
         sin = 1 - y * sin * (1 / (k * (k + 1)))
     return cos, x * sin

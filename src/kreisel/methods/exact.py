@@ -100,16 +100,16 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         outcomes[ORIENTATION] = orientation_outcome(model)
 
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
-        known = dict(zip(("vector", "start"), z0[1:], strict=False))
+        known = {"start": z0[2]} if oriented else {}
+        sign, inside = -system.space.sign, frame is Frame.MOVING
 
-        def finish(m: Array, b: Array, q: Array, *, vector: Array, **given: Array) -> tuple[Array, ...]:
-            if frame is Frame.REST:
-                return (algebra.hat(m), b, *(algebra.quaternion_product(q, g) for g in given.values()))
-            back = algebra.rotation_matrix(q).mT
-            seen = (algebra.hat(algebra.act(back, m)), algebra.act(back, vector))
-            return (*seen, *(algebra.quaternion_product(g, q) for g in given.values()))
+        def finish(m: Array, b: Array, q: Array, **given: Array) -> tuple[Array, ...]:
+            if inside:
+                q = q * np.array([1, -1, -1, -1])
+            turns = ((g, q) if inside else (q, g) for g in given.values())
+            return (sign * algebra.hat(m), b, *(algebra.quaternion_product(*turn) for turn in turns))
 
-        return motion(model, z0, constants, reach).orbit(finish, known)
+        return motion(model, z0, constants, reach).orbit(finish, known, inside=inside)
 
     return Scheme(
         name="exact",
