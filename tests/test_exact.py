@@ -298,9 +298,10 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     (M,), e = closed.dyadic(np.array([0.37]))
     phases = orbit.phases(k * M, np.broadcast_to(e, k.shape))
     place = ((phases[:, 0] + np.uint64(1 << (63 - orbit.places))) >> np.uint64(64 - orbit.places)).astype(int)
-    h = (phases[:, 0] << np.uint64(orbit.places)).astype(np.int64) * (orbit.part * 2.0**-64)
+    x = (phases[:, 0] << np.uint64(orbit.places)).astype(np.int64) * 2.0**-63
+    numbers = sum(f * x[:, None] ** k for k, f in enumerate(np.moveaxis([orbit.place(int(j)) for j in place], 1, 0)))
     halves = [np.stack([np.cos(a), np.sin(a), 0 * a], -1) for a in (phases[:, 1:] * (np.pi * 2.0**-64)).T]
-    wanted = orbit.row(np.array([orbit.place(int(j)) for j in place]), h, *halves, **orbit.constants)
+    wanted = orbit.row(numbers, *halves, **orbit.constants)
     same = np.where((wanted[2] * alone[:, 0, 6:]).sum(-1) < 0, -1, 1)[:, None]  # q and -q are one rotation
     wanted = layout.flatten((*wanted[:2], same * wanted[2]), ["skew", "vector", "quaternion"])
     assert off(alone[:, 0], wanted) < DOUBLE

@@ -765,6 +765,11 @@ def quaternion_product(a: Array, b: Array) -> Array:
     return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
 
 
+def inverse_turn(q: Array) -> Array:
+    """The inverse (w, -x, -y, -z) of a unit quaternion (..., 4)."""
+    return np.concatenate([q[..., :1], -q[..., 1:]], -1)
+
+
 def unit(q: Array) -> Array:
     """Q/|q| for vectors or quaternions q (..., k)."""
     return q / sqrt(vec(dot(q, q)))

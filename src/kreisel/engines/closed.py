@@ -28,37 +28,39 @@ CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
 NO_PHASES, NO_PLACES = np.empty((0, 3), dtype=np.uint64), np.empty(0, dtype=np.int64)
 ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
-WIDTH = 64  # rows in a block, a multiple of LANES
+WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
 
 ROWS = """
-from kreisel.engines.vectors import polynomials
+from kreisel.engines.vectors import polynomials, store_rows
 
 
 @njit(
-    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[::1], i8, f8[:,:,::1], "
-    "i8, i8, i8)",
+    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,:,::1], f8[::1], f8[::1], i8, f8[:,:,::1], i8, i8, i8)",
     {options},
 )
 def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, first, last):
 {constants}
     w, x, part = np.empty({rows}), np.zeros({width}), np.zeros({width}, dtype=np.int64)
-    given, half, shift = len(phases) > 0, np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places)
+    u = np.empty({words}, dtype=np.uint64)
+    half, shift, up = np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places), np.uint64(places)
 {start}
     start, stopped = first, False
     while start < last and not stopped:
         count = min({width}, last - start)
-        for i in range(count):
-            if given:
-                j = where[start + i]
+        if len(phases) > 0:
+            for i in range(count):
+                part[i] = where[start + i]
 {given}
-            else:
-                j = np.int64((h0 + half) >> shift)
+        else:
+{step}
+            for i in range(count):
+                j = (u[i] + half) >> shift
                 if not known[j]:
                     count, stopped = i, True
                     break
-{step}
-            part[i] = j
-            x[i] = np.float64(np.int64(phase0 << np.uint64(places))) * 2.0**-63
+                part[i] = np.int64(j)
+        for i in range(count):
+            x[i] = np.float64(np.int64(u[i] << up)) * 2.0**-63
 {turns}
         for i in range(0, count, {lanes}):
             polynomials(table, part, x, w, i, {terms}, {numbers}, {width})
@@ -66,24 +68,28 @@ def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, 
 {begin}
 {body}
 {save}
-        for i in range(count):
+        for i in range(0, count - count % {lanes}, {lanes}):
+            store_rows(out, start + i, lane, w, i, {begin_out}, {values}, {width})
+        for i in range(count - count % {lanes}, count):
 {store}
         start += count
-{stop}
     return start
 """
 
 STEP = """
-                phase{k} = h{k}
+            for i in range(count):
+                u[{words} + i] = h{k}
                 l{k} += step[1, {k}]
                 h{k} += step[0, {k}] + np.uint64(l{k} < step[1, {k}])
 """
 
 TURN = """
-            j = np.int64((phase{k} + np.uint64({half})) >> np.uint64({shift}))
-            w[{at} + i] = circle[j, 0]
-            w[{at} + {width} + i] = circle[j, 1]
-            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase{k} << np.uint64({bits}))) * {rest!r}
+        for i in range(count):
+            phase = u[{words} + i]
+            j = (phase + np.uint64({half})) >> np.uint64({shift})
+            w[{at} + i] = circle[j]
+            w[{at} + {width} + i] = circle[j + np.uint64({size})]
+            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
 """
 
 
@@ -158,12 +164,12 @@ def words(numbers: list[int]) -> Array:
 
 @cache
 def circle() -> Floats:
-    """Cos and sin of the multiples of pi/2^CIRCLE_BITS below pi, (2^CIRCLE_BITS, 2)."""
+    """Cos and then sin of the multiples of pi/2^CIRCLE_BITS below pi."""
     import mpmath
 
     angles = [mpmath.mpf(i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
     with mpmath.workdps(30):
-        return np.array([[float(mpmath.cospi(a)), float(mpmath.sinpi(a))] for a in angles])
+        return np.array([float(f(a)) for f in (mpmath.cospi, mpmath.sinpi) for a in angles])
 
 
 def _in_lines(shape: tuple[int, ...]) -> Floats:
@@ -208,11 +214,10 @@ class Rows:
             return
 
         def share(first: int, last: int) -> None:
-            at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
-            while (
-                first := self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
-            ) < last:
+            while first < last:
+                at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
                 self._place(at[0, 0])
+                first = self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
 
         parts = list(shares(len(out), ROW_WORK * len(out)))
         if len(parts) < 2:
@@ -285,6 +290,7 @@ def _source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
     phases = [0, *turns]
     circle = {
         "width": WIDTH,
+        "size": 1 << CIRCLE_BITS,
         "bits": CIRCLE_BITS,
         "shift": 64 - CIRCLE_BITS,
         "half": 1 << (63 - CIRCLE_BITS),
@@ -296,15 +302,19 @@ def _source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
         lanes=LANES,
         terms=terms,
         numbers=len(used),
+        begin_out=begin,
+        values=len(values),
         rows=begin + len(values) * WIDTH,
         constants=indented([*(f"c{k} = c[{k}]" for k in constants), *(line.text for line in fixed)], 4),
         start=indented([f"h{k}, l{k} = at[0, {k}], at[1, {k}]" for k in phases], 4),
-        given=indented([f"phase{k} = phases[start + i, {k}]" for k in phases], 16),
-        step="".join(STEP.format(k=k).rstrip() for k in phases).strip("\n"),
-        turns="".join(TURN.format(k=k, at=place, **circle).rstrip() for k, place in turns.items()).strip("\n"),
+        words=len(phases) * WIDTH,
+        given=indented([f"u[{place * WIDTH} + i] = phases[start + i, {k}]" for place, k in enumerate(phases)], 16),
+        step="".join(STEP.format(k=k, words=place * WIDTH).rstrip() for place, k in enumerate(phases)).strip("\n"),
+        turns="".join(
+            TURN.format(words=(1 + place) * WIDTH, at=at, **circle).rstrip() for place, at in enumerate(turns.values())
+        ).strip("\n"),
         begin=indented([f"z{k} = w[{at[k]} + i]" for k in inputs], 12),
         body=indented([line.text for line in varying], 12),
         save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),
         store=indented([f"out[start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12),
-        stop=indented([f"at[0, {k}], at[1, {k}] = h{k}, l{k}" for k in phases], 4),
     )

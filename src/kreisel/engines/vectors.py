@@ -1,4 +1,4 @@
-"""Polynomials of many rows at once, as an intrinsic of compiled kernels."""
+"""Blocks of rows, LANES at once, as intrinsics of compiled kernels: one array in numbers first, the other in rows."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from numba.np.arrayobj import make_array
 
 from kreisel.engines.layout import LANES
 
+INDEX, NUMBER = ir.IntType(64), ir.DoubleType()
+VECTOR = ir.VectorType(NUMBER, LANES)
+
 
 @intrinsic(prefer_literal=True)
 def polynomials(
@@ -22,55 +25,98 @@ def polynomials(
     By Horner's rule with fused products.  `table` has whole multiples of LANES numbers in a row; `terms`, `count` and
     `width` are literals.
     """
-    given = (table, where, x, w, i, terms, count, width)
-    if not all(isinstance(v, types.IntegerLiteral) for v in (terms, count, width)):
-        return None
-    shape = terms.literal_value, count.literal_value, width.literal_value
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = [
-            make_array(kind)(context, builder, value).data
-            for kind, value in zip(signature.args[:4], arguments[:4], strict=True)
-        ]
-        _horner(builder, data, arguments[4], *shape)
+        data = [array.data for array in _arrays(context, builder, signature, arguments[:4])]
+        _horner(builder, data, arguments[4], *(v.literal_value for v in (terms, count, width)))
         return context.get_dummy_value()
 
-    return types.void(*given), generate
+    return types.void(table, where, x, w, i, terms, count, width), generate
+
+
+@intrinsic(prefer_literal=True)
+def store_rows(
+    typing_context: Any, out: Any, row: Any, lane: Any, w: Any, i: Any, begin: Any, count: Any, width: Any
+) -> Any:
+    """out[row + r, lane, d] = w[begin + d * width + i + r] for d < count and r < LANES; `begin`, ... are literals."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        target, source = _arrays(context, builder, signature, (arguments[0], None, None, arguments[3]))[::3]
+        lanes = builder.extract_value(target.shape, 1)
+        _store(builder, target.data, lanes, *arguments[1:3], source.data, arguments[4], begin, count, width)
+        return context.get_dummy_value()
+
+    return types.void(out, row, lane, w, i, begin, count, width), generate
+
+
+def _arrays(context: Any, builder: Any, signature: Any, values: Any) -> list[Any]:
+    return [
+        None if value is None else make_array(kind)(context, builder, value)
+        for kind, value in zip(signature.args, values, strict=False)
+    ]
+
+
+def _place(builder: Any, data: Any, offset: Any, more: int) -> Any:
+    return builder.gep(data, [builder.add(offset, INDEX(more))])
+
+
+def _vector(builder: Any, place: Any) -> Any:
+    return builder.load(builder.bitcast(place, VECTOR.as_pointer()), align=8)
+
+
+def _shuffled(builder: Any, a: Any, b: Any, *places: int) -> Any:
+    return builder.shuffle_vector(a, b, ir.VectorType(ir.IntType(32), len(places))(list(places)))
+
+
+def _transposed(builder: Any, four: list[Any]) -> list[Any]:
+    """Four vectors of four: the others of the same matrix."""
+    pairs = [
+        [_shuffled(builder, v, w, 0, 4, 2, 6), _shuffled(builder, v, w, 1, 5, 3, 7)] for v, w in (four[:2], four[2:])
+    ]
+    halves = (0, 1, 4, 5), (2, 3, 6, 7)
+    return [_shuffled(builder, v, w, *half) for half in halves for v, w in zip(*pairs, strict=True)]
 
 
 def _horner(builder: Any, data: list[Any], first: Any, terms: int, count: int, width: int) -> None:
     table, where, x, w = data
     groups = -(-count // LANES)
-    number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), LANES)
-    fma = cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{LANES}f64"
-    )
-
-    def at(array: Any, offset: Any, more: int) -> Any:
-        return builder.gep(array, [builder.add(offset, number(more))])
-
-    def numbers(row: int, k: int, group: int) -> Any:
-        place = at(table, starts[row], (k * groups + group) * LANES)
-        return builder.load(builder.bitcast(place, vector.as_pointer()), align=8)
-
-    def shuffled(a: Any, b: Any, *places: int) -> Any:
-        return builder.shuffle_vector(a, b, ir.VectorType(ir.IntType(32), LANES)(list(places)))
-
+    kind = ir.FunctionType(VECTOR, [VECTOR] * 3)
+    fma = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f64")
     starts, arguments = [], []
     for row in range(LANES):
-        part = builder.load(at(where, first, row))
-        starts.append(builder.mul(part, number(terms * groups * LANES)))
-        alone = builder.insert_element(vector(ir.Undefined), builder.load(at(x, first, row)), ir.IntType(32)(0))
-        arguments.append(shuffled(alone, alone, 0, 0, 0, 0))
+        part = builder.load(_place(builder, where, first, row))
+        starts.append(builder.mul(part, INDEX(terms * groups * LANES)))
+        at = builder.load(_place(builder, x, first, row))
+        alone = builder.insert_element(VECTOR(ir.Undefined), at, ir.IntType(32)(0))
+        arguments.append(_shuffled(builder, alone, alone, *[0] * LANES))
+
+    def numbers(row: int, k: int, group: int) -> Any:
+        return _vector(builder, _place(builder, table, starts[row], (k * groups + group) * LANES))
+
     sums = [[numbers(row, terms - 1, group) for row in range(LANES)] for group in range(groups)]
     for k in reversed(range(terms - 1)):
         sums = [
             [builder.call(fma, [s, arguments[row], numbers(row, k, group)]) for row, s in enumerate(four)]
             for group, four in enumerate(sums)
         ]
-    for group, (a, b, c, d) in enumerate(sums):
-        ab, cd = ((shuffled(v, w, 0, 4, 2, 6), shuffled(v, w, 1, 5, 3, 7)) for v, w in ((a, b), (c, d)))
-        columns = [shuffled(v, w, *half) for half in ((0, 1, 4, 5), (2, 3, 6, 7)) for v, w in zip(ab, cd, strict=True)]
-        for place, column in enumerate(columns[: count - group * LANES]):
-            target = builder.bitcast(at(w, first, (group * LANES + place) * width), vector.as_pointer())
-            builder.store(column, target, align=8)
+    for group, four in enumerate(sums):
+        for d, column in enumerate(_transposed(builder, four)[: count - group * LANES]):
+            target = _place(builder, w, first, (group * LANES + d) * width)
+            builder.store(column, builder.bitcast(target, VECTOR.as_pointer()), align=8)
+
+
+def _store(
+    builder: Any, out: Any, lanes: Any, row: Any, lane: Any, w: Any, i: Any, begin: Any, count: Any, width: Any
+) -> None:
+    begin, count, width = (v.literal_value for v in (begin, count, width))
+    starts = [
+        builder.mul(builder.add(builder.mul(builder.add(row, INDEX(r)), lanes), lane), INDEX(count))
+        for r in range(LANES)
+    ]
+    for first in range(0, count, LANES):
+        many = min(LANES, count - first)
+        columns = [_vector(builder, _place(builder, w, i, begin + (first + d) * width)) for d in range(many)]
+        columns += [VECTOR(ir.Undefined)] * (LANES - many)
+        for start, numbers in zip(starts, _transposed(builder, columns), strict=True):
+            kept = _shuffled(builder, numbers, numbers, *range(many))
+            builder.store(kept, builder.bitcast(_place(builder, out, start, first), kept.type.as_pointer()), align=8)

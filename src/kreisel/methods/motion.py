@@ -32,7 +32,8 @@ LARGEST = 1e150  # of an integral: products of two must not overflow
 PHASE_BITS = 64
 LEAST_PLACES = 3  # so that the mean turns within a part stay small
 
-NONE = Fraction(0)
+NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
+
 
 @cache
 def _economised() -> tuple[Array, Array]:
@@ -42,24 +43,25 @@ def _economised() -> tuple[Array, Array]:
         series = chebyshev.poly2cheb(np.eye(ORDERS)[k, : k + 1])
         kept = chebyshev.cheb2poly(series[:TERMS])
         out[: len(kept), k], cost[k] = kept, abs(series[TERMS:]).sum()
+    cost[1:] += abs(out[0, 1:])
+    out[0, 1:] = 0  # what is known in the middle stays
     cost[-1] = 1.0  # and what the Taylor series leaves out
     return out, cost
 
 
-def _majorants(m: float, bp: float, turning: float) -> Array:
+def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
     """Bounds of the Taylor coefficients of m, b and q, each relative to its size, (ORDERS, 3): `_taylor` of lengths.
 
-    From the greatest |m|, |b||p|, and the faster mean turn.
+    From the greatest |m - turning|, |b||p| and the mean turns.
     """
-    ms, bs, qs = np.zeros((3, ORDERS))
-    ms[0] = m
-    bs[0] = qs[0] = 1.0
+    ws, bs, qs = np.zeros((3, ORDERS))
+    ws[0], bs[0], qs[0] = rates, 1.0, 1.0
     for k in range(ORDERS - 1):
         back = slice(k, None, -1)
-        ms[k + 1] = (bp * bs[k] + turning * ms[k]) / (k + 1)
-        bs[k + 1] = (ms[: k + 1] @ bs[back] + turning * bs[k]) / (k + 1)
-        qs[k + 1] = (ms[: k + 1] @ qs[back] + 2 * turning * qs[k]) / (2 * (k + 1))
-    return np.stack([ms / max(m, math.sqrt(bp)), bs, qs], -1)
+        ws[k + 1] = (bp * bs[k] + turning * ws[k]) / (k + 1)
+        bs[k + 1] = ws[: k + 1] @ bs[back] / (k + 1)
+        qs[k + 1] = (ws[: k + 1] @ qs[back] + spinning * qs[k]) / (2 * (k + 1))
+    return np.stack([ws / max(rates, math.sqrt(bp)), bs, qs], -1)
 
 
 def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
@@ -116,7 +118,7 @@ class Motion:
         ctx.dps = self._digits(reach)
         self.nutation = Nutation(ctx, known)
         self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
-        self._places: dict[int, tuple[Array, Array, Array]] = {0: (*self._mp[:2], self._unturned())}
+        self._places = {0: (*self._mp[:2], np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
         self._leaps: dict[Number, Leap] = {}
         self._clock(reach, spin_factor)
 
@@ -155,21 +157,24 @@ class Motion:
         self.settled = 0
         turns = [0, 0] if known.separatrix else [nutation.period_turn(dual) / turn for dual in (False, True)]
         self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
-        m, bp = ctx.sqrt(max(-nutation.x[0], 0)), ctx.sqrt(number(ctx, known.A * known.P2))
-        turning = turn * max(abs(mean) for mean in self.means)
-        rate = max(m, ctx.sqrt(bp), turning) or ctx.one
-        bounds = _majorants(*(float(v) for v in (m / rate, bp / rate**2, turning / rate)))
+        bp, most = ctx.sqrt(number(ctx, known.A * known.P2)), []
+        for seen, turning, spinning in zip((known, known.dual), self.means, self.means[::-1], strict=True):
+            w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
+            along = 2 * w * number(ctx, seen.c) / ctx.sqrt(number(ctx, seen.P2)) if seen.P2 else 0
+            most.append((ctx.sqrt(max(w * w - along - nutation.x[0], 0)), abs(w), abs(turn * spinning)))
+        rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
+        bounds = np.stack([_majorants(*(float(v / rate) for v in three), float(bp / rate**2)) for three in most])
         unit = 1 / rate if known.separatrix else nutation.half_period
         halvings = 0
-        while self._tail(bounds, float(ctx.ldexp(unit * rate, -halvings))) > TAIL:
+        while self._tail(bounds, float(unit * rate / 2**halvings)) > TAIL:
             halvings += 1
         if known.separatrix:
-            self.part = ctx.ldexp(unit, 1 - halvings)
+            self.part = 2 * unit / 2**halvings
             self.settled = self._settled()
             self.places = max(LEAST_PLACES, (2 * self.settled + 1).bit_length())
         else:
             self.places = max(LEAST_PLACES, halvings)
-            self.part = ctx.ldexp(unit, 1 - self.places)
+            self.part = 2 * unit / 2**self.places
         spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
         self.bits = 64 + PHASE_BITS + 53 + spread
         self.spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A)) / turn
@@ -178,7 +183,7 @@ class Motion:
     @staticmethod
     def _tail(bounds: Array, h: float) -> float:
         """What the polynomials leave out at most where half a part lasts h."""
-        return float((bounds.max(-1) * _economised()[1]) @ h ** np.arange(ORDERS))
+        return float((bounds.max((0, -1)) * _economised()[1]) @ h ** np.arange(ORDERS))
 
     def _settled(self) -> int:
         """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
@@ -207,16 +212,15 @@ class Motion:
         turning, spinning = (2 * ctx.pi * w * self._along(v) for w, v in zip(self.means, (p, axis), strict=True))
         if inside:
             back = algebra.rotation_matrix(q).T
-            m, b, p, q = -(back @ m), back @ p, axis, q * np.array([1, -1, -1, -1])
+            m, b, p, q = -(back @ m), back @ p, axis, algebra.inverse_turn(q)
             turning, spinning = spinning, turning
         half, size = self.part / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
         scaled = (half * m, b / size, q, half * half * size * p, half * turning, half * spinning)
         found = _taylor(*(np.array([int(ctx.ldexp(v, BINARY)) for v in w], dtype=object) for w in scaled))
         units = np.repeat(np.array([float(1 / half), float(size), 1.0]), (3, 3, 4))
         series = np.ldexp(found.astype(np.float64), -BINARY)
-        powers, _ = _economised()
-        out = powers @ series * units
-        out[0] = [float(v) for v in (*m, *b, *q)] + powers[0, 1:] @ series[1:] * units
+        out = _economised()[0] @ series * units
+        out[0] = [float(v) for v in (*m, *b, *q)]
         return out
 
     def _at(self, j: int) -> tuple[Array, Array, Array]:
@@ -240,7 +244,7 @@ class Motion:
             old = b
             hat_m, b, a = darboux(hat_m, b, self._mp[2], sign * leap.eps, leap.r)
             q = algebra.quaternion_product(half_turns(a, old), q)
-        turn, spin = (v * np.array([1, sign, sign, sign]) for v in (leap.turn, leap.spin))
+        turn, spin = (v if h > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
         return R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
@@ -258,9 +262,6 @@ class Motion:
         turn, spin = self._about(self._mp[2], left), self._about(self._mp[1], right)
         return Leap(count, eps, nutation.length(eps), turn, spin)
 
-    def _unturned(self) -> Array:
-        return np.array([self.ctx.one, self.ctx.zero, self.ctx.zero, self.ctx.zero], dtype=object)
-
     def _along(self, axis: Array) -> Array:
         length = self.ctx.sqrt(algebra.dot(axis, axis))
         return axis / length if length else axis
@@ -277,8 +278,9 @@ class Motion:
         constants: Mapping[str, Array],
         step: tuple[Number, Number] | None = None,
         inside: bool = False,
+        start: Array = UNTURNED,
     ) -> Orbit:
-        """The states that `finish(m, b, q, **constants)` makes of axial m, b and the orientation from time 0.
+        """The states that `finish(m, b, q, **constants)` makes of axial m, b and the orientation, `start` at time 0.
 
         `inside`: of -M, P and the inverse orientation.  The clock counts times; with `step` = (tau, theta), the steps
         of a map: the flow over tau, then a turn about p.
@@ -287,12 +289,13 @@ class Motion:
         units = (tau / self.part, tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1]))
         nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
         rates = (nutating >> self.places, left, right)
-        axes = {"up": _unit(self.p), "axis": _unit(self.b)}
-        if inside:
-            rates, axes = (rates[0], -rates[2], -rates[1]), {"up": axes["axis"], "axis": axes["up"]}
+        up, axis = (_unit(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
+        rates = (rates[0], -rates[2], -rates[1]) if inside else rates
 
-        def row(place: Array, left: Array, right: Array, *, up: Array, axis: Array, **known: Array) -> tuple[Array, ...]:
-            return finish(*turned(place, left, right, up, axis), **known)
+        def row(
+            place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array, **known: Array
+        ) -> tuple[Array, ...]:
+            return finish(*turned(place, left, right, up=up, axis=axis, start=start), **known)
 
         def phases(M: Array, e: Array) -> Array:
             low = int(e.min(initial=0))
@@ -317,25 +320,31 @@ class Motion:
             places=self.places,
             place=partial(self.place, inside=inside),
             row=row,
-            constants={**axes, **constants},
+            constants={"up": up, "axis": axis, "start": np.asarray(start, dtype=np.float64), **constants},
         )
 
 
-def turned(place: Array, left: Array, right: Array, up: Array, axis: Array) -> tuple[Array, Array, Array]:
-    """The m, b and q of a place, (..., 10), turned: about `up` from the left, q about `axis` from the right.
+def turned(
+    place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array
+) -> tuple[Array, Array, Array]:
+    """The m, b and q of a place, (..., 10), turned: about `up` from the left, and q about `axis` from the right.
 
-    `left` and `right`, (..., 3), are half-angles: cos, sin and what is left of the angle.
+    `left` and `right`, (..., 3), are half-angles: cos, sin and what is left of the angle.  q follows on `start`.
     """
-    turn, R = _about(up, left), algebra.rotation_matrix(_about(up, left))
-    q = algebra.quaternion_product(turn, algebra.quaternion_product(place[..., 6:], _about(axis, right)))
+    (cos, sin), (c, s), H = _cos_sin(left), _cos_sin(right), algebra.hat(up)
+    R = algebra.identity(3) + algebra.mat(2 * sin * cos) * H + algebra.mat(2 * sin * sin) * (H @ H)
+    turn = np.concatenate([algebra.vec(cos) + 0 * up[..., :1], algebra.vec(sin) * up], -1)
+    first = algebra.vec(c) * start + algebra.vec(s) * algebra.quaternion_product(_pure(axis), start)
+    q = algebra.quaternion_product(turn, algebra.quaternion_product(place[..., 6:], first))
     return algebra.act(R, place[..., :3]), algebra.act(R, place[..., 3:6]), q
 
 
-def _about(axis: Array, half: Array) -> Array:
-    """The turn about a unit vector as a quaternion, from its half-angle in parts."""
-    c, s = algebra.cos_sin_small(half[..., 2], terms=3)
-    cos, sin = half[..., 0] * c - half[..., 1] * s, half[..., 1] * c + half[..., 0] * s
-    return np.concatenate([algebra.vec(cos) + 0 * axis[..., :1], algebra.vec(sin) * axis], -1)
+def _cos_sin(half: Array) -> tuple[Array, Array]:
+    """Of an angle in parts, the rest of it at most pi/512; as small changes of the first part, so rounded once."""
+    cos, sin, x = half[..., 0], half[..., 1], half[..., 2]
+    y = x * x
+    less, s = y * (0.5 - y * (1 / 24 - y * (1 / 720))), x * (1 - y * (1 / 6 - y * (1 / 120)))
+    return cos - (cos * less + sin * s), sin - (sin * less - cos * s)
 
 
 def half_turns(a: Array, b: Array) -> Array:
