@@ -58,11 +58,14 @@ def against_taylor(count: int) -> dict[str, Any]:
         m1, b1, q = taylor(m, b, p, when, alpha=alpha, digits=20)
         rest = kr.at(kr.LagrangeTop(p=p, alpha=alpha), {"m": m, "a": b}, when, orientation=IDENTITY)
         body = kr.at(kr.LagrangeTopMoving(A=b, alpha=alpha), {"M": m, "P": p}, when)
+        flint.ctx.prec = 70
         back = algebra.rotation_matrix(q).T
+        down = np.array([flint.arb(v) for v in p], dtype=object)
+        m2, p2 = back @ m1, back @ down
+        flint.ctx.prec = 53
         errors["state"].append(max(off(rest.m.values, m1), off(rest.a.values, b1)))
         errors["orientation"].append(off_turn(rest.g.values, q))
-        down = np.array([flint.arb(v) for v in p], dtype=object)
-        errors["moving"].append(max(off(body.M.values, back @ m1), off(body.P.values, back @ down)))
+        errors["moving"].append(max(off(body.M.values, m2), off(body.P.values, p2)))
     return {"tops": count} | {k: spread(v) for k, v in errors.items()}
 
 

@@ -307,6 +307,28 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     assert off(alone[:, 0], wanted) < DOUBLE
 
 
+@pytest.mark.parametrize("name", ["generic", "very fast", "through the top", "pendulum near the separatrix"])
+def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> None:
+    """Where two parts meet their polynomials agree, up to the rounding of a sum; with longer parts they do not."""
+    m, b, p = SPECIAL[name]
+
+    def gap(here: Motion, inside: bool) -> float:
+        size = np.repeat([max(1.0, np.linalg.norm(m)), np.linalg.norm(b) + np.linalg.norm(p), 1.0], (3, 3, 4))
+        signs, worst = (-1.0) ** np.arange(motions.TERMS), 0.0
+        for j in range(min(1 << here.places, 8)):
+            end, begin = here.place(j, inside).sum(0), signs @ here.place(j + 1, inside)
+            begin[6:] *= np.sign(begin[6:] @ end[6:])  # q and -q are one rotation
+            worst = max(worst, (abs(end - begin) / size).max())
+        return worst
+
+    for inside in (False, True):
+        here = Motion(m, b, p, reach=10.0)
+        assert gap(here, inside) < 1e-15
+        here.places, here.part = here.places - 2, 4 * here.part
+        here._places, here._leaps = {0: here._places[0]}, {}
+        assert gap(here, inside) > 1e-15
+
+
 def test_words_are_numbers_of_128_places() -> None:
     numbers = [0, 3, -1, (1 << 128) + (5 << 64) + 7]
     assert closed.words(numbers).tolist() == [[0, 0, 2**64 - 1, 5], [0, 3, 2**64 - 1, 7]]

@@ -221,15 +221,6 @@ def sqrt(x: Array) -> Array:
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 
-def cos_sin_small(x: Array, terms: int = 9) -> tuple[Array, Array]:
-    """Cos x and sin x of a scalar or a batch, |x| <= 0.8, by their series to round-off; 3 terms for |x| <= 0.007."""
-    y, cos, sin = x * x, 1.0, 1.0
-    for k in range(2 * terms, 0, -2):
-        cos = 1 - y * cos * (1 / (k * (k - 1)))
-        sin = 1 - y * sin * (1 / (k * (k + 1)))
-    return cos, x * sin
-
-
 def maximum(x: Array, y: Array) -> Array:
     """The larger of two scalars or of each entry of a batch; recorded numbers bring their own."""
     return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)

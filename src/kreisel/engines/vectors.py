@@ -20,15 +20,15 @@ VECTOR = ir.VectorType(NUMBER, LANES)
 def polynomials(
     typing_context: Any, table: Any, where: Any, x: Any, w: Any, i: Any, terms: Any, count: Any, width: Any
 ) -> Any:
-    """w[d * width + r] = sum over k < terms of table[where[r], k, d] x[r]^k for d < count and r = i, ..., i + LANES - 1.
+    """w[d * width + i + r] = sum over k < terms of table[where[i + r], k, d] x[i + r]^k for d < count and r < LANES.
 
     By Horner's rule with fused products.  `table` has whole multiples of LANES numbers in a row; `terms`, `count` and
     `width` are literals.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = [array.data for array in _arrays(context, builder, signature, arguments[:4])]
-        _horner(builder, data, arguments[4], *(v.literal_value for v in (terms, count, width)))
+        data = [_array(context, builder, signature, arguments, k).data for k in range(4)]
+        _horner(builder, data, arguments[4], terms.literal_value, count.literal_value, width.literal_value)
         return context.get_dummy_value()
 
     return types.void(table, where, x, w, i, terms, count, width), generate
@@ -41,19 +41,21 @@ def store_rows(
     """out[row + r, lane, d] = w[begin + d * width + i + r] for d < count and r < LANES; `begin`, ... are literals."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        target, source = _arrays(context, builder, signature, (arguments[0], None, None, arguments[3]))[::3]
-        lanes = builder.extract_value(target.shape, 1)
-        _store(builder, target.data, lanes, *arguments[1:3], source.data, arguments[4], begin, count, width)
+        target, source = (_array(context, builder, signature, arguments, k) for k in (0, 3))
+        lanes, size = builder.extract_value(target.shape, 1), INDEX(count.literal_value)
+        starts = [
+            builder.mul(builder.add(builder.mul(builder.add(arguments[1], INDEX(r)), lanes), arguments[2]), size)
+            for r in range(LANES)
+        ]
+        first = builder.add(arguments[4], INDEX(begin.literal_value))
+        _store(builder, target.data, starts, source.data, first, count.literal_value, width.literal_value)
         return context.get_dummy_value()
 
     return types.void(out, row, lane, w, i, begin, count, width), generate
 
 
-def _arrays(context: Any, builder: Any, signature: Any, values: Any) -> list[Any]:
-    return [
-        None if value is None else make_array(kind)(context, builder, value)
-        for kind, value in zip(signature.args, values, strict=False)
-    ]
+def _array(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:
+    return make_array(signature.args[k])(context, builder, arguments[k])
 
 
 def _place(builder: Any, data: Any, offset: Any, more: int) -> Any:
@@ -105,18 +107,11 @@ def _horner(builder: Any, data: list[Any], first: Any, terms: int, count: int, w
             builder.store(column, builder.bitcast(target, VECTOR.as_pointer()), align=8)
 
 
-def _store(
-    builder: Any, out: Any, lanes: Any, row: Any, lane: Any, w: Any, i: Any, begin: Any, count: Any, width: Any
-) -> None:
-    begin, count, width = (v.literal_value for v in (begin, count, width))
-    starts = [
-        builder.mul(builder.add(builder.mul(builder.add(row, INDEX(r)), lanes), lane), INDEX(count))
-        for r in range(LANES)
-    ]
-    for first in range(0, count, LANES):
-        many = min(LANES, count - first)
-        columns = [_vector(builder, _place(builder, w, i, begin + (first + d) * width)) for d in range(many)]
+def _store(builder: Any, out: Any, starts: list[Any], w: Any, first: Any, count: int, width: int) -> None:
+    for group in range(0, count, LANES):
+        many = min(LANES, count - group)
+        columns = [_vector(builder, _place(builder, w, first, (group + d) * width)) for d in range(many)]
         columns += [VECTOR(ir.Undefined)] * (LANES - many)
         for start, numbers in zip(starts, _transposed(builder, columns), strict=True):
             kept = _shuffled(builder, numbers, numbers, *range(many))
-            builder.store(kept, builder.bitcast(_place(builder, out, start, first), kept.type.as_pointer()), align=8)
+            builder.store(kept, builder.bitcast(_place(builder, out, start, group), kept.type.as_pointer()), align=8)

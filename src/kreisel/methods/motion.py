@@ -30,14 +30,18 @@ DIGITS = 32  # of the set-up, beyond those that the number of periods and close 
 SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
 LARGEST = 1e150  # of an integral: products of two must not overflow
 PHASE_BITS = 64
-LEAST_PLACES = 3  # so that the mean turns within a part stay small
+LEAST_PLACES, LEAPT = 3, 8  # as powers of two
 
+State = tuple[Array, Array, Array]
 NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @cache
 def _economised() -> tuple[Array, Array]:
-    """The powers 0, ..., ORDERS - 1 on [-1, 1] as polynomials of TERMS terms, Chebyshev series cut off; what that costs."""
+    """The powers 0, ..., ORDERS - 1 on [-1, 1] as polynomials of TERMS terms, and what that costs.
+
+    By cutting off their Chebyshev series.
+    """
     chebyshev, out, cost = np.polynomial.chebyshev, np.zeros((TERMS, ORDERS)), np.zeros(ORDERS)
     for k in range(ORDERS):
         series = chebyshev.poly2cheb(np.eye(ORDERS)[k, : k + 1])
@@ -50,7 +54,7 @@ def _economised() -> tuple[Array, Array]:
 
 
 def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
-    """Bounds of the Taylor coefficients of m, b and q, each relative to its size, (ORDERS, 3): `_taylor` of lengths.
+    """Bounds of the Taylor coefficients of m, b and q, relative to the size of each: `_taylor` of lengths, (ORDERS,).
 
     From the greatest |m - turning|, |b||p| and the mean turns.
     """
@@ -61,11 +65,16 @@ def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Arra
         ws[k + 1] = (bp * bs[k] + turning * ws[k]) / (k + 1)
         bs[k + 1] = ws[: k + 1] @ bs[back] / (k + 1)
         qs[k + 1] = (ws[: k + 1] @ qs[back] + spinning * qs[k]) / (2 * (k + 1))
-    return np.stack([ws / max(rates, math.sqrt(bp)), bs, qs], -1)
+    return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
+
+
+def _left_out(bounds: Array, h: float) -> float:
+    """What the polynomials leave out at most where half a part lasts h."""
+    return float((bounds * _economised()[1]) @ h ** np.arange(ORDERS))
 
 
 def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
-    """m, b and q as power series, (ORDERS, 10), from integers of BINARY binary places:
+    """The m, b and q as power series, (ORDERS, 10), from integers of BINARY binary places.
 
     m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
     """
@@ -118,8 +127,9 @@ class Motion:
         ctx.dps = self._digits(reach)
         self.nutation = Nutation(ctx, known)
         self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
-        self._places = {0: (*self._mp[:2], np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
-        self._leaps: dict[Number, Leap] = {}
+        m0, b0, _ = self._mp
+        self._places: dict[int, State] = {0: (m0, b0, np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
+        self._leaps: dict[int, Leap] = {}
         self._clock(reach, spin_factor)
 
     def _digits(self, reach: float) -> int:
@@ -157,16 +167,18 @@ class Motion:
         self.settled = 0
         turns = [0, 0] if known.separatrix else [nutation.period_turn(dual) / turn for dual in (False, True)]
         self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
-        bp, most = ctx.sqrt(number(ctx, known.A * known.P2)), []
+        bp = ctx.sqrt(number(ctx, known.A * known.P2))
+        most: list[tuple[Number, Number, Number]] = []  # of the sizes of m less the mean turn, and of the mean turns
         for seen, turning, spinning in zip((known, known.dual), self.means, self.means[::-1], strict=True):
             w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
             along = 2 * w * number(ctx, seen.c) / ctx.sqrt(number(ctx, seen.P2)) if seen.P2 else 0
             most.append((ctx.sqrt(max(w * w - along - nutation.x[0], 0)), abs(w), abs(turn * spinning)))
         rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
-        bounds = np.stack([_majorants(*(float(v / rate) for v in three), float(bp / rate**2)) for three in most])
+        scaled = [tuple(float(v / rate) for v in three) for three in most]
+        bounds = np.max([_majorants(m, w, other, float(bp / rate**2)) for m, w, other in scaled], 0)
         unit = 1 / rate if known.separatrix else nutation.half_period
         halvings = 0
-        while self._tail(bounds, float(unit * rate / 2**halvings)) > TAIL:
+        while (h := float(unit * rate / 2**halvings)) > 1 or _left_out(bounds, h) > TAIL:
             halvings += 1
         if known.separatrix:
             self.part = 2 * unit / 2**halvings
@@ -179,11 +191,6 @@ class Motion:
         self.bits = 64 + PHASE_BITS + 53 + spread
         self.spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A)) / turn
         self.sleeping = number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / turn
-
-    @staticmethod
-    def _tail(bounds: Array, h: float) -> float:
-        """What the polynomials leave out at most where half a part lasts h."""
-        return float((bounds.max((0, -1)) * _economised()[1]) @ h ** np.arange(ORDERS))
 
     def _settled(self) -> int:
         """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
@@ -223,28 +230,32 @@ class Motion:
         out[0] = [float(v) for v in (*m, *b, *q)]
         return out
 
-    def _at(self, j: int) -> tuple[Array, Array, Array]:
-        """The state at time j parts, freed of the mean turns: by a leap of 2^k parts from another, which is kept."""
+    def _at(self, j: int) -> State:
+        """The state at time j parts, freed of the mean turns: by leaps of 2^k parts, of which few are needed.
+
+        Where there are so many parts that few are asked for, by one leap.
+        """
+        if self.places > LEAPT:
+            return self.jump(j * self.part)
         if j not in self._places:
-            low = (j & -j) * (1 if j > 0 else -1)
-            self._places[j] = self._leapt(self._at(j - low), low * self.part)
+            low, sign = j & -j, 1 if j > 0 else -1
+            if low not in self._leaps:
+                self._leaps[low] = self._leap(low * self.part)
+            self._places[j] = self._leapt(self._at(j - sign * low), self._leaps[low], sign)
         return self._places[j]
 
-    def jump(self, h: Number) -> tuple[Array, Array, Array]:
+    def jump(self, h: Number) -> State:
         """The flow over |h| <= omega_1 without its mean turns: m, b (axial), orientation, in extended digits."""
-        return self._leapt(self._at(0), h) if h else self._at(0)
+        return self._leapt(self._places[0], self._leap(abs(h)), 1 if h > 0 else -1) if h else self._places[0]
 
-    def _leapt(self, state: tuple[Array, Array, Array], h: Number) -> tuple[Array, Array, Array]:
-        if abs(h) not in self._leaps:
-            self._leaps[abs(h)] = self._leap(abs(h))
-        leap, sign = self._leaps[abs(h)], 1 if h > 0 else -1
+    def _leapt(self, state: State, leap: Leap, sign: int) -> State:
         m, b, q = state
         hat_m = algebra.hat(m)
         for _ in range(leap.count):
             old = b
             hat_m, b, a = darboux(hat_m, b, self._mp[2], sign * leap.eps, leap.r)
             q = algebra.quaternion_product(half_turns(a, old), q)
-        turn, spin = (v if h > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
+        turn, spin = (v if sign > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
         return R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
