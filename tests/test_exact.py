@@ -307,7 +307,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     assert off(alone[:, 0], wanted) < DOUBLE
 
 
-@pytest.mark.parametrize("name", ["generic", "very fast", "through the top", "pendulum near the separatrix"])
+@pytest.mark.parametrize("name", ["generic", "pendulum released", "through the top", "pendulum near the separatrix"])
 def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> None:
     """Where two parts meet their polynomials agree, up to the rounding of a sum; with longer parts they do not."""
     m, b, p = SPECIAL[name]

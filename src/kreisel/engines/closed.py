@@ -31,7 +31,7 @@ ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
 WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
 
 ROWS = """
-from kreisel.engines.vectors import polynomials, store_rows
+from kreisel.engines.vectors import expect_rows, polynomials, store_rows
 
 
 @njit(
@@ -63,6 +63,7 @@ def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, 
             x[i] = np.float64(np.int64(u[i] << up)) * 2.0**-63
 {turns}
         for i in range(0, count, {lanes}):
+            expect_rows(out, start + i, lane, {values})
             polynomials(table, part, x, w, i, {terms}, {numbers}, {width})
         for i in range(count):
 {begin}

@@ -13,6 +13,7 @@ from numba.np.arrayobj import make_array
 from kreisel.engines.layout import LANES
 
 INDEX, NUMBER = ir.IntType(64), ir.DoubleType()
+LINE = 8  # numbers in a line of the cache
 VECTOR = ir.VectorType(NUMBER, LANES)
 
 
@@ -42,16 +43,36 @@ def store_rows(
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         target, source = (_array(context, builder, signature, arguments, k) for k in (0, 3))
-        lanes, size = builder.extract_value(target.shape, 1), INDEX(count.literal_value)
-        starts = [
-            builder.mul(builder.add(builder.mul(builder.add(arguments[1], INDEX(r)), lanes), arguments[2]), size)
-            for r in range(LANES)
-        ]
+        starts = _row_starts(builder, target, arguments[1], arguments[2], count.literal_value)
         first = builder.add(arguments[4], INDEX(begin.literal_value))
         _store(builder, target.data, starts, source.data, first, count.literal_value, width.literal_value)
         return context.get_dummy_value()
 
     return types.void(out, row, lane, w, i, begin, count, width), generate
+
+
+@intrinsic(prefer_literal=True)
+def expect_rows(typing_context: Any, out: Any, row: Any, lane: Any, count: Any) -> Any:
+    """Fetch out[row : row + LANES, lane] into the cache, to be written; `count`, of its numbers, is a literal."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        target, size = _array(context, builder, signature, arguments, 0), count.literal_value
+        flag, pointer = ir.IntType(32), target.data.type
+        kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
+        fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        for start in _row_starts(builder, target, arguments[1], arguments[2], size):
+            for place in range(0, size + LINE - 1, LINE):
+                at = _place(builder, target.data, start, min(place, size - 1))
+                builder.call(fetch, [at, flag(1), flag(3), flag(1)])
+        return context.get_dummy_value()
+
+    return types.void(out, row, lane, count), generate
+
+
+def _row_starts(builder: Any, out: Any, row: Any, lane: Any, count: int) -> list[Any]:
+    lanes = builder.extract_value(out.shape, 1)
+    rows = (builder.mul(builder.add(row, INDEX(r)), lanes) for r in range(LANES))
+    return [builder.mul(builder.add(first, lane), INDEX(count)) for first in rows]
 
 
 def _array(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:

@@ -9,10 +9,12 @@ The phases are integers, mod one turn: no error grows with t.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from fractions import Fraction
 from functools import cache, partial
+from operator import mul
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from kreisel.methods.nutation import Integrals, Number, Nutation, darboux, numbe
 from kreisel.methods.scheme import Orbit
 
 TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
-ORDERS = 32  # of the Taylor series that they come from
+ORDERS = 28  # of the Taylor series that they come from
 TAIL = 2e-17  # what they leave out, relative to m, b and q
 BINARY = 100  # places of the numbers in which the series are made
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
@@ -78,17 +80,31 @@ def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Ar
 
     m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
     """
-    ms, bs, qs = (np.array([v] + [0 * v] * (ORDERS - 1), dtype=object) for v in (m, b, q))
-    ws = np.concatenate([ms[:1] - turning, ms[1:]])
-    for k in range(ORDERS - 1):
-        rates, back = ws[: k + 1], slice(k, None, -1)
-        ms[k + 1] = ((algebra.cross(p, bs[k]) - algebra.cross(turning, ms[k])) >> BINARY) // (k + 1)
-        ws[k + 1] = ms[k + 1]
-        bs[k + 1] = (algebra.cross(rates, bs[back]).sum(0) >> BINARY) // (k + 1)
-        both = algebra.quaternion_product(_pure(rates), qs[back]).sum(0)
-        both = both + algebra.quaternion_product(qs[k], _pure(spinning))
-        qs[k + 1] = (both >> BINARY) // (2 * (k + 1))
-    return np.concatenate([ms, bs, qs], -1)
+    w, b, q = ([[x] for x in v] for v in (m - turning, b, q))  # w = m - turning: of each coordinate its series
+    for k in range(1, ORDERS):
+        (now, b_now, (scalar, *u)), (q0, *qs) = ([x[-1] for x in v] for v in (w, b, q)), q
+        forces = zip(_cross(p, b_now), _cross(turning, now), strict=True)
+        rates = _cross(w, b, _convolved)
+        lean = -sum(map(_convolved, w, qs)) - sum(map(mul, u, spinning))
+        leans = zip(
+            (_convolved(x, q0) for x in w), _cross(w, qs, _convolved), _cross(u, spinning), spinning, strict=True
+        )
+        turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
+        for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
+            series.append((new >> BINARY) // k)
+        for series in q:
+            series[-1] >>= 1
+    out = np.array([*w, *b, *q], dtype=object).T
+    out[0, :3] += turning
+    return out
+
+
+def _cross(x: Sequence[Any], y: Sequence[Any], times: Callable[[Any, Any], int] = mul) -> list[int]:
+    return [times(x[i], y[j]) - times(x[j], y[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
+
+
+def _convolved(f: list[int], g: list[int]) -> int:
+    return sum(map(mul, f, reversed(g)))
 
 
 def _pure(v: Array) -> Array:
@@ -216,13 +232,13 @@ class Motion:
         ctx = self.ctx
         m, b, q = self._at((j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1)))
         p, axis = self._mp[2], self._mp[1]
-        turning, spinning = (2 * ctx.pi * w * self._along(v) for w, v in zip(self.means, (p, axis), strict=True))
+        turning, spinning = (self._along(v) * (2 * ctx.pi * w) for w, v in zip(self.means, (p, axis), strict=True))
         if inside:
             back = algebra.rotation_matrix(q).T
             m, b, p, q = -(back @ m), back @ p, axis, algebra.inverse_turn(q)
             turning, spinning = spinning, turning
         half, size = self.part / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
-        scaled = (half * m, b / size, q, half * half * size * p, half * turning, half * spinning)
+        scaled = (m * half, b / size, q, p * (half * half * size), turning * half, spinning * half)  # arrays first
         found = _taylor(*(np.array([int(ctx.ldexp(v, BINARY)) for v in w], dtype=object) for w in scaled))
         units = np.repeat(np.array([float(1 / half), float(size), 1.0]), (3, 3, 4))
         series = np.ldexp(found.astype(np.float64), -BINARY)
@@ -279,7 +295,7 @@ class Motion:
 
     def _about(self, axis: Array, angle: Number) -> Array:
         ctx = self.ctx
-        return np.concatenate([[ctx.cos(angle / 2)], ctx.sin(angle / 2) * self._along(axis)])
+        return np.concatenate([[ctx.cos(angle / 2)], self._along(axis) * ctx.sin(angle / 2)])
 
     # -- phases, in integers ---------------------------------------------------------------------------
 
@@ -329,7 +345,7 @@ class Motion:
             rates=None if self.integrals.separatrix else rates,
             bits=self.bits,
             places=self.places,
-            place=partial(self.place, inside=inside),
+            place=cache(partial(self.place, inside=inside)),
             row=row,
             constants={"up": up, "axis": axis, "start": np.asarray(start, dtype=np.float64), **constants},
         )
