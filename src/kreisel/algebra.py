@@ -221,15 +221,6 @@ def sqrt(x: Array) -> Array:
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 
-def cos_sin_small(x: Array) -> tuple[Array, Array]:
-    """Cos x and sin x of a scalar or a batch, |x| <= 0.8, by their series to round-off."""
-    y, cos, sin = x * x, 1.0, 1.0
-    for k in range(18, 0, -2):
-        cos = 1 - y * cos * (1 / (k * (k - 1)))
-        sin = 1 - y * sin * (1 / (k * (k + 1)))
-    return cos, x * sin
-
-
 def maximum(x: Array, y: Array) -> Array:
     """The larger of two scalars or of each entry of a batch; recorded numbers bring their own."""
     return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
@@ -763,6 +754,11 @@ def quaternion_product(a: Array, b: Array) -> Array:
     """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
     s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
+
+
+def inverse_turn(q: Array) -> Array:
+    """The inverse (w, -x, -y, -z) of a unit quaternion (..., 4)."""
+    return np.concatenate([q[..., :1], -q[..., 1:]], -1)
 
 
 def unit(q: Array) -> Array:

@@ -5,6 +5,7 @@ A row depends on its own phases alone, so neither the cut into calls nor the num
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -15,8 +16,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.engines import layout
-from kreisel.engines.cpu import EXACT, HEAD, WIDTH, load, shares
-from kreisel.engines.layout import Floats
+from kreisel.engines.cpu import EXACT, HEAD, load, shares
+from kreisel.engines.layout import LANES, Floats
 from kreisel.engines.lines import split
 from kreisel.engines.recording import indented, recorded_function
 from kreisel.methods.scheme import Orbit, Scheme, States
@@ -27,56 +28,69 @@ CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
 NO_PHASES, NO_PLACES = np.empty((0, 3), dtype=np.uint64), np.empty(0, dtype=np.int64)
 ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
+WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
 
 ROWS = """
+from kreisel.engines.vectors import expect_rows, polynomials, store_rows
+
+
 @njit(
-    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1], f8[::1], i8, f8, f8[:,:,::1], "
-    "i8, i8, i8)",
+    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,:,::1], f8[::1], f8[::1], i8, f8[:,:,::1], i8, i8, i8)",
     {options},
 )
-def kernel(at, step, phases, where, known, table, circle, c, places, unit, out, lane, first, last):
+def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, first, last):
 {constants}
-    w = np.empty({rows})
-    given, half, shift = len(phases) > 0, np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places)
-    h0, h1, h2, l0, l1, l2 = at[0, 0], at[0, 1], at[0, 2], at[1, 0], at[1, 1], at[1, 2]
+    w, x, part = np.empty({rows}), np.zeros({width}), np.zeros({width}, dtype=np.int64)
+    u = np.empty({words}, dtype=np.uint64)
+    half, shift, up = np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places), np.uint64(places)
+{start}
     start, stopped = first, False
     while start < last and not stopped:
         count = min({width}, last - start)
-        for i in range(count):
-            if given:
-                j = where[start + i]
-                phase0, phase1, phase2 = phases[start + i, 0], phases[start + i, 1], phases[start + i, 2]
-            else:
-                j = np.int64((h0 + half) >> shift)
+        if len(phases) > 0:
+            for i in range(count):
+                part[i] = where[start + i]
+{given}
+        else:
+{step}
+            for i in range(count):
+                j = (u[i] + half) >> shift
                 if not known[j]:
                     count, stopped = i, True
                     break
-                phase0, phase1, phase2 = h0, h1, h2
-                l0 += step[1, 0]
-                l1 += step[1, 1]
-                l2 += step[1, 2]
-                h0 += step[0, 0] + np.uint64(l0 < step[1, 0])
-                h1 += step[0, 1] + np.uint64(l1 < step[1, 1])
-                h2 += step[0, 2] + np.uint64(l2 < step[1, 2])
-{place}
-            w[{h} + i] = np.float64(np.int64(phase0 << np.uint64(places))) * unit
+                part[i] = np.int64(j)
+        for i in range(count):
+            x[i] = np.float64(np.int64(u[i] << up)) * 2.0**-63
 {turns}
+        for i in range(0, count, {lanes}):
+            expect_rows(out, start + i, lane, {values})
+            polynomials(table, part, x, w, i, {terms}, {numbers}, {width})
         for i in range(count):
 {begin}
 {body}
 {save}
-        for i in range(count):
+        for i in range(0, count - count % {lanes}, {lanes}):
+            store_rows(out, start + i, lane, w, i, {begin_out}, {values}, {width})
+        for i in range(count - count % {lanes}, count):
 {store}
         start += count
-    at[0, 0], at[0, 1], at[0, 2], at[1, 0], at[1, 1], at[1, 2] = h0, h1, h2, l0, l1, l2
     return start
 """
 
+STEP = """
+            for i in range(count):
+                u[{words} + i] = h{k}
+                l{k} += step[1, {k}]
+                h{k} += step[0, {k}] + np.uint64(l{k} < step[1, {k}])
+"""
+
 TURN = """
-            j = np.int64((phase{phase} + np.uint64({half})) >> np.uint64({shift}))
-            w[{at} + i] = circle[j, 0]
-            w[{at} + {width} + i] = circle[j, 1]
-            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase{phase} << np.uint64({bits}))) * {rest!r}
+        for i in range(count):
+            phase = u[{words} + i]
+            j = (phase + np.uint64({half})) >> np.uint64({shift})
+            w[{at} + i] = circle[j]
+            w[{at} + {width} + i] = circle[j + np.uint64({size})]
+            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
 """
 
 
@@ -112,9 +126,10 @@ class ClosedForm:
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         kinds = [kind for _, kind in scheme.components]
         lanes = orbits(scheme, self.z, reach)
-        kernel = load(_source(lanes[0], kinds, scheme.name)).kernel if isinstance(lanes[0], Orbit) else None
-        self._lanes = [  # no number of a lane stands in the kernel
-            Rows(orbit, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in lanes
+        used, source = _source(lanes[0], kinds, scheme.name) if isinstance(lanes[0], Orbit) else ([], "")
+        kernel = load(source).kernel if source else None  # no number of a lane stands in it
+        self._lanes = [
+            Rows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in lanes
         ]
 
     def advance(self, out: Floats, every: int) -> None:
@@ -150,12 +165,19 @@ def words(numbers: list[int]) -> Array:
 
 @cache
 def circle() -> Floats:
-    """Cos and sin of the multiples of pi/2^CIRCLE_BITS below pi, (2^CIRCLE_BITS, 2)."""
+    """Cos and then sin of the multiples of pi/2^CIRCLE_BITS below pi."""
     import mpmath
 
     angles = [mpmath.mpf(i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
     with mpmath.workdps(30):
-        return np.array([[float(mpmath.cospi(a)), float(mpmath.sinpi(a))] for a in angles])
+        return np.array([float(f(a)) for f in (mpmath.cospi, mpmath.sinpi) for a in angles])
+
+
+def _in_lines(shape: tuple[int, ...]) -> Floats:
+    """An empty array that begins with a line of the cache, 64 bytes."""
+    store = np.empty(math.prod(shape) + 7)
+    first = -store.ctypes.data % 64 // 8
+    return store[first : first + math.prod(shape)].reshape(shape)
 
 
 class Samples:
@@ -174,12 +196,12 @@ class Samples:
 class Rows:
     """The states of one orbit, by a kernel made of its `row`."""
 
-    def __init__(self, orbit: Orbit, kernel: Any):
-        self.orbit = orbit
+    def __init__(self, orbit: Orbit, used: list[int], kernel: Any):
+        self.orbit, self._used = orbit, used
         values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
         self._constants = np.concatenate([v.ravel() for v in values])
         dense = orbit.places <= MOST_PLACES
-        self._table = np.empty((1 << orbit.places if dense else 0, len(orbit.place(0))))
+        self._table = _in_lines((1 << orbit.places if dense else 0, *self._numbers(0).shape))
         self._known = np.zeros(len(self._table), dtype=bool)
         self._sparse: dict[int, Array] = {}
         self._one_at_a_time = Lock()  # numbers in many digits change their context
@@ -193,11 +215,10 @@ class Rows:
             return
 
         def share(first: int, last: int) -> None:
-            at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
-            while (
-                first := self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
-            ) < last:
+            while first < last:
+                at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
                 self._place(at[0, 0])
+                first = self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
 
         parts = list(shares(len(out), ROW_WORK * len(out)))
         if len(parts) < 2:
@@ -219,7 +240,7 @@ class Rows:
                 self._place(np.uint64(j << (64 - self.orbit.places)))
             table, where = self._table, needed[where]
         else:
-            self._sparse |= {j: self.orbit.place(j) for j in needed.tolist() if j not in self._sparse}
+            self._sparse |= {j: self._numbers(j) for j in needed.tolist() if j not in self._sparse}
             table = np.array([self._sparse[j] for j in needed.tolist()])
         self._call(words([0] * 3), words([0] * 3), phases, where, table, out, lane, 0, len(out))
 
@@ -232,53 +253,68 @@ class Rows:
         j = int(self._nearest(np.asarray([phase]))[0])
         with self._one_at_a_time:
             if not self._known[j]:
-                self._table[j] = self.orbit.place(j)
+                self._table[j] = self._numbers(j)
                 self._known[j] = True
+
+    def _numbers(self, j: int) -> Array:
+        """The polynomials of place j that the kernel needs, in whole multiples of LANES."""
+        kept = self.orbit.place(j)[:, self._used]
+        return np.pad(kept, ((0, 0), (0, -len(self._used) % LANES)))
 
     def _call(self, at: Array, step: Array, phases: Array, where: Array, table: Floats, *rest: Any) -> int:
         """The kernel, up to a row whose place is not known; its number."""
-        unit = self.orbit.part * 2.0**-64
-        given = (at, step, phases, where, self._known, table, circle(), self._constants, self.orbit.places, unit)
+        given = (at, step, phases, where, self._known, table, circle(), self._constants, self.orbit.places)
         return int(self._kernel(*given, *rest))
 
 
-def _source(orbit: Orbit, kinds: list[str], name: str) -> str:
-    """Straight-line code of `row` in blocks of rows, which LLVM vectorises; what all rows share comes first."""
-    numbers = len(orbit.place(0))
-    shapes = {"place": (numbers,), "h": (), "left": (3,), "right": (3,)}
+def _source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
+    """The numbers of a place that are used, and straight-line code of `row` in blocks of rows.
 
-    def function(place: Array, h: Array, left: Array, right: Array, **known: Array) -> Array:
-        return layout.flatten(orbit.row(place, h, left, right, **known), kinds)
+    LLVM vectorises it; what all rows share comes first.
+    """
+    terms, numbers = orbit.place(0).shape
+    shapes = {"place": (numbers,), "left": (3,), "right": (3,)}
 
-    fixed_shapes = {k: np.shape(v) for k, v in orbit.constants.items()}
-    lines, values, count = recorded_function(function, shapes, fixed_shapes)
-    used = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}
-    constants = sorted((n for n in used if n[0] == "c" and n[1:].isdigit()), key=lambda n: int(n[1:]))
-    fixed, varying = split(lines, constants)
-    inputs = sorted((n for n in used if n[0] == "z" and n[1:].isdigit()), key=lambda n: int(n[1:]))
-    begin = count * WIDTH
-    turns = "".join(
-        TURN.format(
-            phase=1 + side,
-            at=first * WIDTH,
-            width=WIDTH,
-            bits=CIRCLE_BITS,
-            shift=64 - CIRCLE_BITS,
-            half=1 << (63 - CIRCLE_BITS),
-            rest=float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
-        )
-        for side, first in enumerate((numbers + 1, numbers + 4))
-        if f"z{first}" in used
+    def function(place: Array, left: Array, right: Array, **known: Array) -> Array:
+        return layout.flatten(orbit.row(place, left, right, **known), kinds)
+
+    lines, values, count = recorded_function(function, shapes, {k: np.shape(v) for k, v in orbit.constants.items()})
+    words = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}
+    constants, inputs = (
+        sorted(int(w[1:]) for w in words if w[0] == letter and w[1:].isdigit()) for letter in ("c", "z")
     )
-    return HEAD.format(name=f"{name} in closed form") + ROWS.format(
+    fixed, varying = split(lines, [f"c{k}" for k in constants])
+    used = [k for k in inputs if k < numbers]
+    at = {k: place * WIDTH for place, k in enumerate([*used, *range(numbers, count)])}
+    begin = len(at) * WIDTH
+    turns = {1 + side: at[first] for side, first in enumerate((numbers, numbers + 3)) if first in inputs}
+    phases = [0, *turns]
+    circle = {
+        "width": WIDTH,
+        "size": 1 << CIRCLE_BITS,
+        "bits": CIRCLE_BITS,
+        "shift": 64 - CIRCLE_BITS,
+        "half": 1 << (63 - CIRCLE_BITS),
+        "rest": float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+    }
+    return used, HEAD.format(name=f"{name} in closed form") + ROWS.format(
         options=EXACT,
         width=WIDTH,
-        rows=(count + len(values)) * WIDTH,
-        h=numbers * WIDTH,
-        turns=turns.strip("\n"),
-        constants=indented([*(f"{n} = c[{n[1:]}]" for n in constants), *(line.text for line in fixed)], 4),
-        place=indented([f"w[{d * WIDTH} + i] = table[j, {d}]" for d in range(numbers) if f"z{d}" in used], 12),
-        begin=indented([f"{n} = w[{int(n[1:]) * WIDTH} + i]" for n in inputs], 12),
+        lanes=LANES,
+        terms=terms,
+        numbers=len(used),
+        begin_out=begin,
+        values=len(values),
+        rows=begin + len(values) * WIDTH,
+        constants=indented([*(f"c{k} = c[{k}]" for k in constants), *(line.text for line in fixed)], 4),
+        start=indented([f"h{k}, l{k} = at[0, {k}], at[1, {k}]" for k in phases], 4),
+        words=len(phases) * WIDTH,
+        given=indented([f"u[{place * WIDTH} + i] = phases[start + i, {k}]" for place, k in enumerate(phases)], 16),
+        step="".join(STEP.format(k=k, words=place * WIDTH).rstrip() for place, k in enumerate(phases)).strip("\n"),
+        turns="".join(
+            TURN.format(words=(1 + place) * WIDTH, at=at, **circle).rstrip() for place, at in enumerate(turns.values())
+        ).strip("\n"),
+        begin=indented([f"z{k} = w[{at[k]} + i]" for k in inputs], 12),
         body=indented([line.text for line in varying], 12),
         save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),
         store=indented([f"out[start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12),

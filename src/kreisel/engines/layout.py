@@ -11,6 +11,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
+LANES = 4  # doubles that kernels for rows take at once
 
 
 def size(kind: str, n: int) -> int:

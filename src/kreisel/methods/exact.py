@@ -14,7 +14,7 @@ from kreisel.contract import Frame, call
 from kreisel.errors import InputError
 from kreisel.methods.exact_pair import exact_pair
 from kreisel.methods.jacobi import jacobi
-from kreisel.methods.motion import Motion
+from kreisel.methods.motion import UNTURNED, Motion
 from kreisel.methods.nutation import Number, number, rationals
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Orbit, Scheme
@@ -100,16 +100,15 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         outcomes[ORIENTATION] = orientation_outcome(model)
 
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
-        known = dict(zip(("vector", "start"), z0[1:], strict=False))
+        inside = frame is Frame.MOVING
+        start = z0[2] if oriented else UNTURNED
 
-        def finish(m: Array, b: Array, q: Array, *, vector: Array, **given: Array) -> tuple[Array, ...]:
-            if frame is Frame.REST:
-                return (algebra.hat(m), b, *(algebra.quaternion_product(q, g) for g in given.values()))
-            back = algebra.rotation_matrix(q).mT
-            seen = (algebra.hat(algebra.act(back, m)), algebra.act(back, vector))
-            return (*seen, *(algebra.quaternion_product(g, q) for g in given.values()))
+        def finish(m: Array, b: Array, q: Array) -> tuple[Array, ...]:
+            state = (-algebra.hat(m) if inside else algebra.hat(m)), b
+            return (*state, algebra.inverse_turn(q) if inside else q) if oriented else state
 
-        return motion(model, z0, constants, reach).orbit(finish, known)
+        known = motion(model, z0, constants, reach)
+        return known.orbit(finish, {}, inside=inside, start=algebra.inverse_turn(start) if inside else start)
 
     return Scheme(
         name="exact",

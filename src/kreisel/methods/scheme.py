@@ -34,16 +34,16 @@ class Orbit:
     phases(M, e)  -> (times, 3) unsigned integers, at times M 2^e: Python integers in an object array, small integers
     rates         of the phases where they grow like the time, turns in a unit of time as integers of `bits` binary
                   places; None otherwise
-    place(j)      -> numbers that `row` starts from, at the middle of part j of the 2^places parts of the first phase
-    row(place, h, left, right, **constants) -> z, the time h, at most part/2, from there; `left` and `right` are half
-                  the turns of the other phases, as (cos, sin, small rest of the angle).  Compiled by an engine.
+    place(j)      -> (terms, numbers), for part j of the 2^places parts of the first phase: numbers that are polynomials
+                  in x, from -1 at the start of the part to 1 at its end; the lowest power first
+    row(place, left, right, **constants) -> z, from these numbers at one x; `left` and `right` are half the turns of the
+                  other phases, as (cos, sin, rest of the angle, at most pi/512).  Compiled by an engine.
     """
 
     phases: Callable[[Array, Array], Array]
     rates: tuple[int, int, int] | None
     bits: int
     places: int
-    part: float
     place: Callable[[int], Array]
     row: Callable[..., tuple[Array, ...]]
     constants: Mapping[str, Array]
