@@ -1,9 +1,9 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
-that form, else straight-line code up to n = 10 and array code with a dense solve beyond), and the other ones for comparison.  The
-exponent is that of the least squares line through the logarithms from n = 100 on.  The thread's processor time, least
-of some turns.
+that form, else straight-line code up to n = 10 and array code with a dense solve beyond), and the other ones for
+comparison.  The exponent is that of the least squares line through the logarithms from n = 100 on.  The thread's
+processor time, least of some turns.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
 in bands of a random walk of rounding errors.
