@@ -16,6 +16,7 @@ from kreisel.algebra import (
     dot,
     dot_less,
     identity,
+    increment,
     log,
     mat,
     parts,
@@ -52,7 +53,7 @@ def turn(x, q, eps):
     With the matrix, not by <x, v> and <q, v> in O(n): those round |x|^2 = 1 to the same side again and again, and
     the energy drifted steadily (2.2 bands of round-off after 1e8 steps of 1; with the matrix 0.6 and no trend).
     """
-    X = -eps / 2 * wedge(x, q)
+    X = increment(-eps / 2, wedge(x, q))
     return cayley_act(X, x), cayley_act(X, q)
 
 

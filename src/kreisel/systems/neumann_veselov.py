@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import dot, identity, sqrt, vec, wedge
+from kreisel.algebra import dot, identity, increment, sqrt, vec, wedge
 from kreisel.contract import Map, Relation
 from kreisel.systems import neumann
 from kreisel.systems.matrices import diagonal
@@ -37,10 +37,10 @@ def root(yy, uy, uu, eps):  # tau > 0 with |eps u + tau y| = 1
 
 def step(x, q, *, b, eps):  # x1 = J^-1 (eps q + tau x),   q1 = tangential part of -Jx/eps or (eps B x1 + J q)/tau
     short, more = deviations(b=b, eps=eps)
-    y, u = x + more * x, q + more * q
+    y, u = x + increment(more, x), q + increment(more, q)
     tau = vec(root(dot(y, y), dot(u, y), dot(u, u), eps))
-    x1 = eps * u + tau * y
-    return x1, tangential(x1, (eps * b * x1 + (q - short * q)) / tau)
+    x1 = tau * y + increment(eps, u)
+    return x1, tangential(x1, ((q - increment(short, q)) + increment(eps, b * x1)) / tau)
 
 
 def tangential(x, q):
