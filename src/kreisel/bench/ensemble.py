@@ -10,6 +10,7 @@ cycles that its instructions need at least.
 from __future__ import annotations
 
 import ctypes
+import inspect
 import os
 import re
 import shutil
@@ -132,20 +133,24 @@ def _spread(v: Any) -> Array:
 
 
 def bound(kernel: Any) -> dict[str, Any] | None:
-    """Cycles that the instructions of the longest vector loop need a lane, by llvm-mca; None where it is missing."""
+    """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None where it is missing.
+
+    The longest loop of vectors is that of the steps if it has each quotient of the step, once for each vector.
+    """
     analyser = shutil.which("llvm-mca")
     loop = _longest_loop(next(iter(kernel.inspect_asm().values()))) if analyser else []
     if not analyser or not loop:
         return None
-    width = 8 if any("zmm" in line for line in loop) else 4
-    stores = sum(bool(re.match(r"\s+vmovup[ds]\s+%[yz]mm\d+, .*\((?!%rsp|%rbp)", line)) for line in loop)
-    unrolled, rest = divmod(stores, 6)  # six numbers of state for each vector; what goes to the stack is none
-    if rest or not unrolled:
-        raise AssertionError(f"{stores} stores in the loop are no whole number of states of 6")
+    known = kernel.py_func.__globals__
+    lanes, width = known["LANES"], 8 if any("zmm" in line for line in loop) else 4
+    quotients = len(re.findall(r" / [a-z]", inspect.getsource(known["step"].py_func)))
+    divisions = sum("vdivpd" in line for line in loop)
+    if divisions != quotients * lanes // width:
+        raise AssertionError(f"{divisions} divisions in the loop, {quotients} in the step on {lanes // width} vectors")
     told = subprocess.run([analyser, "-mcpu=native", "-iterations=100"], input="\n".join(loop), text=True,
                           capture_output=True, check=True).stdout  # fmt: skip
     (cycles,) = re.findall(r"Block RThroughput:\s+([\d.]+)", told)
-    return {"instructions": len(loop), "vectors": unrolled, "cycles_a_lane_step": float(cycles) / unrolled / width}
+    return {"instructions": len(loop), "vectors": lanes // width, "cycles_a_lane_step": float(cycles) / lanes}
 
 
 def _longest_loop(assembly: str) -> list[str]:

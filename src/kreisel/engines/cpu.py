@@ -1,11 +1,11 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
 Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
-same operations.  An ensemble of straight-line code runs in blocks of lanes, one array for each number, which LLVM
-vectorises; lane i has the bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has
-(NUMBA_NUM_THREADS).
-The source is written to a cache folder, named by its hash, so that it can be read and debugged, and so that
-Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ in the user's cache folder.
+same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.engines.lanes`); lane i has the
+bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has (NUMBA_NUM_THREADS).
+The source is written to a cache folder, named by its hash with that of the operations that it imports, so that it can
+be read and debugged, and so that Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ in the
+user's cache folder.
 """
 
 from __future__ import annotations
@@ -27,11 +27,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.engines import arrays
+from kreisel.engines import arrays, lanes
 from kreisel.engines.layout import Floats
-from kreisel.engines.lines import Line, split
 from kreisel.engines.recording import (
-    Piece,
     Recording,
     flat_constants,
     flat_stages,
@@ -47,7 +45,7 @@ if TYPE_CHECKING:
 # make it choose otherwise in scalar than in vector code.
 EXACT = 'cache=True, nogil=True, error_model="numpy"'
 FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
-WIDTH, SCRATCH_BYTES = 64, 24 * 1024  # lanes in a block, fewer if their numbers would not stay in the first cache
+WIDTH = 64  # shares of the lanes are whole multiples of it
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 
@@ -59,7 +57,7 @@ from numba import njit
 from numpy import ascontiguousarray, eye, full
 from numpy.linalg import solve
 
-from kreisel.engines.fused import fma, plain_sum, sum_error
+from kreisel.engines.fused import fma, plain_sum, sign, sum_error
 
 '''
 
@@ -75,30 +73,6 @@ def kernel(z, c, s, out, every, first, last):
 {body}
 {close}
 {save}
-{store}
-"""
-
-LANES = """
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8)", {options})
-def kernel(z, c, s, out, every, first, last):
-    w, v = np.empty({rows}), np.empty(s.shape[1] * {stage_rows})
-    for lane in range(first, last, {width}):
-        count = min({width}, last - lane)
-        for i in range(count):
-{begin}
-            for stage in range(s.shape[1]):
-                k = stage * {stage_rows}
-{stage}
-        for row in range(out.shape[0]):
-            for _ in range(every):
-                for stage in range(s.shape[1]):
-                    k = stage * {stage_rows}
-                    for i in range(count):
-{body}
-{close}
-            for i in range(count):
-{save}
-        for i in range(count):
 {store}
 """
 
@@ -141,9 +115,15 @@ def _folder_of_this_process() -> Path:
     return folder
 
 
+@cache
+def _operations() -> bytes:
+    """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
+    return b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors"))
+
+
 def load(source: str) -> ModuleType:
     """Import generated source from the cache; writing is atomic, so two processes may do it at once."""
-    name = "kreisel_kernel_" + hashlib.sha256(source.encode()).hexdigest()[:20]
+    name = "kreisel_kernel_" + hashlib.sha256(_operations() + source.encode()).hexdigest()[:20]
     if name in sys.modules:
         return sys.modules[name]
     path = cache_folder() / f"{name}.py"
@@ -176,8 +156,9 @@ class Kernel:
             self.source = printer(columns, stage_columns, head, EXACT)
         else:
             record = Recording(scheme, self.constants, columns, stage_columns)
-            by_blocks = len(self.z) > 1 and record.straight
-            self.source = _head(scheme, record) + (_lanes if by_blocks else _one_by_one)(record)
+            in_vectors = len(self.z) > 1 and record.straight
+            text = lanes.source(record, EXACT) if in_vectors else _one_by_one(record)
+            self.source = _head(scheme, record) + text
         self._kernel = load(self.source).kernel
 
     def advance(self, out: Floats, every: int) -> None:
@@ -218,62 +199,6 @@ def _one_by_one(record: Recording) -> str:
         close=record.close(16),
         save=record.save("out[row, lane, ", record.state, 12),
         store=record.save("z[lane, ", record.state, 8),
-    )
-
-
-def _lanes(record: Recording) -> str:
-    """Blocks of lanes: what does not vary from step to step is computed once a block."""
-    constants, varying = record.used("c"), record.used("s")
-    fixed: list[Line] = []
-    of_stage: list[Line] = []
-    steps: list[Piece] = []
-    wanted: set[str] = set()
-    for piece in record.pieces:
-        once, rest = split(piece.lines, constants)
-        each, rest = split(rest, {*constants, *varying, *(n for line in once for n in line.names)})
-        fixed, of_stage, steps = fixed + once, of_stage + each, [*steps, piece._replace(lines=rest)]
-        wanted |= steps[-1].words
-    known = [*constants, *(n for line in fixed for n in line.names)]
-    staged = [*varying, *(n for line in of_stage for n in line.names)]
-    row = {name: j for j, name in enumerate([*record.state, *(n for n in known if n in wanted)])}
-    stage_row = {name: j for j, name in enumerate(n for n in staged if n in wanted)}
-    width = WIDTH
-    while width > 8 and (len(row) + len(stage_row)) * width * 8 > SCRATCH_BYTES:
-        width //= 2
-    place = {name: f"w[{j * width} + i]" for name, j in row.items()}
-    place |= {name: f"v[k + {j * width} + i]" for name, j in stage_row.items()}
-
-    def block(piece: Piece, indent: int) -> str:
-        here = [f"{name} = {at}" for name, at in place.items() if name in piece.words]
-        back = [f"{place[name]} = {name}" for name, new in zip(record.state, piece.new, strict=True) if name != new]
-        return "\n".join([indented(here, indent), piece.source(record.state, indent), indented(back, indent)])
-
-    def text_of(lines: list[Line]) -> list[str]:
-        return [line.text for line in lines]
-
-    begin = [
-        *(f"{name} = z[lane + i, {j}]" for j, name in enumerate(record.state)),
-        *(f"{name} = c[lane + i, {name[1:]}]" for name in constants),
-        *text_of(fixed),
-        *(f"{place[name]} = {name}" for name in row),
-    ]
-    stage = [
-        *(f"{name} = s[lane + i, stage, {name[1:]}]" for name in varying),
-        *text_of(of_stage),
-        *(f"{place[name]} = {name}" for name in stage_row),
-    ]
-    close = [indented(["for i in range(count):"], 16) + "\n" + block(piece, 20) for piece in steps[1:]]
-    return LANES.format(
-        options=EXACT,
-        width=width,
-        rows=len(row) * width,
-        stage_rows=len(stage_row) * width,
-        begin=indented(begin, 12),
-        stage=indented(stage, 16),
-        body=block(steps[0], 24),
-        close="\n".join(close),
-        save=indented([f"out[row, lane + i, {j}] = {place[name]}" for j, name in enumerate(record.state)], 16),
-        store=indented([f"z[lane + i, {j}] = {place[name]}" for j, name in enumerate(record.state)], 12),
     )
 
 

@@ -52,6 +52,11 @@ def sum_error(x, y):
     return (x - (total - part)) + (y - part)
 
 
+@cuda.jit(device=True)
+def sign(x):
+    return -1.0 if x < 0.0 else 1.0
+
+
 @cuda.jit
 def kernel(z, c, s, out, every):
     lane = cuda.grid(1)

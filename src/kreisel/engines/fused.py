@@ -1,32 +1,54 @@
-"""fma(x, y, z) = x y + z, rounded once, as an intrinsic of compiled kernels."""
+"""Operations whose rounding is given, as intrinsics of compiled kernels, for numbers and for vectors of them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from numba import njit, types
+from llvmlite import ir
+from numba import types
+from numba.core.typing.templates import signature
 from numba.extending import intrinsic
+
+from kreisel.engines.vector_type import common, everywhere, llvm_intrinsic
+
+
+def _of(kinds: tuple[Any, ...], emit: Callable[..., Any]) -> Any:
+    """`emit` of numbers, or of vectors and numbers."""
+    kind = common(kinds) or types.float64
+    return signature(kind, *[kind] * len(kinds)), lambda context, builder, form, values: emit(builder, *values)
 
 
 @intrinsic
 def fma(typing_context: Any, x: Any, y: Any, z: Any) -> Any:
-    """LLVM's fused multiply-add of doubles."""
-    signature = types.float64(types.float64, types.float64, types.float64)
-    return signature, lambda context, builder, kinds, arguments: builder.fma(*arguments)
+    """X y + z, rounded once: LLVM's fused multiply-add."""
+    return _of((x, y, z), llvm_intrinsic("fma"))
 
 
-# Compiled without fast-math flags, so that no product is fused into these sums.
-
-
-@njit(cache=True)
-def plain_sum(x: float, y: float) -> float:
+@intrinsic
+def plain_sum(typing_context: Any, x: Any, y: Any) -> Any:
     """X + y, rounded."""
-    return x + y
+    return _of((x, y), ir.IRBuilder.fadd)
 
 
-@njit(cache=True)
-def sum_error(x: float, y: float) -> float:
+@intrinsic
+def sum_error(typing_context: Any, x: Any, y: Any) -> Any:
     """X + y less their rounded sum, exactly (Knuth's two-sum)."""
-    total = x + y
-    part = total - x
-    return (x - (total - part)) + (y - part)
+
+    def emit(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
+        total = builder.fadd(x, y)
+        part = builder.fsub(total, x)
+        return builder.fadd(builder.fsub(x, builder.fsub(total, part)), builder.fsub(y, part))
+
+    return _of((x, y), emit)
+
+
+@intrinsic
+def sign(typing_context: Any, x: Any) -> Any:
+    """-1 where x < 0, else 1."""
+
+    def emit(builder: ir.IRBuilder, x: Any) -> Any:
+        less, more = (everywhere(x.type, number) for number in (-1.0, 1.0))
+        return builder.select(builder.fcmp_ordered("<", x, everywhere(x.type, 0.0)), less, more)
+
+    return _of((x,), emit)

@@ -171,7 +171,7 @@ class Scalar:
         return self._new(f"sqrt({self.signed})", self.name)
 
     def sign(self) -> Scalar:
-        return self._new(f"(-1.0 if {self.signed} < 0.0 else 1.0)", self.name)
+        return self._new(f"sign({self.signed})", self.name)
 
     def maximum(self, other: Any) -> Scalar:
         needs = (self.name,) if _is_plain(other) else (self.name, other.name)

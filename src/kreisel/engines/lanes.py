@@ -1,0 +1,142 @@
+"""Ensembles of straight-line code: the step of one trajectory on vectors of lanes, whose state stays in registers.
+
+Each number of the record becomes a vector (`kreisel.engines.vector_type`), so lane i has the bits of a run on its own.
+A short step takes two vectors, one after the other in the same loop: while one waits for a result, the other goes on.
+At a ragged end the last lane stands in the places that are left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from kreisel.engines.lines import Line, latest, split
+from kreisel.engines.recording import Piece, Recording, indented
+
+# Time with two vectors to that with one, AVX2: lagrange-top, n = 3 (98 lines) 0.7, neumann (197) 0.86, lagrange-top,
+# n = 5 (254) 0.8, baecklund of order 2 (284) 0.85, lagrange-top-moving (288) 1.02, baecklund of order 8 (725) 1.12,
+# clebsch, n = 8 (741) 0.97; and two take longer to compile.
+# In the latest order the operations of baecklund of order 8 take 1.1 times as long as in that of the record.
+TWO_VECTORS = 300  # lines of a step up to which it takes two, and the latest order
+INLINED = 'error_model="numpy", forceinline=True'
+
+HEAD = "from kreisel.engines.vector_type import gather, load, scatter, store\n\n"
+
+FUNCTION = """
+@njit({options})
+def {name}({arguments}):
+{body}
+    return {result}
+
+"""
+
+KERNEL = """
+LANES = {lanes}  # at once
+
+
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8)", {options})
+def kernel(z, c, s, out, every, first, last):{scratch}
+    for lane in range(first, last, LANES):
+        count = min(LANES, last - lane)
+        end = lane + count
+{begin}
+        for row in range(out.shape[0]):
+            for _ in range(every):
+{steps}
+{save}
+{store}
+"""
+STAGES = "for stage in range(s.shape[1]):"
+
+
+def source(record: Recording, options: str) -> str:
+    """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
+    from kreisel.engines.vector_type import register_width
+
+    by_stage = record.scheme.stage_count > 1
+    constants, varying = record.used("c"), record.used("s")
+    early, late = (constants, varying) if by_stage else ([*constants, *varying], [])
+    fixed, pieces = _without(record.pieces, early)
+    of_stage, pieces = _without(pieces, {*early, *late, *_names(fixed)})
+    words = {name for piece in pieces for name in piece.words}
+    staged = [name for name in (*late, *_names(of_stage)) if name in words]
+    words |= {name for line in of_stage for name in line.needs}
+    known = [name for name in (*early, *_names(fixed)) if name in words]
+
+    short = sum(len(piece.lines) for piece in pieces) <= TWO_VECTORS
+    functions = {"known": _function({"c": constants, "s": [] if by_stage else varying}, fixed, known)}
+    if staged:
+        functions["staged"] = _function({"k": known, "s": varying}, of_stage, staged)
+    takes = ({"z": record.state, "k": known, "v": staged}, {"z": record.state, "k": known})
+    for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
+        functions[name] = _function(given, latest(piece.lines) if short else piece.lines, piece.new)
+
+    width, vectors = register_width(), 2 if short else 1
+    kept = vectors * len(staged)
+
+    def each(indent: int, text: str, *marks: str) -> str:
+        """A line for each vector."""
+        lines = []
+        for k in range(vectors):
+            here, there = f"lane + {k * width}, end", f"v, stage * {kept} + {k * len(staged)}"
+            lines.append(text.format(k=k, here=here, there=there))
+        return indented(lines, indent)
+
+    def gathered(array: str, letter: str) -> str:
+        columns = max((place.stop for place in record.columns[letter].values()), default=0)
+        return f"gather({array}, {columns}, {{here}}, {width})"
+
+    rows = [gathered("c", "c")] * bool(constants) + [gathered("s[:, 0]", "s")] * bool(varying and not by_stage)
+    begin = [
+        each(8, f"z{{k}} = gather(z, {len(record.state)}, {{here}}, {width})"),
+        each(8, f"k{{k}} = known({', '.join(rows)})"),
+    ]
+    loaded = ""
+    if staged:
+        of = f"staged(k{{k}}, {gathered('s[:, stage]', 's')})"
+        begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of})")]
+        loaded = f", load({{there}}, {len(staged)}, {width})"
+    step = f"z{{k}} = step(z{{k}}, k{{k}}{loaded})"
+    steps = [indented([STAGES], 16), each(20, step)] if by_stage else [each(16, step)]
+    steps += [each(16, "z{k} = close(z{k}, k{k})")] if "close" in functions else []
+    return (
+        HEAD
+        + "".join(functions[name].format(name=name) for name in functions)
+        + KERNEL.format(
+            options=options,
+            scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if staged else "",
+            lanes=vectors * width,
+            begin="\n".join(begin),
+            steps="\n".join(steps),
+            save=each(12, "scatter(out, (row,), {here}, z{k})"),
+            store=each(8, "scatter(z, (), {here}, z{k})"),
+        )
+    )
+
+
+def _names(lines: list[Line]) -> list[str]:
+    return [name for line in lines for name in line.names]
+
+
+def _without(pieces: list[Piece], known: Collection[str]) -> tuple[list[Line], list[Piece]]:
+    """The lines that need nothing but `known` names, and the pieces without them."""
+    parts = [split(piece.lines, known) for piece in pieces]
+    rest = [piece._replace(lines=others) for piece, (_, others) in zip(pieces, parts, strict=True)]
+    return [line for lines, _ in parts for line in lines], rest
+
+
+def _function(given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
+    """A function, without its name, of tuples of numbers: of rows c, s all columns, of others those that are listed."""
+    unpacked = [
+        f"{', '.join(names)}, = {', '.join(f'{letter}[{n[1:]}]' for n in names)},"
+        if letter in "cs"
+        else f"{', '.join(names)}, = {letter}"
+        for letter, names in given.items()
+        if names
+    ]
+    return FUNCTION.format(
+        options=INLINED,
+        name="{name}",
+        arguments=", ".join(letter for letter, names in given.items() if names or letter not in "csv"),
+        body=indented([*unpacked, *(line.text for line in lines)], 4),
+        result=f"({', '.join(result)}{',' * (len(result) == 1)})",
+    )

@@ -1,0 +1,200 @@
+"""A vector of doubles as a type of compiled code: straight-line text for a number runs on several lanes at once.
+
+Each operation is that of a number in each place, rounded alike, so a lane of a vector has the bits of a number.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.registry import cpu_target
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
+
+DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
+INDEX = ir.IntType(32)
+
+Emit = Callable[..., Any]
+
+
+def register_width() -> int:
+    """How many doubles a vector register of the processor holds that Numba compiles for."""
+    features = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
+    return next((width for feature, width in DOUBLES.items() if f"+{feature}" in features), 2)
+
+
+class Vector(types.Type):
+    """`width` doubles."""
+
+    def __init__(self, width: int):
+        self.width = width
+        super().__init__(name=f"Vector({width})")
+
+    @property
+    def llvm(self) -> ir.VectorType:
+        return ir.VectorType(ir.DoubleType(), self.width)
+
+
+@register_model(Vector)
+class VectorModel(models.PrimitiveModel):
+    """A value of LLVM, kept in registers."""
+
+    def __init__(self, manager: Any, kind: Vector):
+        super().__init__(manager, kind, kind.llvm)
+
+
+def broadcast(context: Any, builder: ir.IRBuilder, number: Any, kind: Vector, value: Any) -> Any:
+    """The same number in all places."""
+    if isinstance(value, ir.Constant):
+        return everywhere(kind.llvm, value.constant)
+    one = builder.insert_element(ir.Constant(kind.llvm, ir.Undefined), value, INDEX(0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(INDEX, kind.width), [0] * kind.width))
+
+
+def everywhere(kind: ir.Type, number: float) -> ir.Constant:
+    """A constant of a number's or a vector's type."""
+    return ir.Constant(kind, [number] * kind.count if isinstance(kind, ir.VectorType) else number)
+
+
+lower_cast(types.Float, Vector)(broadcast)
+
+
+def common(kinds: Sequence[Any]) -> Any:
+    """The vector type among those of numbers and of one vector type; None without a vector or of others."""
+    vectors = {kind for kind in kinds if isinstance(kind, Vector)}
+    known = len(vectors) == 1 and all(isinstance(kind, Vector | types.Float) for kind in kinds)
+    return vectors.pop() if known else None
+
+
+def _operation(function: Callable[..., Any], count: int, emit: Emit) -> None:
+    """Let compiled code take vectors for `function`, which has `count` arguments."""
+
+    class Template(AbstractTemplate):
+        def generic(self, kinds: Sequence[Any], keywords: Any) -> Any:
+            kind = common(kinds) if len(kinds) == count else None
+            return None if kind is None else signature(kind, *[kind] * count)
+
+    infer_global(function)(Template)
+    lower_builtin(function, *[Vector] * count)(lambda context, builder, kinds, values: emit(builder, *values))
+
+
+def llvm_intrinsic(name: str) -> Emit:
+    """A call of LLVM's own function of that name, for numbers and for vectors."""
+
+    def emit(builder: ir.IRBuilder, *values: Any) -> Any:
+        kind = values[0].type
+        mark = f"v{kind.count}f64" if isinstance(kind, ir.VectorType) else "f64"
+        form = ir.FunctionType(kind, [kind] * len(values))
+        return builder.call(cgutils.get_or_insert_function(builder.module, form, f"llvm.{name}.{mark}"), values)
+
+    return emit
+
+
+def _larger(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
+    """Python's max: x unless y > x."""
+    return builder.select(builder.fcmp_ordered(">", y, x), y, x)
+
+
+for _function, _count, _emit in (
+    (operator.add, 2, ir.IRBuilder.fadd),
+    (operator.sub, 2, ir.IRBuilder.fsub),
+    (operator.mul, 2, ir.IRBuilder.fmul),
+    (operator.truediv, 2, ir.IRBuilder.fdiv),
+    (operator.neg, 1, ir.IRBuilder.fneg),
+    (math.sqrt, 1, llvm_intrinsic("sqrt")),
+    (max, 2, _larger),
+):
+    _operation(_function, _count, _emit)
+
+
+def _places(builder: ir.IRBuilder, width: int, first: Any, end: Any) -> list[Any]:
+    """The indices first, first + 1, ..., those from `end` on as the one before it."""
+    last = builder.sub(end, end.type(1))
+    each = [builder.add(first, first.type(i)) for i in range(width)]
+    return [builder.select(builder.icmp_signed("<", at, last), at, last) for at in each]
+
+
+def _element(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, indices: Sequence[Any]) -> Any:
+    made = context.make_array(kind)(context, builder, array)
+    return cgutils.get_item_pointer(context, builder, kind, made, indices)
+
+
+def _row(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, row: Any, of: Vector) -> Any:
+    """A pointer to a row of a scratch array, as a vector."""
+    start = _element(context, builder, kind, array, [row, row.type(0)])
+    return builder.bitcast(start, of.llvm.as_pointer())
+
+
+@intrinsic(prefer_literal=True)
+def gather(typing_context: Any, array: Any, columns: Any, first: Any, end: Any, width: Any) -> Any:
+    """The columns 0, 1, ... of the rows first, first + 1, ... of `array`: `columns` vectors of `width` numbers.
+
+    In place of rows from `end` on stands the one before it.  `columns` and `width` are written out.
+    """
+    kind = Vector(width.literal_value)
+    out = types.UniTuple(kind, columns.literal_value)
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        builder.function.attributes.add("nounwind")  # llvmlite prints the other one only beside it
+        builder.function.attributes.alignstack = 8 * kind.width  # or what is spilled lies across cache lines
+        vectors = [ir.Constant(kind.llvm, ir.Undefined)] * out.count
+        for i, at in enumerate(_places(builder, kind.width, *values[2:4])):
+            for j in range(out.count):
+                number = builder.load(_element(context, builder, form.args[0], values[0], [at, at.type(j)]))
+                vectors[j] = builder.insert_element(vectors[j], number, INDEX(i))
+        return context.make_tuple(builder, out, vectors)
+
+    return signature(out, array, columns, types.intp, types.intp, width), emit
+
+
+@intrinsic
+def scatter(typing_context: Any, array: Any, lead: Any, first: Any, end: Any, vectors: Any) -> Any:
+    """Put vectors into the columns 0, 1, ... of the rows that `gather` takes, of array[lead].
+
+    In places beyond `end` stand the numbers of the row before it, if they come from there.
+    """
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        before = cgutils.unpack_tuple(builder, values[1], len(form.args[1]))
+        columns = cgutils.unpack_tuple(builder, values[4], len(vectors))
+        for i, at in enumerate(_places(builder, vectors.dtype.width, *values[2:4])):
+            for j, column in enumerate(columns):
+                place = _element(context, builder, form.args[0], values[0], [*before, at, at.type(j)])
+                builder.store(builder.extract_element(column, INDEX(i)), place)
+        return context.get_dummy_value()
+
+    lead = types.UniTuple(types.intp, len(lead))
+    return signature(types.void, array, lead, types.intp, types.intp, vectors), emit
+
+
+@intrinsic(prefer_literal=True)
+def load(typing_context: Any, array: Any, row: Any, rows: Any, width: Any) -> Any:
+    """`rows` rows of `array` from `row` on, as vectors of `width` numbers; both are written out."""
+    kind = Vector(width.literal_value)
+    out = types.UniTuple(kind, rows.literal_value)
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        each = [builder.add(values[1], values[1].type(j)) for j in range(out.count)]
+        places = [_row(context, builder, form.args[0], values[0], at, kind) for at in each]
+        return context.make_tuple(builder, out, [builder.load(place, align=8) for place in places])
+
+    return signature(out, array, types.intp, rows, width), emit
+
+
+@intrinsic
+def store(typing_context: Any, array: Any, row: Any, vectors: Any) -> Any:
+    """Put vectors into rows of `array`, from `row` on."""
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        for j, vector in enumerate(cgutils.unpack_tuple(builder, values[2], len(vectors))):
+            at = builder.add(values[1], values[1].type(j))
+            builder.store(vector, _row(context, builder, form.args[0], values[0], at, vectors.dtype), align=8)
+        return context.get_dummy_value()
+
+    return signature(types.void, array, types.intp, vectors), emit

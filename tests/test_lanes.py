@@ -1,0 +1,132 @@
+"""Vectors of lanes: the bits of numbers, ragged ends, and what changed operations do to the cache of kernels."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.bench import ensemble, short
+from kreisel.engines import cpu
+from kreisel.engines.folding import folded
+from kreisel.engines.lines import Line, latest
+from kreisel.engines.trace import Scalar, Tape, text
+
+SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 5e-324, 1e308, 0.1, -3.7)
+OPERATIONS = (
+    *("x + y", "x - y", "x * y", "x / y", "(-x) * y", "x * 0.3", "0.3 - x", "1.0 / x", "sqrt(x)", "sqrt((-y))"),
+    *("fma(x, y, 0.7)", "fma((-x), y, (-y))", "fma(0.1, x, y)", "plain_sum(x, y)", "sum_error(x, y)"),
+    *("sum_error(x, 0.1)", "max(x, y)", "max((-x), 0.1)", "sign(x)", "sign((-y))"),
+)  # fmt: skip
+BOTH = f"""
+from kreisel.engines.vector_type import gather, load, scatter, store
+
+
+@njit(error_model="numpy")
+def operations(x, y):
+    return ({", ".join(OPERATIONS)})
+
+
+@njit("void(f8[:,::1], f8[:,:,::1])", error_model="numpy")
+def numbers(z, out):
+    for i in range(len(z)):
+        for j, value in enumerate(operations(z[i, 0], z[i, 1])):
+            out[1, i, j] = value
+
+
+@njit("void(f8[:,::1], f8[:,:,::1])", error_model="numpy")
+def vectors(z, out):
+    for first in range(0, len(z), 4):
+        x, y = gather(z, 2, first, len(z), 4)
+        scatter(out, (1,), first, len(z), operations(x, y))
+
+
+@njit("void(f8[:,::1], f8[:,::1])")
+def through_scratch(z, out):
+    w = np.empty((3, 4))
+    for first in range(0, len(z), 4):
+        store(w, 1, gather(z, 2, first, len(z), 4))
+        scatter(out, (), first, len(z), load(w, 1, 2, 4))
+"""
+
+
+def test_vectors_have_the_bits_of_numbers() -> None:
+    module = cpu.load(cpu.HEAD.format(name="every operation") + BOTH)
+    z = np.array([(x, y) for x in SPECIAL for y in SPECIAL] + [(0.25, 3.0)])
+    assert len(z) % 4 == 2
+    found = {name: np.full((3, len(z), len(OPERATIONS)), 7.0) for name in ("numbers", "vectors")}
+    for name, out in found.items():
+        getattr(module, name)(z, out)
+        assert (out[::2] == 7).all()
+    one, other = (out[1] for out in found.values())
+    assert ((one == other) | (np.isnan(one) & np.isnan(other))).all()
+    known = ~np.isnan(one)
+    assert (np.signbit(one) == np.signbit(other))[known].all()
+    assert (one[-1, :3] == (3.25, -2.75, 0.75)).all()
+    assert one[-1, 14] == 0
+    assert one[SPECIAL.index(1.0) * len(SPECIAL) + SPECIAL.index(1e308), 14] == 1  # what the sum lost
+    back = np.empty_like(z)
+    module.through_scratch(z, back)
+    assert np.array_equal(back, z, equal_nan=True)
+
+
+def test_other_operations_make_other_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba's cache knows the file of a kernel, not what is compiled into it."""
+    monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
+    source = f'"""{tmp_path.name}"""\n'
+    first = cpu.load(source)
+    monkeypatch.setattr(cpu, "_operations", lambda: b"another fma")
+    assert cpu.load(source).__name__ != first.__name__
+    assert len(list(tmp_path.glob("*.py"))) == 2
+
+
+def test_the_latest_order_computes_the_same() -> None:
+    tape = Tape()
+    a, b = (Scalar(tape, name) for name in "ab")
+    early = a * 3.0
+    quotient = 1.0 / (a + b)
+    for _ in range(20):
+        quotient = quotient * b + a
+    out = text(quotient * early + early)
+    values: list[dict[str, float]] = []
+    for lines in (tape.lines, latest(tape.lines)):
+        values.append({"a": 0.3, "b": 0.7})
+        for line in lines:
+            exec(line.text, {}, values[-1])
+    assert values[0] == values[1]
+    names = [line.names[0] for line in latest(tape.lines)]
+    assert sorted(names) == sorted(line.names[0] for line in tape.lines)
+    assert tape.lines[0].names[0] == early.name
+    assert names.index(early.name) > len(names) - 5  # not needed before the end
+    assert names[-1] == out
+    assert latest([]) == []
+
+
+def test_a_sign_is_folded() -> None:
+    lines = [Line(("t0",), "t0 = sign(a)", ("a",)), Line(("t1",), "t1 = t0 * b", ("t0", "b"))]
+    for value, expected in ((-2.0, "(-b)"), (0.0, "b"), (3.0, "b")):
+        assert folded(lines, ["t1"], {"a": value}, "f")[1] == [expected]
+    kept, new = folded(lines, ["t1"], {"b": 1.0}, "f")
+    assert [line.text.partition(" = ")[2] for line in kept] == ["sign(a)"]
+    assert new == [kept[0].names[0]]
+
+
+@pytest.mark.skipif(shutil.which("llvm-mca") is None, reason="no llvm-mca")
+def test_the_bound_is_that_of_the_loop_over_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled anew: a kernel from the cache has no assembly.  The mutant counts a vector too many."""
+    monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
+    monkeypatch.setattr(ensemble, "LANES", 64)
+    (case,) = [case for case in short.cases(generic=True) if case.name == "clebsch"]
+    monkeypatch.setattr(cpu, "_operations", lambda: str(tmp_path).encode())
+    kernel = ensemble.Contest(case, None).engine._kernel
+    told = ensemble.bound(kernel)
+    assert told is not None
+    assert told["vectors"] == 2
+    assert told["instructions"] > 2 * 100
+    assert told["cycles_a_lane_step"] > 0.5 * told["instructions"] / 2 / 8 / 6
+    monkeypatch.setitem(kernel.py_func.__globals__, "LANES", 3 * kernel.py_func.__globals__["LANES"] // 2)
+    with pytest.raises(AssertionError, match="divisions in the loop"):
+        ensemble.bound(kernel)
