@@ -128,16 +128,20 @@ def verdict(result: dict[str, Any]) -> list[str]:
     return told
 
 
-def measure(long: bool = False, quick: bool = False) -> dict[str, Any]:
-    """Everything, as written to results/roundoff.json."""
+def measure(
+    long: bool = False, quick: bool = False, only: str = "", before: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Everything, as written to results/roundoff.json; maps without `only` in their name as they were `before`."""
     decades = DECADES_QUICK if quick else (*DECADES, 10**9) if long else DECADES
     beyond = DECADES_QUICK[:-1] if quick else DECADES
-    result: dict[str, Any] = {}
+    result: dict[str, Any] = dict(before or {})
     _head()
     for n, sizes in ((3, decades), (4, beyond)):
         for case in cases(n):
             begun = time.perf_counter()
             label = f"{case.name}, n = {n}"
+            if only not in label:
+                continue
             result[label] = one_map(case, sizes)
             _print(label, result[label], time.perf_counter() - begun)
     told = verdict(result)
@@ -181,9 +185,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--long", action="store_true", help="another decade, 1e9 steps for n = 3 (some ten minutes)")
     parser.add_argument("--quick", action="store_true", help="a decade less (about half a minute)")
+    parser.add_argument("--only", default="", help="only maps whose name contains this; the others keep their results")
     parser.add_argument("--output", type=Path, default=RESULTS / "roundoff.json")
     options = parser.parse_args(arguments)
-    result = measure(options.long, options.quick)
+    there = options.only and options.output.exists()
+    before = json.loads(options.output.read_text())["maps"] if there else None
+    result = measure(options.long, options.quick, options.only, before)
     options.output.parent.mkdir(exist_ok=True)
     options.output.write_text(json.dumps(result, indent=1, default=float) + "\n")
     print(f"\nWritten: {options.output}")
