@@ -124,7 +124,7 @@ def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tu
     momentum: Any = system.space.momentum
 
     def turn(N: Array) -> Array:
-        return system.space.sign * eps / 2 * call(inverse_inertia, (N,), consts)
+        return algebra.increment(system.space.sign * eps / 2, call(inverse_inertia, (N,), consts))
 
     M = momentum(*state)
     N, defect = newton(turn, M) if M.shape[-1] == 3 else sweeps(turn, M)
