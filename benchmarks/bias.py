@@ -114,6 +114,9 @@ def main() -> None:
                 found = one(model, method, order, dt, asked.lanes, steps)
             except kr.InputError:  # the system has no such method, or the step is too long for a state
                 continue
+            except kr.RunError as fault:
+                print(*told.values(), method, order, dt, "ended:", str(fault)[:80], flush=True)
+                continue
             row = told | {"method": method, "order": order, "dt": dt, "steps": steps} | found
             rows.append(row)
             mark = "  <---" * biased(row)
