@@ -21,7 +21,7 @@ from kreisel.methods import Scheme, scheme
 from kreisel.model import Model
 from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
-from sizes import costly
+from sizes import costly_in_array_code
 
 MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
 FLOPS_TOLERANCE = 2.0**12 * float(np.finfo(float).eps)
@@ -45,7 +45,7 @@ def first_scheme(model: Model, oriented: bool) -> Scheme:
         (name, n, oriented)
         for name in MAPS
         for n, oriented in ((3, False), (3, True), (4, True), (5, False), (11, True))
-        if n < 11 or not costly(name)
+        if n < 11 or not costly_in_array_code(name)
     ],
 )
 def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
@@ -65,7 +65,9 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
         assert abs(row[0] - flat).max() < FLOPS_TOLERANCE * (1 + abs(flat).max())
 
 
-@pytest.mark.parametrize(("name", "n"), [(s, n) for s in REGISTRY for n in (3, 4, 11) if n < 11 or not costly(s)])
+@pytest.mark.parametrize(
+    ("name", "n"), [(s, n) for s in REGISTRY for n in (3, 4, 11) if n < 11 or not costly_in_array_code(s)]
+)
 def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     model, x0 = random_start(name, n)
     plan = scheme(model, "dop853", 0.1, None, True)
