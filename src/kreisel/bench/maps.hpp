@@ -34,9 +34,13 @@ static inline Vec sum(Vec v, Vec y, Vec small) {
     return z + (((v - (z - part)) + (y - part)) + small);
 }
 
-// s x cross y of a constant y, as kreisel.algebra.impulse
+const double generic = 1 + 0x1p-20 * (0.5 + __builtin_sqrt(1.25));
+
+// s x, and s x cross y of a constant y, as kreisel.algebra.increment and impulse
+template <bool corrected> static inline Vec increment(Real s, Vec x) {
+    return corrected ? s / generic * (generic * x) : s * x;
+}
 template <bool corrected> static inline Vec impulse(Real s, Vec x, Vec y) {
-    const double generic = 1 + 0x1p-20 * (0.5 + __builtin_sqrt(1.25));
     return corrected ? s / generic * cross(x, generic * y) : s * cross(x, y);
 }
 
@@ -45,10 +49,10 @@ template <bool corrected> struct Cayley {
     Vec u;
     Real scale;
     explicit Cayley(Vec u) : u(u), scale(1 / (1 + dot(u, u))) {}
-    Vec resolvent(Vec v) const { return scale * (v + cross(u, v) + dot(u, v) * u); }
+    Vec resolvent(Vec v) const { return scale * (add_cross(v, u, v) + dot(u, v) * u); }
     Vec act(Vec v) const {
-        Vec y = resolvent(2.0 * cross(u, v));
-        return corrected ? sum(v, y, resolvent(add_cross(add_cross(-y, u, 2.0 * v), u, y))) : v + y;
+        Vec twice = 2.0 * u, w = cross(twice, v), y = scale * add_cross(w, u, w); // u.w = 0
+        return corrected ? sum(v, y, resolvent(add_cross(add_cross(-y, twice, v), u, y))) : v + y;
     }
 };
 
@@ -117,7 +121,7 @@ template <bool corrected> struct Neumann { // c = b, eps
         Vec Bx = b * x;
         q = q + eps / (1 + eps * eps / 4 * dot(x, Bx)) * Bx;
         q = q - dot(x, q) / dot(x, x) * x;
-        Cayley<corrected> circle(-eps / 2.0 * cross(q, x));
+        Cayley<corrected> circle(increment<corrected>(-eps / 2.0, cross(q, x)));
         x = circle.act(x), q = circle.act(q);
     }
     void store(Real *z) const { put_vector(z, x), put_vector(z + 3, q); }
