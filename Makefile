@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench work-precision examples picture roundoff verify soak docs gallery investigate dist release-check clean help
+.PHONY: demo test test-full lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -19,7 +19,7 @@ help:
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
 	@echo "make lint      ruff and mypy --strict"
 	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
-	@echo "make bench-gpu the same on an NVIDIA GPU"
+	@echo "make bench-gpu the same on an NVIDIA GPU; make gpu-code counts the instructions of its kernels, without one"
 	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
 	@echo "make work-precision  every method here against heyoka, diffrax, SciPy and MuJoCo; some minutes"
 
@@ -113,9 +113,15 @@ $(PEERS)/.installed: $(STAMP) benchmarks/peers.txt
 work-precision: $(PEERS)/.installed
 	$(PEERS)/bin/python benchmarks/work_precision.py
 
+CUDA := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cuda]" --requirement benchmarks/gpu.txt
+
 bench-gpu: $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cuda]"
+	$(CUDA)
 	$(BIN)/python benchmarks/gpu.py
+
+gpu-code: $(STAMP)
+	$(CUDA)
+	$(BIN)/python benchmarks/gpu_code.py
 
 roundoff: $(STAMP)
 	$(BIN)/python benchmarks/roundoff.py

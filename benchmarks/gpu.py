@@ -1,23 +1,22 @@
 """The GPU: steps a second for 10^4 ... 10^7 trajectories, the part of the instruction bound, equality with the CPU.
 
 n = 3, rest-frame Lagrange top, the paper's map, float64 and float32, parameters and states of each lane its own. The
-bound counts the floating-point instructions of a step in the kernel's PTX (a division as one, so it is generous)
-against the rate at which the multiprocessors of an H100 or H200 issue them, 64 a cycle in float64 and 128 in float32,
-at the largest clock that the driver names. Needs an NVIDIA GPU and `pip install 'kreisel[cuda]'`; writes
-benchmarks/results/gpu.json.
+bound counts the arithmetic instructions of a step in the machine code (gpu_code.py) against the rate at which the
+multiprocessors of an H100 or H200 issue them, at the largest clock that the driver names. Needs an NVIDIA GPU and
+`pip install 'kreisel[cuda]'`; writes benchmarks/results/gpu.json.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import re
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import gpu_code
 import numpy as np
 from cases import RESULTS, machine
 
@@ -27,8 +26,6 @@ from kreisel.runs.plan import make_plan
 
 COUNTS = (10**4, 10**5, 10**6, 10**7)
 CHECKED = 100
-ARITHMETIC = re.compile(r"^\s+(?:fma|mul|add|sub|div|rcp|sqrt)\S*\.f(?:32|64)\s", re.MULTILINE)
-RATES = {"cuda": 64, "cuda-float32": 128}  # instructions a cycle and multiprocessor
 
 
 def plan_of(engine: str, lanes: int) -> Any:
@@ -77,15 +74,11 @@ def bound(engine: str) -> dict[str, Any]:
     """Steps a second that the arithmetic instructions allow."""
     from numba import cuda
 
-    work = plan_of(engine, 32).engine
-    work.advance(np.empty((1, *work.z.shape)), 1)
-    (ptx,) = work._kernel.inspect_asm().values()
-    count = len(ARITHMETIC.findall(ptx))
     device = cuda.get_current_device()
-    hertz = 1e3 * device.CLOCK_RATE
-    most = device.MULTIPROCESSOR_COUNT * RATES[engine] * hertz / count
-    return {"instructions_in_ptx": count, "multiprocessors": device.MULTIPROCESSOR_COUNT, "clock_hz": hertz,
-            "steps_per_second": most}  # fmt: skip
+    count = gpu_code.counted(plan_of(engine, 32).scheme, engine, device.compute_capability)
+    processors, hertz = device.MULTIPROCESSOR_COUNT, 1e3 * device.CLOCK_RATE
+    most = gpu_code.bound(count, engine, processors, hertz)
+    return count | {"multiprocessors": processors, "clock_hz": hertz, "steps_per_second": most}
 
 
 def driver() -> str:
@@ -100,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, default=RESULTS / "gpu.json")
     options = parser.parse_args(arguments)
     found: dict[str, Any] = {}
-    for engine in RATES:
+    for engine in gpu_code.RATES:
         try:
             limit = bound(engine)
         except kr.InputError as error:

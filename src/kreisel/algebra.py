@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -533,12 +533,14 @@ def _add_product(C: Array, X: Array, V: Array) -> Array:
     return C
 
 
-@partial(np.frompyfunc, nin=3, nout=1)
-def _fused(x: Any, y: Any, z: Any) -> Any:
+def _fused_number(x: Any, y: Any, z: Any) -> Any:
     for a, b in ((x, y), (y, x)):
         if hasattr(a, "record_fma"):
             return a.record_fma(b, z)
     return x * y + z
+
+
+_fused = np.frompyfunc(_fused_number, 3, 1)
 
 
 def close_sum(V: Array, Y: Array, small: Array) -> Array:

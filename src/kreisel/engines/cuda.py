@@ -21,6 +21,7 @@ from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
 
 THREADS = 128  # in a block
+STAGES = "for stage in range(s.shape[0]):"
 PRECISIONS = {"cuda": "float64", "cuda-float32": "float32"}
 PRODUCT = re.compile(r"^(\s*\w+) = (\S+) \* (\S+)$", re.MULTILINE)
 LITERAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+)")
@@ -40,19 +41,19 @@ else:
     from numba.cuda.libdevice import {multiply} as multiply
 
 
-@cuda.jit(device=True)
+@cuda.jit(device=True, inline="always")
 def plain_sum(x, y):
     return x + y
 
 
-@cuda.jit(device=True)
+@cuda.jit(device=True, inline="always")
 def sum_error(x, y):
     total = x + y
     part = total - x
     return (x - (total - part)) + (y - part)
 
 
-@cuda.jit(device=True)
+@cuda.jit(device=True, inline="always")
 def sign(x):
     return -1.0 if x < 0.0 else 1.0
 
@@ -64,10 +65,7 @@ def kernel(z, c, s, out, every):
 {load}
         for row in range(out.shape[0]):
             for _ in range(every):
-                for stage in range(s.shape[0]):
-{stage}
-{body}
-{close}
+{steps}
 {save}
 {store}
 '''
@@ -95,17 +93,24 @@ def source(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any, 
         raise InputError(
             f"engine='cuda' takes steps that can be written out, n <= 10 or so; n = {scheme.n} came. Use engine='cpu'."
         )
-    state = record.state
+    state, varying = record.state, record.varying()
+    pieces = [piece.source(state, 16) for piece in varying.pieces]
+    if varying.by_stage:
+        stage = [*_loaded(varying.late, "stage"), *(line.text for line in varying.of_stage)]
+        pieces[0] = "\n".join([" " * 16 + STAGES, indented(stage, 20), varying.pieces[0].source(state, 20)])
     text = SOURCE.format(
         name=f"{scheme.name}, n = {scheme.n}, {precision}",
         real=precision,
         multiply={"float64": "dmul_rn", "float32": "fmul_rn"}[precision],
-        load=indented([f"{name} = z[{j}, lane]" for j, name in enumerate(state)], 8)
-        + "\n"
-        + indented([f"{name} = c[{name[1:]}, lane]" for name in record.used("c")], 8),
-        stage=indented([f"{name} = s[stage, {name[1:]}, lane]" for name in record.used("s")], 20),
-        body=record.body(20),
-        close=record.close(16),
+        load=indented(
+            [
+                *(f"{name} = z[{j}, lane]" for j, name in enumerate(state)),
+                *_loaded(varying.early, "0"),
+                *(line.text for line in varying.fixed),
+            ],
+            8,
+        ),
+        steps="\n".join(pieces),
         save=indented([f"out[row, {j}, lane] = {name}" for j, name in enumerate(state)], 12),
         store=indented([f"z[{j}, lane] = {name}" for j, name in enumerate(state)], 8),
     )
@@ -114,6 +119,11 @@ def source(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any, 
     if precision == "float32":
         body = LITERAL.sub(r"real(\1)", body)
     return head + mark + body
+
+
+def _loaded(constants: list[str], stage: str) -> list[str]:
+    places = {"c": "", "s": f"{stage}, "}
+    return [f"{name} = {name[0]}[{places[name[0]]}{name[1:]}, lane]" for name in constants]
 
 
 class Kernel:

@@ -7,10 +7,10 @@ At a ragged end the last lane stands in the places that are left.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
-from kreisel.engines.lines import Line, latest, split
-from kreisel.engines.recording import Piece, Recording, indented
+from kreisel.engines.lines import Line, latest
+from kreisel.engines.recording import Recording, indented, names_of
 
 # Time with two vectors to that with one, AVX2: lagrange-top, n = 3 (98 lines) 0.7, neumann (197) 0.86, lagrange-top,
 # n = 5 (254) 0.8, baecklund of order 2 (284) 0.85, lagrange-top-moving (288) 1.02, baecklund of order 8 (725) 1.12,
@@ -52,15 +52,12 @@ def source(record: Recording, options: str) -> str:
     """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     from kreisel.engines.vector_type import register_width
 
-    by_stage = record.scheme.stage_count > 1
+    by_stage, early, fixed, late, of_stage, pieces = record.varying()
     constants, varying = record.used("c"), record.used("s")
-    early, late = (constants, varying) if by_stage else ([*constants, *varying], [])
-    fixed, pieces = _without(record.pieces, early)
-    of_stage, pieces = _without(pieces, {*early, *late, *_names(fixed)})
     words = {name for piece in pieces for name in piece.words}
-    staged = [name for name in (*late, *_names(of_stage)) if name in words]
+    staged = [name for name in (*late, *names_of(of_stage)) if name in words]
     words |= {name for line in of_stage for name in line.needs}
-    known = [name for name in (*early, *_names(fixed)) if name in words]
+    known = [name for name in (*early, *names_of(fixed)) if name in words]
 
     short = sum(len(piece.lines) for piece in pieces) <= TWO_VECTORS
     functions = {"known": _function({"c": constants, "s": [] if by_stage else varying}, fixed, known)}
@@ -111,17 +108,6 @@ def source(record: Recording, options: str) -> str:
             store=each(8, "scatter(z, (), {here}, z{k})"),
         )
     )
-
-
-def _names(lines: list[Line]) -> list[str]:
-    return [name for line in lines for name in line.names]
-
-
-def _without(pieces: list[Piece], known: Collection[str]) -> tuple[list[Line], list[Piece]]:
-    """The lines that need nothing but `known` names, and the pieces without them."""
-    parts = [split(piece.lines, known) for piece in pieces]
-    rest = [piece._replace(lines=others) for piece, (_, others) in zip(pieces, parts, strict=True)]
-    return [line for lines, _ in parts for line in lines], rest
 
 
 def _function(given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.folding import folded
 from kreisel.engines.layout import Floats
-from kreisel.engines.lines import Line, arranged
+from kreisel.engines.lines import Line, arranged, split
 from kreisel.engines.trace import Matrix, Scalar, Tape, text
 from kreisel.methods.scheme import Scheme
 
@@ -43,6 +43,21 @@ class Piece(NamedTuple):
         """The lines, and the new state in place of the old."""
         lines = [part for line in self.lines for part in line.text.splitlines()]
         return indented([*lines, f"{', '.join(state)}, = {', '.join(self.new)},"], indent)
+
+
+class Varying(NamedTuple):
+    """Straight-line pieces in the order in which kernels do them: what does not vary with the step comes first.
+
+    `early` and `late` are constants to be loaded before all steps and for each stage, `fixed` and `of_stage` the lines
+    that need nothing else.
+    """
+
+    by_stage: bool
+    early: list[str]
+    fixed: list[Line]
+    late: list[str]
+    of_stage: list[Line]
+    pieces: list[Piece]
 
 
 class Recording:
@@ -81,6 +96,15 @@ class Recording:
     def used(self, letter: str) -> list[str]:
         """The constants of that letter that straight-line code needs."""
         return sorted((n for n in self.words if n[0] == letter and n[1:].isdigit()), key=lambda n: int(n[1:]))
+
+    def varying(self) -> Varying:
+        """The pieces without what does not vary from step to step."""
+        by_stage = self.scheme.stage_count > 1
+        constants, of_stages = self.used("c"), self.used("s")
+        early, late = (constants, of_stages) if by_stage else ([*constants, *of_stages], [])
+        fixed, pieces = _without(self.pieces, early)
+        of_stage, pieces = _without(pieces, {*early, *late, *names_of(fixed)})
+        return Varying(by_stage, early, fixed, late, of_stage, pieces)
 
     def _letters(self, k: int) -> str:
         """The constants that function k takes: the step those of the stages too."""
@@ -168,6 +192,18 @@ class Recording:
             for (kind, place, _), name in zip(self.places, names, strict=True)
         ]
         return indented(lines, indent)
+
+
+def names_of(lines: list[Line]) -> list[str]:
+    """What the lines compute."""
+    return [name for line in lines for name in line.names]
+
+
+def _without(pieces: list[Piece], known: Collection[str]) -> tuple[list[Line], list[Piece]]:
+    """The lines that need nothing but `known` names, and the pieces without them."""
+    parts = [split(piece.lines, known) for piece in pieces]
+    rest = [piece._replace(lines=others) for piece, (_, others) in zip(pieces, parts, strict=True)]
+    return [line for lines, _ in parts for line in lines], rest
 
 
 def indented(lines: list[str], indent: int) -> str:
