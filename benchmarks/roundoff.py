@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ STEPS_OF_TIME = (0.05, 0.2, 0.33, 1.0)  # 0.2: short decimals are where a bias s
 DECADES = (10**6, 10**7, 10**8)
 
 DECADES_QUICK = (10**5, 10**6, 10**7)
+LONGEST = (10**8, 10**9, 10**10)  # of 0.2
 SAVED = 1000
 ALLOWED, SIGNIFICANT = 2.0, 4.0
 
@@ -75,12 +77,12 @@ def _series(run: Any, label: str) -> np.ndarray:
     return values[:, int(part)] if part else values
 
 
-def one_map(case: Case, decades: tuple[int, ...]) -> dict[str, Any]:
+def one_map(case: Case, decades: tuple[int, ...], times: tuple[float, ...] = STEPS_OF_TIME) -> dict[str, Any]:
     """All runs of a map, and what they say together."""
     runs = [
         {"state": label, "dt": dt, "steps": steps, "integrals": rows}
         for steps in decades
-        for dt in STEPS_OF_TIME
+        for dt in times
         for label, rows in zip(case.states, runs_of(case, case.states, dt, steps), strict=True)
     ]
     return {"n": case.n, "worst_ratio": _worst(runs, decades), "trend": _trends(runs, decades), "runs": runs}
@@ -129,24 +131,33 @@ def verdict(result: dict[str, Any]) -> list[str]:
 
 
 def measure(
-    long: bool = False, quick: bool = False, only: str = "", before: dict[str, Any] | None = None
+    sizes: Sequence[tuple[int, tuple[int, ...]]],
+    times: tuple[float, ...] = STEPS_OF_TIME,
+    only: str = "",
+    output: Path | None = None,
 ) -> dict[str, Any]:
-    """Everything, as written to results/roundoff.json; maps without `only` in their name as they were `before`."""
-    decades = DECADES_QUICK if quick else (*DECADES, 10**9) if long else DECADES
-    beyond = DECADES_QUICK[:-1] if quick else DECADES
-    result: dict[str, Any] = dict(before or {})
+    """The maps of each (n, decades), as written to results/roundoff.json, which grows map by map.
+
+    Maps without `only` in their name keep what the file has of them.
+    """
+    there = only and output is not None and output.exists()
+    maps: dict[str, Any] = json.loads(output.read_text())["maps"] if there and output else {}
+    result = {"machine": machine(), "dt": times, "saved": SAVED, "verdict": verdict(maps), "maps": maps}
     _head()
-    for n, sizes in ((3, decades), (4, beyond)):
+    for n, decades in sizes:
         for case in cases(n):
             begun = time.perf_counter()
             label = f"{case.name}, n = {n}"
             if only not in label:
                 continue
-            result[label] = one_map(case, sizes)
-            _print(label, result[label], time.perf_counter() - begun)
-    told = verdict(result)
-    print("\nBeyond 2 bands or with a trend (|z| > 4):", *(told or ["nothing"]), sep="\n  ")
-    return {"machine": machine(), "dt": STEPS_OF_TIME, "saved": SAVED, "verdict": told, "maps": result}
+            maps[label] = one_map(case, decades, times)
+            _print(label, maps[label], time.perf_counter() - begun)
+            result["verdict"] = verdict(maps)
+            if output is not None:
+                output.parent.mkdir(exist_ok=True)
+                output.write_text(json.dumps(result, indent=1, default=float) + "\n")
+    print("\nBeyond 2 bands or with a trend (|z| > 4):", *(result["verdict"] or ["nothing"]), sep="\n  ")
+    return result
 
 
 def _head() -> None:
@@ -183,17 +194,26 @@ def _is_energy(name: str) -> bool:
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print a table, write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--long", action="store_true", help="another decade, 1e9 steps for n = 3 (some ten minutes)")
-    parser.add_argument("--quick", action="store_true", help="a decade less (about half a minute)")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--long", action="store_true", help="another decade, 1e9 steps for n = 3 (some ten minutes)")
+    form.add_argument(
+        "--longest",
+        action="store_true",
+        help="1e8, 1e9 and 1e10 steps of 0.2 for n = 3, to results/roundoff_longest.json (an hour of one core)",
+    )
+    form.add_argument("--quick", action="store_true", help="a decade less (about half a minute)")
     parser.add_argument("--only", default="", help="only maps whose name contains this; the others keep their results")
-    parser.add_argument("--output", type=Path, default=RESULTS / "roundoff.json")
+    parser.add_argument("--output", type=Path)
     options = parser.parse_args(arguments)
-    there = options.only and options.output.exists()
-    before = json.loads(options.output.read_text())["maps"] if there else None
-    result = measure(options.long, options.quick, options.only, before)
-    options.output.parent.mkdir(exist_ok=True)
-    options.output.write_text(json.dumps(result, indent=1, default=float) + "\n")
-    print(f"\nWritten: {options.output}")
+    name = "roundoff_longest.json" if options.longest else "roundoff.json"
+    output = options.output or RESULTS / name
+    if options.longest:
+        sizes, times = [(3, LONGEST)], (0.2,)
+    else:
+        decades = DECADES_QUICK if options.quick else (*DECADES, 10**9) if options.long else DECADES
+        sizes, times = [(3, decades), (4, DECADES_QUICK[:-1] if options.quick else DECADES)], STEPS_OF_TIME
+    measure(sizes, times, options.only, output)
+    print(f"\nWritten: {output}")
 
 
 if __name__ == "__main__":
