@@ -69,9 +69,9 @@ def dimensions() -> str:
     sizes = list(dict.fromkeys(n for row in told["ns"].values() for n in row))
     rows = []
     for name, row in told["ns"].items():
-        exponent = f"{told['exponents'][name]:.2f}" if name in told["exponents"] else "-"
-        rows.append([name, *(_time(row[n]) if n in row else "-" for n in sizes), exponent])
-    head = ["system; n =", *sizes, f"exponent, n ≥ {told['fitted_from']}"]
+        fits = [f"{fit[name]:.2f}" if name in fit else "-" for fit in told["exponents"].values()]
+        rows.append([name, *(_time(row[n]) if n in row else "-" for n in sizes), *fits])
+    head = ["system; n =", *sizes, *(f"exponent, n ≥ {first}" for first in told["exponents"])]
     return _table(head, rows)
 
 

@@ -9,6 +9,7 @@ import kreisel as kr
 from kreisel.algebra import Array
 from kreisel.engines import large, layout, levels
 from kreisel.engines.cpu import Kernel
+from kreisel.engines.lines import Line
 from kreisel.engines.structured import Matrix, Vector
 from kreisel.methods import Scheme, scheme
 from kreisel.runs.plan import make_plan
@@ -244,3 +245,23 @@ def test_planes_of_degenerate_and_vanishing_turns() -> None:
         got = plan.observe(plan.engine.z[None])
         assert abs(got["m"][0] - m).max() < 1e-14
         assert abs(got["a"][0] - x0.a).max() < 1e-14
+
+
+def test_rows_are_filled_up_only_where_that_changes_nothing() -> None:
+    """Loops go on over zeros beyond the last entry: not where a sum or the state would see it."""
+    model, _ = problem("neumann", 9)
+    dense = scheme(model, "suris", DT, 1, False)
+    form = large.form_of(dense)
+    assert form is not None
+    printer = levels.Printer(form, dense)
+
+    def stays_zero(*lines: tuple[str, str, tuple[str, ...]], new: tuple[str, str] = ("z0x", "z1x")) -> bool:
+        piece = large.Piece([Line((name,), f"{name} = {text}", needs) for name, text, needs in lines], [*new], None)
+        return printer._stays_zero(piece)
+
+    product = ("t0", "c_b * z0x", ("c_b", "z0x"))
+    assert stays_zero(product, ("t1", "total(t0)", ("t0",)), ("t2", "fma(t0, t1, (-z1x))", ("t0", "t1", "z1x")))
+    assert not stays_zero(("t0", "c_b + 1.0", ("c_b",)), ("t1", "total(t0)", ("t0",)))
+    assert not stays_zero(("t0", "c_eps - z0x", ("c_eps", "z0x")), new=("t0", "z1x"))
+    assert stays_zero(("t0", "1.0 / z0x", ("z0x",))) is False
+    assert stays_zero(("t0", "fma(c_b, c_b, 1.0)", ("c_b",)), ("t1", "z0x / t0", ("z0x", "t0")), new=("t1", "z1x"))

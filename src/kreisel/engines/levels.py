@@ -5,16 +5,19 @@ A loop over the entries stands for each stretch between two sums over them, or p
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Collection, Iterable, Mapping
 
 from kreisel.engines import products
 from kreisel.engines.cpu import load
-from kreisel.engines.large import AXIS_NAME, INVERSE, Form, Piece, functions, recorded
+from kreisel.engines.large import AXIS_NAME, INVERSE, TURN_NAME, Form, Piece, functions, recorded
 from kreisel.engines.lines import Line, split
 from kreisel.engines.products import Change, Function, Upkeep
 from kreisel.engines.recording import indented
 from kreisel.methods.scheme import Scheme
 
+SUMMED = 16  # entries that a sum takes at a time: rows are filled with zeros, or what is left over costs most of it
+VECTOR = 8  # entries of the other loops likewise, where what is beyond stays 0
 WITHIN = "# each vector of the orientation"
 
 KERNEL = """
@@ -28,7 +31,7 @@ def total(w, first, count):
 
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8)", {options})
 def kernel(z, c, s, out, every, first, last):
-    w = np.empty({room})
+    w = np.zeros({room})
     for lane in range(first, last):
 {load}
 {once}
@@ -51,6 +54,8 @@ class Printer:
         self.form, self.scheme = form, scheme
         self.kinds = [kind for _, kind in scheme.components]
         self.names = form.names(self.kinds)
+        self.end = form.h  # of the loops over the entries
+        self.length = -(-form.h // SUMMED) * SUMMED  # of a row of w: beyond h stands 0
         self.room: dict[str, int] = {}  # row of each entry that stays
         self.rows = 0
         self.entries: set[str] = set()
@@ -63,6 +68,8 @@ class Printer:
         """The source; `columns` say where each constant stands in its row."""
         pieces = [recorded(self.form, self.kinds, *function) for function in functions(self.scheme)]
         h, place = self.form.h, 0
+        if "matrix" not in self.kinds and all(self._stays_zero(piece) for piece in pieces):
+            self.end = -(-h // VECTOR) * VECTOR
         copies: list[tuple[int, int]] = []  # row of w and place in z of each block
         numbers: list[tuple[str, int]] = []
         matrices: list[tuple[str, int, int]] = []  # that stay in z
@@ -80,13 +87,13 @@ class Printer:
         for k in range(self.form.inverses):
             matrices.append((f"{INVERSE}{k}", place, place + h * h))
             place += h * h
-        load = [f"    w[{row * h} + k] = z[lane, {at} + k]" for row, at in copies]
+        load = [f"    w[{row * self.length} + k] = z[lane, {at} + k]" for row, at in copies]
         given = [f"{name} = z[lane, {at}]" for name, at in numbers]
         for name, where in columns.items():
             if self._is_number(name):
                 given.append(f"c_{name} = c[lane, {where.start}]")
             else:
-                load.append(f"    w[{self._keep(f'c_{name}') * h} + k] = c[lane, {where.start} + k]")
+                load.append(f"    w[{self._keep(f'c_{name}') * self.length} + k] = c[lane, {where.start} + k]")
 
         self._wait(pieces[0].upkeep)
         for changes in self.waiting.values():
@@ -96,7 +103,7 @@ class Printer:
             given.append(f"{name} = z[lane, {at}:{end}]{f'.reshape(({h}, {h}))' * name.startswith(INVERSE)}")
 
         def put(target: str) -> list[str]:
-            blocks = [f"    {target}{at} + k] = w[{row * h} + k]" for row, at in copies]
+            blocks = [f"    {target}{at} + k] = w[{row * self.length} + k]" for row, at in copies]
             return [f"for k in range({h}):", *blocks, *(f"{target}{at}] = {name}" for name, at in numbers)]
 
         stage = [f"s_{name} = s[lane, stage, {where.start}]" for name, where in stage_columns.items()]
@@ -120,7 +127,7 @@ class Printer:
             + KERNEL.format(
                 total=SUM,
                 options=options,
-                room=self.rows * h,
+                room=self.rows * self.length,
                 load=indented([f"for k in range({h}):", *load, *given], 8),
                 once=indented(first, 8),
                 stage=indented(stage, 20),
@@ -130,6 +137,26 @@ class Printer:
                 store=indented(put("z[lane, "), 8),
             )
         )
+
+    def _stays_zero(self, piece: Piece) -> bool:
+        """Whether entries beyond the last, where state and constants are 0, change neither sums nor the state."""
+        if piece.upkeep:
+            return False
+        blocks = [name for name in self.names if name[-1] != "t"]
+        known: dict[str, float | None] = dict.fromkeys(blocks, 0.0)
+        known |= {f"c_{name}": 0.0 for name in self.form.roles if not self._is_number(name)}
+        known[f"c_{TURN_NAME}"] = 0.0
+        try:
+            for line in piece.lines:
+                if _is_total(line):
+                    if known.get(line.needs[0], 0.0) != 0:
+                        return False
+                elif not known.keys().isdisjoint(line.needs):
+                    known[line.names[0]] = beyond(line, known)
+        except ValueError:
+            return False
+        ends = dict(zip(self.names, piece.new, strict=True))
+        return all(known.get(ends[name].strip("(-)")) == 0 for name in blocks)
 
     def _is_number(self, name: str) -> bool:
         return name == AXIS_NAME or self.form.roles.get(name, ("c", "turn"))[1] == "number"
@@ -156,7 +183,8 @@ class Printer:
         out = self._printed(lines, given - own, outputs, within=given - own)
         h, size = self.form.h, self.form.size("vector")
         places = [
-            (f"w[{self._keep(name) * h} + k]", f"{g}[column + {at * h} + k]") for at, name in enumerate(blocks[:2])
+            (f"w[{self._keep(name) * self.length} + k]", f"{g}[column + {at * h} + k]")
+            for at, name in enumerate(blocks[:2])
         ]
         text = [
             f"for column in range(0, {self.form.n * size}, {size}):",
@@ -184,7 +212,7 @@ class Printer:
         Entries that are `wanted` afterwards stay; the new state, `outputs`, is written in the last loop.  Where there
         is something `within`, which needs those names, its place is before that loop.
         """
-        h, entry = self.form.h, set(self.entries)
+        entry = set(self.entries)
         for line in lines:
             if not _is_total(line) and not entry.isdisjoint(line.needs):
                 entry.add(line.names[0])
@@ -214,7 +242,7 @@ class Printer:
             for line in here:
                 if _is_total(line):
                     (source,) = line.needs
-                    out.append(f"{line.names[0]} = total(w, {self._row(source, held) * h}, {h})")
+                    out.append(f"{line.names[0]} = total(w, {self._row(source, held) * self.length}, {self.length})")
                 elif line.names[0] not in entry:
                     out.append(line.text)
             if upkeep:
@@ -227,24 +255,24 @@ class Printer:
                 continue
             inside = {line.names[0] for line in loop}
             needs = {n for line in loop for n in line.needs} | {v.strip("(-)") for v in here_ends.values()}
-            block = [f"{n} = w[{self._row(n, held) * h} + k]" for n in sorted(needs - inside) if n in entry]
+            block = [f"{n} = w[{self._row(n, held) * self.length} + k]" for n in sorted(needs - inside) if n in entry]
             block += [line.text for line in loop]
             for n in sorted(inside & kept):
                 if n in wanted:
                     row = self._keep(n)
                 else:
                     row = held[n] = free.pop() if free else self._new_row()
-                block.append(f"w[{row * h} + k] = {n}")
-            block += [f"w[{self.room[name] * h} + k] = {value}" for name, value in here_ends.items()]
-            out += [f"for k in range({h}):", *(f"    {line}" for line in block)]
+                block.append(f"w[{row * self.length} + k] = {n}")
+            block += [f"w[{self.room[name] * self.length} + k] = {value}" for name, value in here_ends.items()]
+            out += [f"for k in range({self.end}):", *(f"    {line}" for line in block)]
         numbers = {name: value for name, value in outputs.items() if name[-1] == "t" and value != name}
         if numbers:
             out.append(f"{', '.join(numbers)}, = {', '.join(numbers.values())},")
         return ["for attempt in range(2):", *(f"    {line}" for line in (*out, "break"))] if upkeep else out
 
     def _vector(self, name: str, held: Mapping[str, int] | None = None) -> str:
-        row, h = self._row(name, held or {}), self.form.h
-        return f"w[{row * h}:{(row + 1) * h}]"
+        start = self._row(name, held or {}) * self.length
+        return f"w[{start}:{start + self.form.h}]"
 
     def _call(self, function: Function, matrix: str, arguments: Iterable[str]) -> str:
         self.functions[function.name] = load(function.source).__name__
@@ -311,8 +339,8 @@ class Printer:
             for change, place in zip(changes, self.waiting[name], strict=True):
                 out.append(f"{place.scale} = {change.scale}")
                 for source, to in zip(change[1:], place[1:], strict=True):
-                    h = self.form.h
-                    loop.append(f"    w[{self.room[to] * h} + k] = w[{self._row(source, held) * h} + k]")
+                    rows = (self.room[to] * self.length, self._row(source, held) * self.length)
+                    loop.append("    w[{} + k] = w[{} + k]".format(*rows))
         return [*out, f"for k in range({self.form.h}):", *loop]
 
     def _done(self) -> list[str]:
@@ -335,6 +363,47 @@ class Printer:
     def _new_row(self) -> int:
         self.rows += 1
         return self.rows - 1
+
+
+def beyond(line: Line, known: Mapping[str, float | None]) -> float | None:
+    """The value of an entry where others have the `known` values, None for one that may be any finite number.
+
+    Raises `ValueError` where it may be no number.
+    """
+    tree = ast.parse(line.text.partition(" = ")[2], mode="eval").body
+
+    def value(node: ast.expr) -> tuple[float | None, bool]:
+        """And whether it is an entry."""
+        match node:
+            case ast.Constant(float(number) | int(number)):
+                return float(number), False
+            case ast.Name(name):
+                return (known[name], True) if name in known else (None, False)
+            case ast.UnaryOp(ast.USub(), x):
+                v, entry = value(x)
+                return None if v is None else -v, entry
+            case ast.BinOp(x, ast.Mult(), y):
+                return times(value(x), value(y))
+            case ast.BinOp(x, ast.Add() | ast.Sub() as operator, y):
+                return plus(value(x), value(y), 1 if isinstance(operator, ast.Add) else -1)
+            case ast.BinOp(x, ast.Div(), y):
+                (a, one), (b, other) = value(x), value(y)
+                if b == 0 or (b is None and other):
+                    raise ValueError
+                return (0.0 if a == 0 else None if a is None or b is None else a / b), one or other
+            case ast.Call(ast.Name("fma"), [x, y, z]):
+                return plus(times(value(x), value(y)), value(z), 1)
+        raise ValueError
+
+    def times(x: tuple[float | None, bool], y: tuple[float | None, bool]) -> tuple[float | None, bool]:
+        (a, one), (b, other) = x, y
+        return (0.0 if 0 in (a, b) else None if a is None or b is None else a * b), one or other
+
+    def plus(x: tuple[float | None, bool], y: tuple[float | None, bool], sign: int) -> tuple[float | None, bool]:
+        (a, one), (b, other) = x, y
+        return (None if a is None or b is None else a + sign * b), one or other
+
+    return value(tree)[0]
 
 
 def _is_total(line: Line) -> bool:
