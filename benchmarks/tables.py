@@ -106,7 +106,20 @@ def startup() -> str:
     return _table(head, rows)
 
 
-TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, dimension_accuracy, startup)
+def gpu_code() -> str:
+    """The kernels of the GPU: registers, instructions of a step and the bound that they are."""
+    told = _result("gpu_code")
+    rows = []
+    for name, row in told["kernels"].items():
+        kernel, _, precision = name.rpartition(", ")
+        step = f"{row['passes']} × {row['arithmetic']}" if row["passes"] > 1 else str(row["arithmetic"])
+        registers = str(row["registers"]) + f", {row['spilled_bytes']} bytes spilled" * bool(row["spilled_bytes"])
+        rows.append([kernel, precision, step, str(row["others"]), registers, f"{row['steps_per_second']:.2g}"])
+    head = ["kernel", "precision", "arithmetic instructions a step", "others", "registers", "bound, steps/s"]
+    return _table(head, rows)
+
+
+TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, dimension_accuracy, startup, gpu_code)
 
 if __name__ == "__main__":
     for table in TABLES:
