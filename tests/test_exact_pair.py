@@ -50,7 +50,21 @@ def off(run: Any, want: np.ndarray) -> float:
 def test_against_taylor(seed: int, dt: float, steps: int) -> None:
     for model, state in bodies(seed):
         run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, method="exact")
-        assert off(run, truth(model, state, dt * steps)) < 1e-14 * max(1, steps * dt)
+        error = off(run, truth(model, state, dt * steps))
+        assert error < 3e-15 * max(1, steps * dt) or error < 8 * np.finfo(float).eps * grown(model, state, dt * steps)
+
+
+def grown(model: Any, state: dict[str, np.ndarray], time: float) -> float:
+    """What a small change of the state has grown by at that time: 530 for one of the bodies."""
+    want, most, small = truth(model, state, time), 0.0, 1e-9
+    for name, j in ((name, j) for name in state for j in range(3)):
+        other = {k: np.array(v, dtype=float) for k, v in state.items()}
+        other[name][j] += small
+        if "x" in other:
+            other["x"] /= np.linalg.norm(other["x"])
+            other["q"] -= other["x"] * (other["x"] @ other["q"])
+        most = max(most, float(abs(truth(model, other, time) - want).max()) / small)
+    return most
 
 
 @pytest.mark.parametrize(
