@@ -112,7 +112,7 @@ def gpu_code() -> str:
     rows = []
     for name, row in told["kernels"].items():
         kernel, _, precision = name.rpartition(", ")
-        step = f"{row['passes']} × {row['arithmetic']}" if row["passes"] > 1 else str(row["arithmetic"])
+        step = f"{row['passes']} stages of {row['arithmetic']}" if row["passes"] > 1 else str(row["arithmetic"])
         registers = str(row["registers"]) + f", {row['spilled_bytes']} bytes spilled" * bool(row["spilled_bytes"])
         rows.append([kernel, precision, step, str(row["others"]), registers, f"{row['steps_per_second']:.2g}"])
     head = ["kernel", "precision", "arithmetic instructions a step", "others", "registers", "bound, steps/s"]
