@@ -6,9 +6,9 @@ A row depends on its own phases alone, so neither the cut into calls nor the num
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, cached_property
 from threading import Lock
 from typing import Any
 
@@ -17,12 +17,14 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.cpu import EXACT, HEAD, load, shares
+from kreisel.engines.jumps import Jumps
 from kreisel.engines.layout import LANES, Floats
 from kreisel.engines.lines import split
 from kreisel.engines.recording import indented, recorded_function
 from kreisel.methods.scheme import Orbit, Scheme, States
 
 AT_ONCE = 4096  # times that a function is asked for
+FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
 CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
@@ -94,8 +96,8 @@ TURN = """
 """
 
 
-def orbits(scheme: Scheme, z0: Floats, reach: float) -> list[Orbit | States]:
-    """The orbit of each lane of z0 (lanes, d), up to |time| = reach.  Raises `InputError` if the scheme knows none."""
+def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> list[Orbit | States]:
+    """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` for what has none."""
     if scheme.orbit is None:
         raise TypeError(f"the scheme {scheme.name} states no orbit")
     kinds = [kind for _, kind in scheme.components]
@@ -107,7 +109,7 @@ def orbits(scheme: Scheme, z0: Floats, reach: float) -> list[Orbit | States]:
         constants[name] = np.broadcast_to(array, (lanes, *array.shape[array.ndim - scheme.axes[name] :]))
     return [
         scheme.orbit(tuple(part[lane] for part in starts), {k: v[lane] for k, v in constants.items()}, reach)
-        for lane in range(lanes)
+        for lane in which
     ]
 
 
@@ -118,19 +120,33 @@ def dyadic(times: Floats) -> tuple[Array, Array]:
 
 
 class ClosedForm:
-    """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|."""
+    """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
+
+    Or at any times: a few are jumps, each with its own set-up.
+    """
 
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float):
         self.z = np.array(z0, dtype=np.float64)
+        self._scheme, self._start, self._reach = scheme, self.z.copy(), reach
         self._done = 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
-        kinds = [kind for _, kind in scheme.components]
-        lanes = orbits(scheme, self.z, reach)
-        used, source = _source(lanes[0], kinds, scheme.name) if isinstance(lanes[0], Orbit) else ([], "")
+
+    @cached_property
+    def _lanes(self) -> list[Rows | Samples]:
+        return self._set_up(range(len(self.z)))
+
+    def _set_up(self, which: Iterable[int]) -> list[Rows | Samples]:
+        """These lanes, in many digits.  Raises `InputError` for what has no closed form."""
+        kinds = [kind for _, kind in self._scheme.components]
+        found = orbits(self._scheme, self._start, self._reach, which)
+        used, source = _source(found[0], kinds, self._scheme.name) if isinstance(found[0], Orbit) else ([], "")
         kernel = load(source).kernel if source else None  # no number of a lane stands in it
-        self._lanes = [
-            Rows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in lanes
-        ]
+        return [Rows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in found]
+
+    def ready(self) -> ClosedForm:
+        """Set up before the first row is asked for."""
+        _ = self._lanes
+        return self
 
     def advance(self, out: Floats, every: int) -> None:
         for lane, rows in enumerate(self._lanes):
@@ -152,8 +168,13 @@ class ClosedForm:
 
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""
-        out = np.empty((len(times), *self.z.shape))
-        for lane, rows in enumerate(self._lanes):
+        if self._scheme.jump is None or len(times) > FEW:
+            out, lanes = np.empty((len(times), *self.z.shape)), dict(enumerate(self._lanes))
+        else:
+            out, right = Jumps(self._scheme, self._start).at(times)
+            left = np.flatnonzero(~right.all(0)).tolist()
+            lanes = dict(zip(left, self._set_up(left), strict=True)) if left else {}
+        for lane, rows in lanes.items():
             rows.at(out, lane, *dyadic(times))
         return out
 

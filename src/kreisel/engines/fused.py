@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from typing import Any
 
 from llvmlite import ir
@@ -52,3 +53,39 @@ def sign(typing_context: Any, x: Any) -> Any:
         return builder.select(builder.fcmp_ordered("<", x, everywhere(x.type, 0.0)), less, more)
 
     return _of((x,), emit)
+
+
+@intrinsic
+def nearest(typing_context: Any, x: Any) -> Any:
+    """The whole number next to x; of two the even one."""
+    return _of((x,), llvm_intrinsic("rint"))
+
+
+@intrinsic
+def size(typing_context: Any, x: Any) -> Any:
+    """|x|."""
+    return _of((x,), llvm_intrinsic("fabs"))
+
+
+@intrinsic
+def where_less(typing_context: Any, x: Any, y: Any, yes: Any, no: Any) -> Any:
+    """`yes` where x < y, else `no`."""
+
+    def emit(builder: ir.IRBuilder, x: Any, y: Any, yes: Any, no: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", x, y), yes, no)
+
+    return _of((x, y, yes, no), emit)
+
+
+@intrinsic
+def largest(typing_context: Any, x: Any) -> Any:
+    """The largest of the places of a vector; no number if one of them is none."""
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        (vector,) = values
+        if not isinstance(vector.type, ir.VectorType):
+            return vector
+        places = [builder.extract_element(vector, ir.IntType(32)(k)) for k in range(vector.type.count)]
+        return reduce(lambda a, b: builder.select(builder.fcmp_ordered(">", b, a), b, a), places)
+
+    return signature(types.float64, x), emit

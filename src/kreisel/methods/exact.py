@@ -17,7 +17,7 @@ from kreisel.methods.jacobi import jacobi
 from kreisel.methods.motion import UNTURNED, Motion
 from kreisel.methods.nutation import Number, number, rationals
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
-from kreisel.methods.scheme import Orbit, Scheme
+from kreisel.methods.scheme import Jump, Orbit, Scheme
 from kreisel.model import Model
 
 
@@ -72,6 +72,21 @@ def _iterated(
     return here.orbit(finish, constants, clock())
 
 
+def _jump(model: Model) -> Jump:
+    """In the moving frame (-M, P, A) is the (m, a, p) of the rest frame."""
+    inside = model.system.frame is Frame.MOVING
+
+    def begin(*z: Array, **constants: Array) -> tuple[Array, Array, Array, Array]:
+        m, b, p = call(model.system.top, z, constants)
+        axial = algebra.axial(m)
+        return (-axial, p, b, constants.get("alpha", 1.0)) if inside else (axial, b, p, 1.0)
+
+    def finish(m: Array, b: Array) -> tuple[Array, ...]:
+        return -algebra.hat(m) if inside else algebra.hat(m), b
+
+    return Jump(begin, finish)
+
+
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
 
@@ -120,5 +135,6 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         observe=observe,
         reopen=tuple,
         orbit=orbit,
+        jump=None if oriented else _jump(model),
         outcomes=outcomes,
     )

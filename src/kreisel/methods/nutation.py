@@ -146,8 +146,8 @@ class Nutation:
         eps = ctx.convert(eps)
         P2, c, K, x0 = number(ctx, known.P2), number(ctx, known.c), number(ctx, known.K), 4 / eps**2
         p = ctx.sqrt(P2)
-        lag = K / (3 * P2) * ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if known.K else ctx.zero
-        return p * (-c / (2 * P2) * self.tau(eps) + ctx.sign(eps) * lag) + ctx.atan(eps * c / (2 * p))
+        third = ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if known.K else ctx.zero
+        return turning(p, c, K, self.tau(eps), ctx.sign(eps) * third) + ctx.atan(eps * c / (2 * p))
 
     def period_turn(self, dual: bool = False) -> Number:
         """theta_P: the flow over the period 2 omega_1 is Rot_p(theta_P), mod 2 pi; 0 if p = 0."""
@@ -159,8 +159,8 @@ class Nutation:
         if known.K == 0:  # -c^2/P2 is a root
             nearest = min(self.x, key=lambda x: abs(x + c**2 / P2))
             return c * self.half_period / p + (ctx.pi if nearest == x2 else 0)
-        lag = number(ctx, known.K) / (3 * P2) * ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
-        return ctx.pi - 2 * p * (-c / (2 * P2) * self.half_period + lag)
+        third = ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
+        return ctx.pi - 2 * turning(p, c, number(ctx, known.K), self.half_period, third)
 
     def beyond(self, eps: Number) -> tuple[Number, Number]:
         """(tau, theta) of the map on the other branch of r, where the square root in it is negative.
@@ -199,6 +199,11 @@ class Nutation:
         for x in self.x:
             root = root * self.ctx.sqrt(1 - s * x)
         return squared_length(s, root, A, J, c, E)
+
+
+def turning(p: Any, c: Any, K: Any, tau: Any, third: Any) -> Any:
+    """|p| (-c/(2 P2) tau + K/(3 P2) third), |p|^2 = P2: of theta and theta_P what grows with tau; `third` is an R_J."""
+    return (K * third / 3 - c * tau / 2) / p
 
 
 def squared_length(s: Array, root: Array, A: Any, J: Any, c: Any, E: Any) -> Array:

@@ -53,6 +53,20 @@ States = Callable[[Array, Array], tuple[Array, ...]]  # (M, e) -> z at the times
 
 
 @dataclass(frozen=True)
+class Jump:
+    """A flow as that of a Lagrange top, n = 3, at rest: m' = p x b, b' = m x b, with axial vectors.
+
+    begin(*z, **constants) -> m, b, p, alpha
+    finish(m, b)           -> z; the state turns about p by (1/alpha - 1) (m.p)/|p| in a unit of time beside
+
+    Recorded and compiled by an engine.
+    """
+
+    begin: Callable[..., tuple[Array, Array, Array, Any]]
+    finish: Callable[[Array, Array], tuple[Array, ...]]
+
+
+@dataclass(frozen=True)
 class Guard:
     """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
 
@@ -74,6 +88,7 @@ class Scheme:
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     orbit(z0, consts, reach) -> Orbit or States: the states at any |time| <= reach in closed form, for one lane; a map,
                                         which also states its step, has whole times and counts steps
+    jump                                the same as the flow of a top, which an engine knows at any time; or None
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; constants other than the
                                         model's own are for an engine that records it
     reopen(x)              -> z         from an observed state back to the method's own variables
@@ -95,6 +110,7 @@ class Scheme:
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
     orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit | States] | None = None
+    jump: Jump | None = None
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     close: Callable[..., tuple[Array, ...]] | None = None
     options: Mapping[str, Any] | None = None

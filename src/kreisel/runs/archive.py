@@ -50,6 +50,7 @@ LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemb
 MOST_INDEXED = 10**7  # times that are held in memory
 LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 MANY_SAMPLES_N = 16  # beyond, there are fewer
+MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
@@ -116,6 +117,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     z = _spread(plan, first)
     n = plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
+    samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     directions = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *z.shape)) * _largest(plan, z)
     here = plan.observe(z)
     up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)

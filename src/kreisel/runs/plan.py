@@ -265,7 +265,7 @@ def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str, print
     if plan.orbit is not None:
         from kreisel.engines.closed import ClosedForm
 
-        return ClosedForm(plan, start, dt, steps * dt)
+        return ClosedForm(plan, start, dt, steps * dt).ready()
     from kreisel.engines.ode import Reference
 
     return Reference(plan, start, dt)

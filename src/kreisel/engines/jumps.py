@@ -1,0 +1,177 @@
+"""The flow of the Lagrange top, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops.
+
+Over the period of nutation the flow is a turn about p; over what is left of the time it is `count` times D_eps, less
+the turn of D_eps.  The formulas of `kreisel.methods.nutation` are recorded here, for doubles and double-doubles alike;
+`kreisel.engines.nutating` puts them together.  Each lane tells what it may be off; some need more digits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.engines import layout
+from kreisel.engines.cpu import EXACT, HEAD, load, shares
+from kreisel.engines.layout import Floats
+from kreisel.engines.lines import arranged
+from kreisel.engines.recording import flat_constants, indented
+from kreisel.engines.trace import Scalar, Tape, text
+from kreisel.methods.nutation import Integrals, darboux, squared_length, turning
+from kreisel.methods.scheme import Scheme
+
+TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
+WORK = 200  # a jump is worth so many steps of a map in an ensemble
+TEXTS = ("double_double", "elliptic", "nutating")  # what the kernel imports beside the operations of all kernels
+
+FUNCTION = """
+@njit(error_model="numpy", forceinline=True)
+def {name}({arguments}):
+{body}
+    return {result}
+
+"""
+
+KERNEL = """
+MOST = 64  # maps in a jump
+
+
+@njit("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], i8, i8)", {options})
+def kernel(z, c, times, out, off, first, last):
+    for lane in range(first, last, {width}):
+        end = min(lane + {width}, last)
+        start = begin(*gather(z, {state}, lane, end, {width}), *gather(c, {constants}, lane, end, {width}))
+        m0, m1, m2, b0, b1, b2, p0, p1, p2, alpha = start
+        (t,) = gather(times, 1, lane, end, {width})
+        known = integrals({pairs})
+        count, eps, r, cos, sin, unit, error = leap(known, alpha, t, turning, length)
+        most = MOST
+        if largest(count) < MOST:
+            most = int(largest(count))
+        for k in range(most):
+            m0, m1, m2, b0, b1, b2 = mapped(
+                m0, m1, m2, b0, b1, b2, p0, p1, p2, where_less(float(k), count, eps, 0.0), r
+            )
+        new = finish(m0, m1, m2, b0, b1, b2, p0 * unit, p1 * unit, p2 * unit, cos, sin)
+        scatter(out, (), lane, end, new)
+        scatter(off, (), lane, end, (error + where_less(float(MOST), count, 1.0, 0.0),))
+"""
+
+
+def _function(name: str, function: Callable[..., Any], *shapes: tuple[int, ...], fuse: bool = True) -> str:
+    """Source of a function of numbers, from one of arrays of these shapes; `fuse`: products into sums."""
+    tape = Tape()
+    names: list[str] = []
+    given: list[Any] = []
+    for shape in shapes:
+        own = [f"x{len(names) + k}" for k in range(int(np.prod(shape)))]
+        names += own
+        array: Any = np.array([Scalar(tape, x) for x in own], dtype=object).reshape(shape)
+        given.append(array[()])
+    values = list(function(*given))
+    outputs = [v.name for v in values if isinstance(v, Scalar)]
+    lines = tape.needed(outputs)
+    body = [line.text for line in (arranged(lines, outputs) if fuse else lines)]
+    result = ", ".join(map(text, values))
+    return FUNCTION.format(
+        name=name,
+        arguments=", ".join(names),
+        body=indented(body or ["pass"], 4),
+        result=result if len(values) == 1 else f"({result})",
+    )
+
+
+def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
+    from kreisel.engines.vector_type import register_width
+
+    kinds, n = [kind for _, kind in scheme.components], scheme.n
+    jump = scheme.jump
+    if jump is None:
+        raise TypeError(f"the scheme {scheme.name} states no jump")
+    state = sum(layout.size(kind, n) for kind in kinds)
+    constants = max(place.stop for place in columns.values())
+
+    def begin(z: Array, c: Array) -> list[Any]:
+        known = {name: c[place].reshape((n,) * scheme.axes[name])[()] for name, place in columns.items()}
+        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **known)
+        return [*m, *b, *p, alpha]
+
+    def integrals(m: Array, b: Array, p: Array) -> list[Any]:
+        known = Integrals.of(m, b, p)
+        return [*astuple(known), known.K, *known.depressed]
+
+    def mapped(m: Array, b: Array, p: Array, eps: Any, r: Any) -> list[Any]:
+        hat, b, _ = darboux(algebra.hat(m), b, p, eps, r)
+        return [*algebra.axial(hat), *b]
+
+    def finish(m: Array, b: Array, axis: Array, cos: Any, sin: Any) -> list[Any]:
+        H = algebra.hat(axis)
+        new = [v + sin * algebra.act(H, v) + (1 - cos) * algebra.act(H, algebra.act(H, v)) for v in (m, b)]
+        return list(layout.flatten(jump.finish(*new), kinds))
+
+    three = (3,), (3,), (3,)
+    width = register_width()
+    return (
+        HEAD.format(name=f"{scheme.name} of {kinds}, jumps")
+        + "from kreisel.engines.double_double import pair\n"
+        + "from kreisel.engines.fused import largest, where_less\n"
+        + "from kreisel.engines.nutating import leap\n"
+        + "from kreisel.engines.vector_type import gather, scatter\n\n"
+        + f"# {_operations()}\n"
+        + _function("begin", begin, (state,), (constants,))
+        + _function("integrals", integrals, *three, fuse=False)
+        + _function("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
+        + _function("length", lambda *x: [squared_length(*x)], *[()] * 6)
+        + _function("mapped", mapped, *three, (), ())
+        + _function("finish", finish, *three, (), ())
+        + KERNEL.format(
+            options=EXACT,
+            width=width,
+            state=state,
+            constants=constants,
+            pairs=", ".join(f"pair({letter}{k}, 0.0 * t)" for letter in "mbp" for k in range(3)),
+        )
+    )
+
+
+@cache
+def _operations() -> str:
+    """Of the text of what the kernel imports, which Numba compiles into it."""
+    texts = b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in TEXTS)
+    return hashlib.sha256(texts).hexdigest()
+
+
+class Jumps:
+    """The states of tops z0 (lanes, d) at any times."""
+
+    def __init__(self, scheme: Scheme, z0: Floats):
+        self._z = np.ascontiguousarray(z0)
+        self._constants, columns = flat_constants(scheme, len(z0))
+        self._kernel = load(_source(scheme, columns)).kernel
+
+    def at(self, times: Floats) -> tuple[Floats, Array]:
+        """The states (times, lanes, d), and which of them are right (times, lanes)."""
+        rows = len(times) * len(self._z)
+        z, c, when = self._z, self._constants, times.reshape(-1, 1)
+        if len(times) > 1:
+            z, c = np.tile(z, (len(times), 1)), np.tile(c, (len(times), 1))
+        if len(self._z) > 1:
+            when = np.repeat(when, len(self._z), 0)
+        out, off = np.empty(z.shape), np.empty((rows, 1))
+        parts = list(shares(rows, WORK * rows)) if rows > 1 else [(0, rows)]
+        if len(parts) < 2:
+            self._kernel(z, c, when, out, off, 0, rows)
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:
+                for done in [pool.submit(self._kernel, z, c, when, out, off, *part) for part in parts]:
+                    done.result()
+        shape = len(times), len(self._z)
+        return out.reshape(*shape, -1), (off <= TOLERANCE).reshape(shape)
