@@ -1,6 +1,7 @@
 """Double-doubles as a type of compiled code: unevaluated sums of two doubles, about 31 digits, for numbers and vectors.
 
-The operations are those of Dekker and Knuth with fused products; the last one or two of the 106 bits may be wrong.
+The operations are those of Dekker and Knuth with fused products.  The last one or two of 106 bits may be wrong, in a
+sum those of the larger term: half the operations of one that is as exact where terms cancel.
 """
 
 from __future__ import annotations
@@ -62,9 +63,8 @@ def _ordered(builder: ir.IRBuilder, x: Any, y: Any) -> Two:
 
 
 def _add(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
-    (upper, error), (lower, rest) = (_two_sum(builder, a, b) for a, b in zip(x, y, strict=True))
-    upper, error = _ordered(builder, upper, builder.fadd(error, lower))
-    return _ordered(builder, upper, builder.fadd(error, rest))
+    upper, error = _two_sum(builder, x[0], y[0])
+    return _ordered(builder, upper, builder.fadd(error, builder.fadd(x[1], y[1])))
 
 
 def _negative(builder: ir.IRBuilder, x: Two) -> Two:

@@ -43,7 +43,7 @@ def largest_root(u: Any, v: Any) -> Any:
     y = y * unit
     slope = 3.0 * y * y + first
     root = pair(y, 0.0 * y)
-    for _ in range(3):
+    for _ in range(2):
         root = root - upper((root * root + u) * root + v) / slope
     return root
 

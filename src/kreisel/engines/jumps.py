@@ -137,7 +137,7 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
             width=width,
             state=state,
             constants=constants,
-            pairs=", ".join(f"pair({letter}{k}, 0.0 * t)" for letter in "mbp" for k in range(3)),
+            pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3)),
         )
     )
 
