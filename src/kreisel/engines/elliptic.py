@@ -33,7 +33,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @inlined
 def largest_root(u: Any, v: Any) -> Any:
-    """Of y^3 + u y + v with three real roots: double-doubles, by Newton's method."""
+    """Of y^3 + u y + v with three real roots, by Newton's method: double-double; and the last change, a double."""
     first, last = upper(u), upper(v)
     unit = 2.0 * sqrt(-first / 3.0)
     q = -4.0 * last / (unit * unit * unit)  # the root is `unit` cos(arccos(q)/3)
@@ -41,11 +41,13 @@ def largest_root(u: Any, v: Any) -> Any:
     for _ in range(5):
         y = y - (y * (4.0 * y * y - 3.0) - q) / (12.0 * y * y - 3.0)
     y = y * unit
-    slope = 3.0 * y * y + first
-    root = pair(y, 0.0 * y)
-    for _ in range(2):
-        root = root - upper((root * root + u) * root + v) / slope
-    return root
+    root = pair(y, 0.0)
+    change = y
+    for _ in range(3):
+        square = root * root
+        change = upper((square + u) * root + v) / upper(3 * square + u)
+        root = root - change
+    return root, size(change)
 
 
 @inlined

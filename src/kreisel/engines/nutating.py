@@ -47,7 +47,7 @@ def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     K = pair(where_less(heavy, 0.5 * one, zero, upper(K)), where_less(heavy, 0.5 * one, zero, upper(K - upper(K))))
     p = sqrt(P2)
 
-    y = largest_root(u, v)
+    y, change = largest_root(u, v)
     x3 = y - 4 * E / 3
     square = 3 * y * y + u  # (x3 - x1)(x3 - x2)
     w = sqrt(square)
@@ -78,7 +78,7 @@ def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     apart = sqrt(max(upper(-u - 0.75 * y * y), zero))
     d1 = half + apart
     d2 = upper(square) / d1
-    least = max(upper(x3) + upper(w), LEAN * (d1 - upper(x3)))
+    least = max(upper(x3) + max(upper(w), LEAN * d1), LEAN * (d1 - upper(x3)))
     count = max(-nearest(-0.5 - 0.5 * h * sqrt(least + 4.0 / 3.0 * upper(E))), one)
     angle = max(size(part) * PI[0] / count, LEAST_ANGLE * one)
     c3 = cs(sqrt(d1), sqrt(d2), angle)
@@ -103,6 +103,8 @@ def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     off = blur + size(kappa) * (1.0 + scale * (1.0 + energy) / upper(n))
     turns = size(lean) + off / upper(n)
     lost = (1.0 + size(periods)) * (turns / upper(mean) + energy * energy + size(last) / PLACE) * heavy
+    near = change * change * scale * scale / (upper(square) * upper(square))  # of the root, relative to what it matters
+    lost = lost + (1.0 + size(periods)) * near / PLACE
     lost = lost + size(periods) * (energy * energy + 1.0) + size(upper(own) * heavy)
     far = where_less(scale, SMALLEST * one, one, where_less(LARGEST * one, scale, one, zero))
     error = PLACE * lost + far
