@@ -28,6 +28,7 @@ from kreisel.engines.elliptic import (
 PLACE = 2.0**-102  # a rounding of double-doubles, some together
 SMALLEST, LARGEST = 1e-60, 1e60  # of the energies: outside, products of them leave the range
 LEAST_ANGLE = 1e-100  # of the nutation within its period, in place of 0
+STEEP = 200.0  # energy/(x3 - x2): beyond, doubles lose more than a digit and a half near the steady motion
 LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than it can without loss
 
 
@@ -35,35 +36,24 @@ LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than
 def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     """The flow over t as `count` times D_eps with the constant r, then a turn about p; and what it may be off.
 
-    `known`: A, P2, J, c, E, K, u, v in double-doubles (`kreisel.methods.nutation.Integrals`).  The frame turns about p
-    by (1/alpha - 1) c/|p| in a unit of time beside.  Returns count, eps, r, cos, sin, 1/|p| (or 0), error.
+    `known`: A, P2, J, c, E, K, u, v in double-doubles (`kreisel.methods.nutation.Integrals`); of that module also the
+    functions.  The frame turns about p by (1/alpha - 1) c/|p| in a unit of time beside.  Returns count, eps, r, the cos
+    and sin of the angle, 1/|p| or 0, and the error, in turns and periods.
     """
     A, P2, J, c, E, K, u, v = known
-    pi, inverse_turn = pair(PI[0], PI[1]), pair(TURN[0], TURN[1])
+    inverse_turn = pair(TURN[0], TURN[1])
     zero = 0.0 * upper(A)
     one = zero + 1.0
     heavy = where_less(zero, upper(P2), one, zero)  # 0 where p = 0: then K = c = 0, and no turn about p counts
-    P2 = P2 + (1.0 - heavy)
-    K = pair(where_less(heavy, 0.5 * one, zero, upper(K)), where_less(heavy, 0.5 * one, zero, upper(K - upper(K))))
-    p = sqrt(P2)
+    lower = upper(K - upper(K))
+    K = pair(where_less(zero, heavy, upper(K), zero), where_less(zero, heavy, lower, zero))
+    p = sqrt(P2 + (1.0 - heavy))
+    scale = size(upper(E)) + sqrt(upper(A) * upper(P2)) + sqrt(size(upper(J) * upper(c)))
 
     y, change = largest_root(u, v)
     x3 = y - 4 * E / 3
-    square = 3 * y * y + u  # (x3 - x1)(x3 - x2)
-    w = sqrt(square)
-    n = x3 + c * c / P2  # in [0, x3 - x2]
-    scale = size(upper(E)) + sqrt(upper(A) * upper(P2) * heavy) + sqrt(size(upper(J) * upper(c)))
-    flat = where_less(size(upper(K)), 1e-300 * one, one, zero)
-    inside = flat * where_less(size(upper(n)), 1e-20 * scale, one, zero)  # -c^2/P2 = x3: a pendulum turning over
-    n = n + inside * scale
-    # the first step of the mean of sqrt(x3 - x1) and sqrt(x3 - x2), in which x1 and x2 need not be told apart
-    tilt = (n - w) / (n + w) / 2
-    mean, total, last = complete(sqrt(3 * y + 2 * w) / 2, sqrt(w), (n + w) / (2 * sqrt(n)))
-    total = 1 + tilt * total
-    half_period = pi / mean
-    third = 3 * pi * total / (4 * mean * n)
-    period = pi - 2 * turning(p, c, K, half_period, third) - pi * inside
-
+    square = 3 * y * y + u
+    mean, period, n, last = period_of(p, c, K, y, x3, square, scale, turning)
     phase = t * mean * inverse_turn
     periods = nearest(upper(phase))
     phase = phase - periods
@@ -72,40 +62,69 @@ def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     own = (1 / (alpha + 0 * A) - 1) * c / p * t * inverse_turn
     turned = turned - nearest(upper(turned)) + (own - nearest(upper(own)))
 
-    # what is left, in doubles
-    h = size(upper(phase * (2 * half_period)))
-    half = upper(y) * 1.5
-    apart = sqrt(max(upper(-u - 0.75 * y * y), zero))
-    d1 = half + apart
+    h = upper(phase * (2 * pair(PI[0], PI[1]) / mean))
+    doubles = upper(A), upper(J), upper(c), upper(E), upper(K), upper(p)
+    count, eps, r, theta, steep = remainder(doubles, u, y, x3, square, part, h, scale, turning, length)
+    left = (upper(turned) - count * theta * TURN[0]) * heavy
+    cos, sin = of_turns(left - nearest(left))
+
+    # what a rounding of double-doubles does to the period and to its turn; `energy` is its effect on close roots
+    energy = scale * scale / upper(square)
+    lean, kappa = upper(c / p), upper(K / p)
+    blur = size(2.0 * upper(J) * upper(p)) + size(2.0 * upper(E) * lean) + size(lean * lean * lean)
+    blur = blur + size(kappa) * (1.0 + scale * (1.0 + energy) / n)
+    turns = heavy * (size(lean) + blur / n) / upper(mean)
+    root = last + change * change * (energy / scale) * (energy / scale)  # what the iterations leave
+    lost = (1.0 + size(periods)) * (PLACE * (1.0 + turns + energy * energy) + root)
+    far = where_less(scale, SMALLEST, one, where_less(LARGEST, scale, one, zero))
+    return count, eps, r, cos, sin, heavy / upper(p), lost + PLACE * size(upper(own)) * heavy + far + steep
+
+
+@inlined
+def period_of(p: Any, c: Any, K: Any, y: Any, x3: Any, square: Any, scale: Any, turning: Any) -> Any:
+    """The mean M with omega_1 = pi/M, theta_P, x3 + c^2/P2 and the error of M: `square` = (x3 - x1)(x3 - x2).
+
+    The first step of the mean is made by hand: in it x1 and x2 need not be told apart.
+    """
+    zero = 0.0 * scale
+    w = sqrt(square)
+    n = x3 + c * c / (p * p)  # in [0, x3 - x2]
+    flat = where_less(zero, size(upper(K)), zero, zero + 1.0)
+    over = where_less(size(upper(n)), 1e-20 * scale, flat, zero)  # -c^2/P2 = x3, K = 0: a pendulum that turns over
+    n = n + over * scale
+    mean, total, last = complete(sqrt(3 * y + 2 * w) / 2, sqrt(w), (n + w) / (2 * sqrt(n)))
+    total = 1 + (n - w) / (n + w) / 2 * total
+    pi = pair(PI[0], PI[1])
+    third = 3 * pi * total / (4 * mean * n)
+    return mean, pi * (1.0 - over) - 2 * turning(p, c, K, pi / mean, third), upper(n), last
+
+
+@inlined
+def remainder(
+    known: Any, u: Any, y: Any, x3: Any, square: Any, part: Any, h: Any, scale: Any, turning: Any, length: Any
+) -> Any:
+    """In doubles, the count, eps, r and theta of the maps for the rest h of the time, `part` of a period.
+
+    Last, 1 where doubles do not do: near the steady motion to which the separatrix tends.
+    """
+    A, J, c, E, K, p = known
+    one = 0.0 * A + 1.0
+    apart = sqrt(max(upper(-u - 0.75 * y * y), 0.0 * A))  # (x2 - x1)/2
+    d1 = 1.5 * upper(y) + apart
     d2 = upper(square) / d1
-    least = max(upper(x3) + max(upper(w), LEAN * d1), LEAN * (d1 - upper(x3)))
-    count = max(-nearest(-0.5 - 0.5 * h * sqrt(least + 4.0 / 3.0 * upper(E))), one)
-    angle = max(size(part) * PI[0] / count, LEAST_ANGLE * one)
-    c3 = cs(sqrt(d1), sqrt(d2), angle)
-    gap = c3 * c3
-    x0 = upper(x3) + gap
+    bottom = upper(x3)
+    least = max(bottom + max(sqrt(upper(square)), LEAN * d1), LEAN * (d1 - bottom))  # of 4/eps^2
+    count = max(nearest(0.5 + 0.5 * size(h) * sqrt(least + 4.0 / 3.0 * E)), one)
+    angle = max(size(part) * PI[0] / count, LEAST_ANGLE)
+    cotangent = cs(sqrt(d1), sqrt(d2), angle)
+    gap = cotangent * cotangent
+    x0 = bottom + gap
     s = 1.0 / x0
     root = sqrt((gap + d1) * s * ((gap + d2) * s) * (gap * s))
-    r = length(s, root, upper(A), upper(J), upper(c), upper(E))
-    direction = where_less(part, zero, -one, where_less(zero, part, one, zero))
-    eps = 2.0 * direction * sqrt(s)
-    lean = upper(c / p)
-    kappa = upper(K / p)
-    small = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
-    slope = 0.5 * lean * sqrt(s) * 2.0
-    theta = turning(upper(p), upper(c), upper(K), h / count, small) + slope * arctan_ratio(slope * slope)
-    left = upper(turned) - direction * count * theta * TURN[0]
-    left = (left - nearest(left)) * heavy
-    cos, sin = of_turns(left)
-
-    energy = scale * scale / upper(square)
-    blur = size(2.0 * upper(J) * upper(p)) + size(2.0 * upper(E) * lean) + size(lean * lean * lean)
-    off = blur + size(kappa) * (1.0 + scale * (1.0 + energy) / upper(n))
-    turns = size(lean) + off / upper(n)
-    lost = (1.0 + size(periods)) * (turns / upper(mean) + energy * energy + size(last) / PLACE) * heavy
-    near = change * change * scale * scale / (upper(square) * upper(square))  # of the root, relative to what it matters
-    lost = lost + (1.0 + size(periods)) * near / PLACE
-    lost = lost + size(periods) * (energy * energy + 1.0) + size(upper(own) * heavy)
-    far = where_less(scale, SMALLEST * one, one, where_less(LARGEST * one, scale, one, zero))
-    error = PLACE * lost + far
-    return count, eps, r, cos, sin, heavy / upper(p), error
+    direction = where_less(part, 0.0, -one, where_less(0.0, part, one, 0.0))
+    lean, kappa, half = c / p, K / p, sqrt(s)
+    third = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
+    slope = lean * half
+    theta = turning(p, c, K, size(h) / count, third) + slope * arctan_ratio(slope * slope)
+    steep = where_less(STEEP * d2, scale, one, 0.0)
+    return count, 2.0 * direction * half, length(s, root, A, J, c, E), direction * theta, steep

@@ -1,0 +1,176 @@
+"""kr.at by compiled jumps: against the closed form in many digits, lanes against one top, and where it gives up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.engines import closed, jumps, layout
+from kreisel.engines.jumps import Jumps
+from kreisel.methods import scheme
+from kreisel.methods.nutation import Integrals
+from test_exact import DOUBLE, SPECIAL, UP, random_tops
+
+TIMES = np.array([0.37, -11.3, 1e3, 2e6])
+RIGHT = 3e-15  # relative to the largest entry: 1.8e-15 measured
+BEYOND = ("separatrix", "unstable", "critical", "falling", "at rest, up", "near the top")
+
+
+def wide_tops(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Momenta over three decades and a half, weights over three."""
+    draw = np.random.default_rng(4)
+    m, b, p = draw.normal(size=(3, count, 3))
+    return m * 10 ** draw.uniform(-1.5, 2, (count, 1)), b, p * 10 ** draw.uniform(-2, 1, (count, 1))
+
+
+def jumped(top: object, state: object, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (times, lanes, 6) and which are right."""
+    letters, kinds = top.system.space.letters, top.system.space.kinds
+    plan, given = scheme(top, "exact", 1.0, None, False), top.state(**state)
+    z = layout.flatten(plan.prepare(tuple(given[k] for k in letters)), kinds)
+    rows, right = Jumps(plan, np.atleast_2d(z)).at(times)
+    momentum, vector = layout.restore(rows, kinds, 3)
+    return np.concatenate([algebra.axial(momentum), vector], -1), right
+
+
+def in_digits(top: object, state: object, times: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+    """The same rows of one top, without a jump."""
+    with monkeypatch.context() as patch:
+        patch.setattr(closed, "FEW", 0)
+        run = kr.at(top, state, times)
+    return np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
+
+
+def off(got: np.ndarray, want: np.ndarray) -> float:
+    """The largest error of momentum or vector, relative to the largest entry of each."""
+    return max(
+        (abs(g - w).max() / (abs(w).max() or 1)) for g, w in zip(np.split(got, 2), np.split(want, 2), strict=True)
+    )
+
+
+def worst(count: int, monkeypatch: pytest.MonkeyPatch) -> float:
+    """The largest error of jumps of `count` tops that are said to be right."""
+    m, b, p = wide_tops(count)
+    got, right = jumped(kr.LagrangeTop(p=p), {"m": m, "a": b}, TIMES)
+    assert right.mean() > 0.95
+    errors = [0.0]
+    for lane in range(count):
+        want = in_digits(kr.LagrangeTop(p=p[lane]), {"m": m[lane], "a": b[lane]}, TIMES, monkeypatch)
+        errors += [off(got[k, lane], want[k]) for k in range(len(TIMES)) if right[k, lane]]
+    return max(errors)
+
+
+def test_jumps_of_many_tops(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert worst(40, monkeypatch) < RIGHT
+
+
+@pytest.mark.parametrize("name", SPECIAL)
+def test_special_motions(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In both frames; those that tend to a steady motion, or nearly, are said to need more digits, and get them."""
+    m, b, p = SPECIAL[name]
+    rest, body = kr.LagrangeTop(p=p), kr.LagrangeTopMoving(A=b, alpha=0.7)
+    for top, state in ((rest, {"m": m, "a": b}), (body, {"M": m, "P": p})):
+        got, right = jumped(top, state, TIMES)
+        assert right.all() != any(word in name for word in BEYOND)
+        want = in_digits(top, state, TIMES, monkeypatch)
+        for k in np.flatnonzero(right[:, 0]):
+            assert off(got[k, 0], want[k]) < RIGHT
+        run = kr.at(top, state, TIMES)
+        asked = np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
+        assert (asked == (got[:, 0] if right.all() else want)).all()
+
+
+def test_symmetric_top(monkeypatch: pytest.MonkeyPatch) -> None:
+    top, state = kr.SymmetricTop(A=(0.6, 0, 0.8)), {"M": (0.1, 0.2, 1.5), "P": UP}
+    got, right = jumped(top, state, TIMES)
+    assert right.all()
+    assert max(map(off, got[:, 0], in_digits(top, state, TIMES, monkeypatch))) < RIGHT
+
+
+def test_the_way_to_the_separatrix_is_followed_or_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Upright tops, pushed by less and less: each jump is right or said not to be."""
+    given_up = []
+    for decade in range(8):
+        m, b = (10.0**-decade, 0, 1), (0, 10.0 ** -(decade + 1), 1)
+        got, right = jumped(kr.LagrangeTop(p=UP), {"m": m, "a": b}, TIMES)
+        want = in_digits(kr.LagrangeTop(p=UP), {"m": m, "a": b}, TIMES, monkeypatch)
+        given_up.append(not right.all())
+        for k in np.flatnonzero(right[:, 0]):
+            assert off(got[k, 0], want[k]) < 2 * RIGHT
+    assert not given_up[0]
+    assert all(given_up[4:])
+
+
+def test_the_number_of_periods_is_followed_or_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    m, b, p = SPECIAL["generic"]
+    top, state, times = kr.LagrangeTop(p=p), {"m": m, "a": b}, 10.0 ** np.arange(0, 19)
+    got, right = jumped(top, state, times)
+    assert right[times <= 1e12].all()
+    assert not right[times >= 1e17].any()
+    want = in_digits(top, state, times, monkeypatch)
+    assert max(off(got[k, 0], want[k]) for k in np.flatnonzero(right[:, 0])) < RIGHT
+
+
+@pytest.mark.parametrize("unit", [1e-20, 1e20, 1e-60, 1e35])
+def test_scales(unit: float) -> None:
+    """In other units of time the same states; where products leave the range of doubles, by the way of many digits."""
+    m, b, p = (np.array(v, dtype=float) for v in SPECIAL["generic"])
+    one = kr.at(kr.LagrangeTop(p=p), {"m": m, "a": b}, 77.0)
+    two = kr.at(kr.LagrangeTop(p=p * unit**2), {"m": m * unit, "a": b}, 77.0 / unit)
+    assert abs(one.m - two.m / unit).max() < 100 * DOUBLE  # of times and weights that are rounded
+    assert abs(one.a - two.a).max() < 100 * DOUBLE
+
+
+def test_lanes_and_threads_have_the_bits_of_one_top(monkeypatch: pytest.MonkeyPatch) -> None:
+    import numba
+
+    m, b, p = wide_tops(37)
+    alone = [
+        jumped(kr.LagrangeTop(p=p[i]), {"m": m[i], "a": b[i]}, TIMES[k : k + 1])[0][0, 0]
+        for i in range(37)
+        for k in (2,)
+    ]
+    for count in (1, 2, 7, 37):
+        got, _ = jumped(kr.LagrangeTop(p=p[:count]), {"m": m[:count], "a": b[:count]}, TIMES)
+        assert (got[2] == alone[:count]).all()
+    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 3)
+    monkeypatch.setattr(jumps, "WORK", 10**6)
+    got, _ = jumped(kr.LagrangeTop(p=p), {"m": m, "a": b}, TIMES)
+    assert (got[2] == alone).all()
+
+
+def test_time_zero_and_back() -> None:
+    m, b, p = wide_tops(50)
+    top = kr.LagrangeTop(p=p)
+    run = kr.at(top, {"m": m, "a": b}, [0.0, 3.0])
+    assert (run.m.values[0] == m).all()
+    assert (run.a.values[0] == b).all()
+    back = kr.at(top, {"m": run.m.values[1], "a": run.a.values[1]}, -3.0)
+    for got, want in ((back.m.values, m), (back.a.values, b)):
+        assert (abs(got - want).max(-1) < 1e-12 * abs(want).max(-1)).all()
+
+
+def other_K(known: Integrals) -> object:
+    return -K.fget(known)
+
+
+def in_19_digits(known: Integrals) -> object:
+    u, v = DEPRESSED(known)
+    return u + u * 1e-19, v
+
+
+K, DEPRESSED = Integrals.K, Integrals.depressed.func
+MUTANTS = {"theta's sign": ("K", other_K), "roots in 19 digits": ("depressed", in_19_digits)}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_mutants_are_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    m, b, p = random_tops(1)[0]
+    top, state = kr.LagrangeTop(p=p), {"m": m, "a": b}
+    want = in_digits(top, state, TIMES, monkeypatch)
+    assert max(map(off, jumped(top, state, TIMES)[0][:, 0], want)) < RIGHT
+    attribute, mutant = MUTANTS[name]
+    monkeypatch.setattr(Integrals, attribute, property(mutant))
+    assert max(map(off, jumped(top, state, TIMES)[0][:, 0], want)) > 10 * RIGHT
