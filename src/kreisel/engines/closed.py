@@ -135,6 +135,10 @@ class ClosedForm:
     def _lanes(self) -> list[Rows | Samples]:
         return self._set_up(range(len(self.z)))
 
+    @cached_property
+    def _jumps(self) -> Jumps:
+        return Jumps(self._scheme, self._start)
+
     def _set_up(self, which: Iterable[int]) -> list[Rows | Samples]:
         """These lanes, in many digits.  Raises `InputError` for what has no closed form."""
         kinds = [kind for _, kind in self._scheme.components]
@@ -171,7 +175,7 @@ class ClosedForm:
         if self._scheme.jump is None or len(times) > FEW:
             out, lanes = np.empty((len(times), *self.z.shape)), dict(enumerate(self._lanes))
         else:
-            out, right = Jumps(self._scheme, self._start).at(times)
+            out, right = self._jumps.at(times)
             left = np.flatnonzero(~right.all(0)).tolist()
             lanes = dict(zip(left, self._set_up(left), strict=True)) if left else {}
         for lane, rows in lanes.items():

@@ -159,19 +159,18 @@ class Jumps:
 
     def at(self, times: Floats) -> tuple[Floats, Array]:
         """The states (times, lanes, d), and which of them are right (times, lanes)."""
-        rows = len(times) * len(self._z)
-        z, c, when = self._z, self._constants, times.reshape(-1, 1)
-        if len(times) > 1:
-            z, c = np.tile(z, (len(times), 1)), np.tile(c, (len(times), 1))
-        if len(self._z) > 1:
-            when = np.repeat(when, len(self._z), 0)
+        shape = len(times), len(self._z)
+        z, c, rows = self._z, self._constants, shape[0] * shape[1]
+        if shape[0] > 1:
+            z, c = np.tile(z, (shape[0], 1)), np.tile(c, (shape[0], 1))
+        when = np.empty((rows, 1))
+        when.reshape(shape).T[:] = times
         out, off = np.empty(z.shape), np.empty((rows, 1))
-        parts = list(shares(rows, WORK * rows)) if rows > 1 else [(0, rows)]
+        parts = list(shares(rows, WORK * rows)) if rows > 1 else [(0, 1)]
         if len(parts) < 2:
             self._kernel(z, c, when, out, off, 0, rows)
         else:
             with ThreadPoolExecutor(len(parts)) as pool:
                 for done in [pool.submit(self._kernel, z, c, when, out, off, *part) for part in parts]:
                     done.result()
-        shape = len(times), len(self._z)
-        return out.reshape(*shape, -1), (off <= TOLERANCE).reshape(shape)
+        return out.reshape(*shape, -1), off.reshape(shape) <= TOLERANCE
