@@ -44,13 +44,17 @@ KERNEL = """
 MOST = 64  # maps in a jump
 
 
-@njit("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], i8, i8)", {options})
-def kernel(z, c, times, out, off, first, last):
-    for lane in range(first, last, {width}):
-        end = min(lane + {width}, last)
-        start = begin(*gather(z, {state}, lane, end, {width}), *gather(c, {constants}, lane, end, {width}))
+@njit("Tuple((f8[:,:,::1], b1[:,::1]))(f8[:,::1], f8[:,::1], f8[::1])", {options})
+def jump(z, c, times):
+    lanes, rows = len(z), len(times) * len(z)
+    states, constants, when = np.empty((rows, {state})), np.empty((rows, {constants})), np.empty((rows, 1))
+    out, off, right = np.empty((rows, {state})), np.empty((rows, 1)), np.empty((len(times), lanes), dtype=np.bool_)
+    for k in range(rows):
+        states[k], constants[k], when[k, 0] = z[k % lanes], c[k % lanes], times[k // lanes]
+    for row in range(0, rows, {width}):
+        start = begin(*gather(states, {state}, row, rows, {width}), *gather(constants, {constants}, row, rows, {width}))
         m0, m1, m2, b0, b1, b2, p0, p1, p2, alpha = start
-        (t,) = gather(times, 1, lane, end, {width})
+        (t,) = gather(when, 1, row, rows, {width})
         known = integrals({pairs})
         count, eps, r, cos, sin, unit, error = leap(known, alpha, t, turning, length)
         most = MOST
@@ -61,8 +65,11 @@ def kernel(z, c, times, out, off, first, last):
                 m0, m1, m2, b0, b1, b2, p0, p1, p2, where_less(float(k), count, eps, 0.0), r
             )
         new = finish(m0, m1, m2, b0, b1, b2, p0 * unit, p1 * unit, p2 * unit, cos, sin)
-        scatter(out, (), lane, end, new)
-        scatter(off, (), lane, end, (error + where_less(float(MOST), count, 1.0, 0.0),))
+        scatter(out, (), row, rows, new)
+        scatter(off, (), row, rows, (error + where_less(float(MOST), count, 1.0, 0.0),))
+    for k in range(rows):
+        right[k // lanes, k % lanes] = off[k, 0] <= {tolerance!r}
+    return out.reshape((len(times), lanes, {state})), right
 """
 
 
@@ -134,6 +141,7 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
         + _function("finish", finish, *three, (), ())
         + KERNEL.format(
             options=EXACT,
+            tolerance=TOLERANCE,
             width=width,
             state=state,
             constants=constants,
@@ -155,22 +163,17 @@ class Jumps:
     def __init__(self, scheme: Scheme, z0: Floats):
         self._z = np.ascontiguousarray(z0)
         self._constants, columns = flat_constants(scheme, len(z0))
-        self._kernel = load(_source(scheme, columns)).kernel
+        self._jump = load(_source(scheme, columns)).jump
 
     def at(self, times: Floats) -> tuple[Floats, Array]:
         """The states (times, lanes, d), and which of them are right (times, lanes)."""
-        shape = len(times), len(self._z)
-        z, c, rows = self._z, self._constants, shape[0] * shape[1]
-        if shape[0] > 1:
-            z, c = np.tile(z, (shape[0], 1)), np.tile(c, (shape[0], 1))
-        when = np.empty((rows, 1))
-        when.reshape(shape).T[:] = times
-        out, off = np.empty(z.shape), np.empty((rows, 1))
-        parts = list(shares(rows, WORK * rows)) if rows > 1 else [(0, 1)]
+        z, c, count = self._z, self._constants, len(self._z)
+        parts = list(shares(count, WORK * count * len(times))) if count > 1 else [(0, 1)]
         if len(parts) < 2:
-            self._kernel(z, c, when, out, off, 0, rows)
+            out, right = self._jump(z, c, times)
         else:
             with ThreadPoolExecutor(len(parts)) as pool:
-                for done in [pool.submit(self._kernel, z, c, when, out, off, *part) for part in parts]:
-                    done.result()
-        return out.reshape(*shape, -1), off.reshape(shape) <= TOLERANCE
+                work = [pool.submit(self._jump, z[first:last], c[first:last], times) for first, last in parts]
+            found = [done.result() for done in work]
+            out, right = (np.concatenate(each, 1) for each in zip(*found, strict=True))
+        return out, right

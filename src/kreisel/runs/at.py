@@ -32,8 +32,10 @@ def at(
                  `kr.simulate`, for `kr.LagrangeTop` and `kr.SymmetricTop`; `times` then count steps, whole numbers
     orientation  g at time 0, as for `kr.simulate`, carried along as the variable g; for the flow
 
-    No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  A
-    motion costs about 0.2 s once, then about a microsecond a time.  Returns the `xarray.Dataset` of
+    No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  Up to
+    10^4 times of the flow, without orientation, are compiled jumps of some microseconds, set-up and all, off by 3e-16,
+    at most 3e-15; so are ensembles.  Motions near a separatrix, more times, orientations and iterates are set up in
+    many digits, up to 0.2 s a motion, then a microsecond a time.  Returns the `xarray.Dataset` of
     `kr.simulate`, with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times,
     and `RunError` where numbers overflow.
     """
