@@ -238,14 +238,14 @@ def test_mutants_are_caught(owner: object, name: str, mutant: object, monkeypatc
 
 
 def test_digits_follow_the_number_of_periods(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without more digits for more periods, a million million of them on, the state would be wrong."""
+    """In many digits; without more of them for more periods, a million million on, the state would be wrong."""
     m, b, p = SPECIAL["generic"]
-    top = kr.LagrangeTop(p=p)
-    right = kr.at(top, {"m": m, "a": b}, 1e13).a.values
+    top, state, turn = kr.LagrangeTop(p=p), {"m": m, "a": b}, (1, 0, 0, 0)
+    right = kr.at(top, state, 1e13, orientation=turn).a.values
     monkeypatch.setattr(Motion, "_digits", lambda self, reach: 60)
-    assert (kr.at(top, {"m": m, "a": b}, 1e13).a.values == right).all()
+    assert (kr.at(top, state, 1e13, orientation=turn).a.values == right).all()
     monkeypatch.setattr(Motion, "_digits", lambda self, reach: 18)
-    assert abs(kr.at(top, {"m": m, "a": b}, 1e13).a.values - right).max() > 1e-8
+    assert abs(kr.at(top, state, 1e13, orientation=turn).a.values - right).max() > 1e-8
 
 
 # -- the interface ------------------------------------------------------------------------------------

@@ -96,6 +96,27 @@ def _function(name: str, function: Callable[..., Any], *shapes: tuple[int, ...],
     )
 
 
+@cache
+def _formulas() -> str:
+    """What is the same for all systems: the integrals and `turning`, for double-doubles too, r, and D_eps."""
+
+    def integrals(m: Array, b: Array, p: Array) -> list[Any]:
+        known = Integrals.of(m, b, p)
+        return [*astuple(known), known.K, *known.depressed]
+
+    def mapped(m: Array, b: Array, p: Array, eps: Any, r: Any) -> list[Any]:
+        hat, b, _ = darboux(algebra.hat(m), b, p, eps, r)
+        return [*algebra.axial(hat), *b]
+
+    three = (3,), (3,), (3,)
+    return (
+        _function("integrals", integrals, *three, fuse=False)
+        + _function("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
+        + _function("length", lambda *x: [squared_length(*x)], *[()] * 6)
+        + _function("mapped", mapped, *three, (), ())
+    )
+
+
 def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     from kreisel.engines.vector_type import register_width
 
@@ -111,20 +132,11 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
         m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **known)
         return [*m, *b, *p, alpha]
 
-    def integrals(m: Array, b: Array, p: Array) -> list[Any]:
-        known = Integrals.of(m, b, p)
-        return [*astuple(known), known.K, *known.depressed]
-
-    def mapped(m: Array, b: Array, p: Array, eps: Any, r: Any) -> list[Any]:
-        hat, b, _ = darboux(algebra.hat(m), b, p, eps, r)
-        return [*algebra.axial(hat), *b]
-
     def finish(m: Array, b: Array, axis: Array, cos: Any, sin: Any) -> list[Any]:
         H = algebra.hat(axis)
         new = [v + sin * algebra.act(H, v) + (1 - cos) * algebra.act(H, algebra.act(H, v)) for v in (m, b)]
         return list(layout.flatten(jump.finish(*new), kinds))
 
-    three = (3,), (3,), (3,)
     width = register_width()
     return (
         HEAD.format(name=f"{scheme.name} of {kinds}, jumps")
@@ -134,11 +146,8 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
         + "from kreisel.engines.vector_type import gather, scatter\n\n"
         + f"# {_operations()}\n"
         + _function("begin", begin, (state,), (constants,))
-        + _function("integrals", integrals, *three, fuse=False)
-        + _function("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
-        + _function("length", lambda *x: [squared_length(*x)], *[()] * 6)
-        + _function("mapped", mapped, *three, (), ())
-        + _function("finish", finish, *three, (), ())
+        + _function("finish", finish, *[(3,)] * 3, (), ())
+        + _formulas()
         + KERNEL.format(
             options=EXACT,
             tolerance=TOLERANCE,

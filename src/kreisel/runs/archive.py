@@ -17,6 +17,7 @@ import shutil
 import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -70,6 +71,7 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
     return (*lead, *((f"{name}_part",) if rest else ()))
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of what computed a run."""
     import platform
