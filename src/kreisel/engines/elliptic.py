@@ -38,12 +38,12 @@ def largest_root(u: Any, v: Any) -> Any:
     unit = 2.0 * sqrt(-first / 3.0)
     q = -4.0 * last / (unit * unit * unit)  # the root is `unit` cos(arccos(q)/3)
     y = 0.5 + 0.5 * sqrt(max(0.5 + 0.5 * q, 0.0 * q))
-    for _ in range(5):
+    for _ in range(4):
         y = y - (y * (4.0 * y * y - 3.0) - q) / (12.0 * y * y - 3.0)
     y = y * unit
     root = pair(y, 0.0)
     change = y
-    for _ in range(3):
+    for _ in range(2):
         square = root * root
         change = upper((square + u) * root + v) / upper(3 * square + u)
         root = root - change
