@@ -113,7 +113,7 @@ def test_the_number_of_periods_is_followed_or_given_up(monkeypatch: pytest.Monke
     assert max(off(got[k, 0], want[k]) for k in np.flatnonzero(right[:, 0])) < RIGHT
 
 
-@pytest.mark.parametrize("unit", [1e-20, 1e20, 1e-60, 1e35])
+@pytest.mark.parametrize("unit", [1e-20, 1e20, 1e-60, 1e-80, 1e35])
 def test_scales(unit: float) -> None:
     """In other units of time the same states; where products leave the range of doubles, by the way of many digits."""
     m, b, p = (np.array(v, dtype=float) for v in SPECIAL["generic"])

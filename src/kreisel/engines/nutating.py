@@ -27,6 +27,7 @@ from kreisel.engines.elliptic import (
 
 PLACE = 2.0**-102  # a rounding of double-doubles, some together
 SMALLEST, LARGEST = 1e-60, 1e60  # of the energies: outside, products of them leave the range
+LEAST_SQUARE = 1e-200  # of |p|^2 and |b|^2 other than 0: the lower half of smaller ones loses places
 LEAST_ANGLE = 1e-100  # of the nutation within its period, in place of 0
 STEEP = 200.0  # energy/(x3 - x2): beyond, doubles lose more than a digit and a half near the steady motion
 LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than it can without loss
@@ -77,6 +78,8 @@ def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     root = last + change * change * (energy / scale) * (energy / scale)  # what the iterations leave
     lost = (1.0 + size(periods)) * (PLACE * (1.0 + turns + energy * energy) + root)
     far = where_less(scale, SMALLEST, one, where_less(LARGEST, scale, one, zero))
+    least = where_less(zero, upper(A), where_less(upper(A), LEAST_SQUARE, one, zero), zero)
+    far = far + where_less(upper(P2), LEAST_SQUARE, heavy, zero) + least
     return count, eps, r, cos, sin, heavy / upper(p), lost + PLACE * size(upper(own)) * heavy + far + steep
 
 

@@ -385,6 +385,7 @@ def _fractions(scaled: list[Array], bits: int) -> Array:
 
 
 def _unit(x: Array) -> Array:
+    x = x * 2.0 ** -min(max(math.frexp(float(abs(x).max()))[1], -1000), 1000)  # exactly; the square may underflow
     length = math.sqrt(algebra.dot(x, x))
     return np.asarray(x / length if length else x, dtype=np.float64)
 
