@@ -9,8 +9,9 @@ precision.  `error` is the largest error of a component of the state, relative t
 series in 24 digits (problems.py).  Peers that are not installed are left out, and the result says so.
 
     kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, of the tops at
-               each of them the closed form, whose set-up of a motion (0.2 s) is not counted; exact jump: the end
-               state alone, from the initial state, parameters and T each time, set-up and all;
+               each of them the closed form, of Clebsch's case copies of a conjugate pair, whose set-up of a motion (some
+               tenths of a second) is not counted; exact jump: the end state alone, from the initial state, parameters
+               and T each time, set-up and all;
                of the free body veselov 2 ... 8 in the place of the first two
     heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
     diffrax    Dopri8 and Tsit5 with a PID controller, compiled by JAX
@@ -346,8 +347,9 @@ def contenders(problem: Problem, end: float, limit: float) -> Iterator[Run]:
             run.method += " batch"
             yield run
     if problem.kind == "clebsch" and problem.n == 3:
-        for dt in (2.0, 1.0, 0.5):
-            run = kernel(problem, "exact", None, end, int(end / dt))
+        for dt, lanes in ((dt, lanes) for lanes in (1, LANES) for dt in (20.0, 10.0, 5.0, 2.5, 1.0)):
+            run = kernel(problem, "exact", None, end, int(end / dt), lanes)
+            run.method += " batch" * (lanes > 1)
             run.prime()
             yield run
     if problem.kind != "clebsch" and problem.n == 3:
