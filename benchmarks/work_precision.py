@@ -9,8 +9,8 @@ precision.  `error` is the largest error of a component of the state, relative t
 series in 24 digits (problems.py).  Peers that are not installed are left out, and the result says so.
 
     kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, of the tops at
-               each of them the closed form, of Clebsch's case copies of a conjugate pair, whose set-up of a motion (some
-               tenths of a second) is not counted; exact jump: the end state alone, from the initial state, parameters
+               each of them the closed form, of Clebsch's case copies of a conjugate pair; set-up of a motion (some
+               tenths of a second) not counted; exact jump: the end state alone, from the initial state, parameters
                and T each time, set-up and all;
                of the free body veselov 2 ... 8 in the place of the first two
     heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
