@@ -1,7 +1,11 @@
-"""Rounding errors of a step have no mean, at steps that are short decimals too: seen over many trajectories at once."""
+"""Rounding errors of a step have no mean, at steps that are short decimals too: seen over many trajectories at once.
+
+Nor has a trajectory a trend of its own, which constants rounded once for all can give it.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -9,6 +13,8 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.lab import exact
+from kreisel.systems import REGISTRY
 
 LANES, STEPS = 512, 20_000
 TOPS = {
@@ -40,3 +46,53 @@ def test_the_energy_has_no_trend_at_decimal_steps(name: str, dt: float) -> None:
 def test_a_plain_product_lets_the_energy_drift(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(algebra, "GENERIC", 1.0)
     assert abs(mean_change(name, 0.2)) > 8
+
+
+ROWS = 16
+MAPS = {
+    "neumann-veselov": ({"b": (0.3, 0.7, 1.9)}, "veselov", 1024, 20_000),
+    "euler-top": ({"J": (0.5, 0.75, 1.2)}, "veselov", 512, 200_000),
+    "lagrange-top": ({"p": (0.6, 0, 0.8)}, "baecklund", 1024, 100_000),
+}
+
+
+def trends(name: str) -> tuple[float, float]:
+    """The largest mean change of the integrals but Casimirs, and the largest rms, of a walk with their increments."""
+    params, method, lanes, steps = MAPS[name]
+    model = REGISTRY[name](**params)
+    draws = (exact.float_random(np.random.default_rng([seed, 3])) for seed in range(lanes))
+    states = zip(*(exact.random_state(model.system.space, 3, draw) for draw in draws), strict=True)
+    start = {letter: np.stack(v) for letter, v in zip(model.system.space.letters, states, strict=True)}
+    options: dict[str, Any] = {"dt": 0.2, "steps": steps, "every": steps // ROWS, "method": method}
+    run = kr.simulate(model, model.state(**start), progress=False, **options)
+    mean = rms = 0.0
+    for label in ("energy", *model.system.integrals):
+        series = np.asarray(run[label].transpose("time", "lane", ...)).reshape(ROWS + 1, lanes, -1)
+        change, walk = series[-1] - series[0], np.diff(series, axis=0).std(0) * ROWS**0.5
+        moves = walk > 1e-3 * np.finfo(float).eps * steps**0.5 * abs(series).max(0)
+        for d, w in zip(change[:, moves.all(0)].T, walk[:, moves.all(0)].T, strict=True):
+            mean = max(mean, abs(d.mean()) / d.std() * lanes**0.5)
+            rms = max(rms, float(((d / w) ** 2).mean() ** 0.5))
+    return mean, rms
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_no_integral_has_a_trend(name: str) -> None:
+    mean, rms = trends(name)
+    assert 0 < mean < 4.5
+    assert 0.8 < rms < 1.2
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_constants_rounded_once_for_all_give_a_trend(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the second double of a constant, or with a plain product."""
+    if name == "neumann-veselov":
+        system = import_module("kreisel.systems.neumann_veselov")
+        factors = system.factors
+        monkeypatch.setattr(system, "factors", lambda **known: (*factors(**known)[:2], 0 * known["b"]))
+    elif name == "euler-top":
+        monkeypatch.setattr(import_module("kreisel.systems.euler_top"), "product_error", lambda x, y, p: 0 * p)
+    else:
+        monkeypatch.setattr(algebra, "GENERIC", 1.0)
+    mean, rms = trends(name)
+    assert mean > 6 or rms > 1.5

@@ -364,6 +364,14 @@ def increment(s: Array, x: Array) -> Array:
     return s * x if exact(x) else s / GENERIC * (GENERIC * x)
 
 
+def increment_rest(s: Array, x: Array) -> Array:
+    """The small r with which `increment`(s, x) is (s + r) x, but for rounding errors that go with x."""
+    if exact(x):
+        return 0 * s
+    part = s / GENERIC
+    return (part - s) + part * (GENERIC - 1)
+
+
 def impulse(s: Array, x: Array, y: Array) -> Array:
     """The wedge product s x ^ y of a constant y, to be added to a momentum: (s/c) x ^ (c y), as `increment`."""
     if exact(x):

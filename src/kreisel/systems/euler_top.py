@@ -10,7 +10,19 @@ keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 
 
 import numpy as np
 
-from kreisel.algebra import axial, cayley, cayley_conjugate, cross, dot, hat, identity, pairing, vec
+from kreisel.algebra import (
+    axial,
+    cayley,
+    cayley_conjugate,
+    cross,
+    dot,
+    hat,
+    identity,
+    increment,
+    pairing,
+    product_error,
+    vec,
+)
 from kreisel.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import metric_spectrum
 from kreisel.systems import implicit
@@ -121,8 +133,10 @@ def turn_in_space(M, J, eps, sigma, weight, bend):
         left = last * last
     d = moments - vec(s)
     minors, square = d[..., SECOND] * d[..., THIRD], u * u * vec(h * h)
-    x = vec(h / (d[..., 0] * minors[..., 0] + dot(d, square))) * (minors * u + vec(m) * u + vec(h) * cross(d * u, u))
-    return hat(x), left
+    first, rest = d[..., 0] * minors[..., 0], product_error(d[..., SECOND], d[..., THIRD], minors)
+    small = product_error(d[..., 0], minors[..., 0], first) + d[..., 0] * rest[..., 0]
+    scale = h / (first + (dot(d, square) + small))
+    return hat(vec(scale) * (minors * u + (vec(m) * u + rest * u + vec(h) * cross(d * u, u)))), left
 
 
 def turn_by_doubling(M, J, c, eps):
@@ -131,7 +145,7 @@ def turn_by_doubling(M, J, c, eps):
 
     def residual(X):
         XM = X @ M
-        return (X * J[..., :, None] + X * J[..., None, :]) - eps / 2 * (M - (XM - XM.mT) - XM @ X)
+        return (X * J[..., :, None] + X * J[..., None, :]) - increment(eps / 2, M - (XM - XM.mT) - XM @ X)
 
     return implicit.corrected(implicit.branch(M, J, one, one, eps), residual, c)
 

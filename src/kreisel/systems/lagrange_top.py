@@ -16,6 +16,7 @@ from kreisel.algebra import (
     dot_less,
     identity,
     impulse,
+    increment_rest,
     log,
     mat,
     moebius,
@@ -120,8 +121,12 @@ def curve(m, a, *, p, mu):  # <e, e> = 4 rho, the root of a quadratic equation w
     return np.where(right, near, far)
 
 
+def pushed(m, e, de, p):  # m + (e + de) ^ p
+    return close_sum(m, impulse(1, e, p), wedge(de - increment_rest(1, e) * e, p))
+
+
 def baecklund_step(m, a, e, de, change, *, p):
-    m1 = close_sum(m, wedge(e, p), wedge(de, p))
+    m1 = pushed(m, e, de, p)
     both = (m + m1) / 2
     return m1, close_sum(a, act(both, e), act(both, de))  # = 2 e <e, a> / <e, e> - a, unstable when iterated
 
@@ -130,7 +135,7 @@ def baecklund_pair(m, a, e, de, change, *, p, rho):
     (u, w), (du, dw) = parts(e), parts(de)
     f, df = quotient(4 * parts(rho)[1], 4 * parts(change)[1], dot(w, w), 2 * dot(w, dw))
     g, dg = vec(f) * w, vec(df) * w + vec(f) * dw
-    m1 = close_sum(m, wedge(g, p), wedge(dg, p))
+    m1 = pushed(m, g, dg, p)
     both = (m + m1) / 2
 
     def across(u, g):  # (u <g, p> - g <u, p>) / 2

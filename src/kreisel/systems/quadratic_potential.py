@@ -12,7 +12,18 @@ Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 20
 
 from dataclasses import replace
 
-from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve, turned
+from kreisel.algebra import (
+    bracket,
+    cayley,
+    identity,
+    increment,
+    increment_rest,
+    pairing,
+    product_error,
+    resolvent,
+    solve,
+    turned,
+)
 from kreisel.contract import QUADRATIC_SPACE
 from kreisel.invariants import laurent_spectrum
 from kreisel.systems import euler_top, implicit
@@ -61,7 +72,7 @@ def solved(M, P, R, *, J, c, eps):
     """X with W = cay(X), and the square of what is left of its error, as estimated; from R."""
     D, one, square = diagonal(J), identity(M.shape[-1]), eps * eps
     Q = one - square * R
-    tilt = square * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]
+    tilt = square * bracket(R, D) + increment(eps, M)  # Q J - J Q = -eps^2 [R, J]
 
     def residual(X):  # (Q W J - J W^T Q - eps M)/2 with W = 1 + 2 (1 - X)^-1 X
         A = Q @ resolvent(X, X) @ D
@@ -75,8 +86,14 @@ def turn(M, P, *, J, c, eps):
 
 
 def moved(M, R, X, *, J, eps):  # W^T (M + eps [R, W J + J W^T]) W
+    """The eps of the sum is the eps^2 of Q over the eps of the implicit equation, all as rounded.
+
+    Else W J is not conjugate to J W^T up to Q, and integrals drift: 3.3 times a walk after 5e5 steps of 0.2.
+    """
     A = cayley(X) * J[..., None, :]
-    return turned("skew", -X, M + eps * bracket(R, A + A.mT))
+    B = bracket(R, A + A.mT)
+    small = product_error(eps, eps, eps * eps) / eps + 2 * increment_rest(eps, M)
+    return turned("skew", -X, M + (increment(eps, B) - small * B))
 
 
 def move(M, P, X, *, J, eps):

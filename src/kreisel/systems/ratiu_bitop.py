@@ -22,6 +22,7 @@ from kreisel.algebra import (
     dot,
     hat,
     identity,
+    increment,
     mat,
     pairing,
     skew,
@@ -70,7 +71,7 @@ def whole(p, q):
 
 
 def kicked(M, G, X, eps):
-    return M + eps * bracket(G, X)
+    return M + increment(eps, bracket(G, X))
 
 
 def about(M, *, u, v, eps):  # R = cay(Y)

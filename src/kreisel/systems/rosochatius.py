@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import dot, identity, sqrt, vec, wedge
+from kreisel.algebra import dot, identity, increment, sqrt, vec, wedge
 from kreisel.contract import SPHERE_SPACE, Frame, Map, Parameter, System, on_sphere
 from kreisel.errors import InputError
 from kreisel.invariants import stack
@@ -70,18 +70,18 @@ def lax(x, q, *, b, mu, lam):
 
 
 def moved(x, q, *, b, mu, eps):
-    """Veselov's map in R^2n from (x, 0), (q, mu/x): x1 with the signs of x, the new (y, z), and (J Q)/tau."""
+    """Veselov's map in R^2n from (x, 0), (q, mu/x): x1 with the signs of x, the new (y, z) and its momentum."""
     p = mu / x
-    short, more = neumann_veselov.deviations(b=b, eps=eps)
-    y, u, w = x + more * x, q + more * q, p + more * p
+    k, f, df = neumann_veselov.factors(b=b, eps=eps)
+    y, u, w = x + k * x, q + k * q, p + k * p
     tau = vec(neumann_veselov.root(dot(y, y), dot(u, y), dot(u, u) + dot(w, w), eps))
-    y, z = eps * u + tau * y, eps * w
-    return x * sqrt((y * y + z * z) / (x * x)), y, z, (q - short * q) / tau, (p - short * p) / tau, tau
+    y1, z1 = tau * y + increment(eps, u), increment(eps, w)
+    return x * sqrt((y1 * y1 + z1 * z1) / (x * x)), y1, z1, u / tau + (f * y + df * y), w / tau
 
 
 def step(x, q, *, b, mu, eps):
-    x1, y, z, v, w, tau = moved(x, q, b=b, mu=mu, eps=eps)
-    return x1, neumann_veselov.tangential(x1, eps * b * x1 / tau + (y * v + z * w) / x1)
+    x1, y, z, v, w = moved(x, q, b=b, mu=mu, eps=eps)
+    return x1, neumann_veselov.tangential(x1, (y * v + z * w) / x1)
 
 
 def inverse(x, q, *, b, mu, eps):
