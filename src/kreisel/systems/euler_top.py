@@ -118,25 +118,31 @@ def root(moments, m, b, steps):
 def turn_in_space(M, J, eps, sigma, weight, bend):
     """The turn from the root: found here, or known for the trajectory and corrected once by Newton's method.
 
+    x solves (d + h [., mu]) x = h mu with d = I - sigma; p is sigma (det d + <d, h^2 mu^2>) - m^2 - <minors, h^2 mu^2>.
     The correction follows what rounding does to the integrals; what it leaves is p''/(2 p') of its square.
+
+    An error of d shifts the moments, and does no harm while it stays the same; but x must solve its equation far beyond
+    round-off.  So h^2, det d and its minors, which stand still, are taken in two doubles: without, an integral drifted
+    by 1.9 times a walk in 2e6 steps of 0.2, by 3 bands of round-off in 1e6 steps of 0.999 of the longest.
     """
-    h, u = eps / 2, axial(M)
-    moments, m, b = quartic(M, J, eps)
-    if sigma is None:
-        s, _, _, last = root(moments, m, b, SCALAR_STEPS)
-        left = last * last * last
-    else:
-        d = moments - vec(sigma)
-        value = sigma * (d[..., 0] * d[..., 1] * d[..., 2]) - m * (m + sigma * (2 * sigma - moments.sum(-1))) - b
-        change = value * weight
-        s, last = sigma - change, bend * (change * change)
-        left = last * last
-    d = moments - vec(s)
-    minors, square = d[..., SECOND] * d[..., THIRD], u * u * vec(h * h)
+    h, u, known = eps / 2, axial(M), sigma is not None
+    if not known:
+        sigma, _, _, last = root(*quartic(M, J, eps), SCALAR_STEPS)
+    d, hh = J[..., SECOND] + J[..., THIRD] - vec(sigma), h * h
+    square, minors = u * u * vec(hh) + u * u * vec(product_error(h, h, hh)), d[..., SECOND] * d[..., THIRD]
     first, rest = d[..., 0] * minors[..., 0], product_error(d[..., SECOND], d[..., THIRD], minors)
     small = product_error(d[..., 0], minors[..., 0], first) + d[..., 0] * rest[..., 0]
-    scale = h / (first + (dot(d, square) + small))
-    return hat(vec(scale) * (minors * u + (vec(m) * u + rest * u + vec(h) * cross(d * u, u)))), left
+    if known:
+        m = square.sum(-1)
+        change = (sigma * (first + dot(d, square)) - (m * m + dot(minors, square))) * weight
+        last = bend * (change * change)
+        rest = rest + vec(change) * (d[..., SECOND] + d[..., THIRD])  # of d + change
+        small = small + change * (minors.sum(-1) + m)
+    x = rest * u + vec(h) * cross(d * u, u)
+    for k in range(3):  # the smallest first: each sum then has low bits that vary, also where <u, u> stands still
+        small, x = small + d[..., k] * square[..., k], x + square[..., k : k + 1] * u
+    x = vec(h / (first + small)) * (minors * u + x)
+    return hat(x), last * last if known else last * last * last
 
 
 def turn_by_doubling(M, J, c, eps):
