@@ -127,7 +127,8 @@ def turn_in_space(M, J, eps, sigma, weight, bend):
     """
     h, u, known = eps / 2, axial(M), sigma is not None
     if not known:
-        sigma, _, _, last = root(*quartic(M, J, eps), SCALAR_STEPS)
+        moments, m, b = quartic(M, J, eps)
+        sigma, _, _, last = root(moments, m, b, SCALAR_STEPS)
     d, hh = J[..., SECOND] + J[..., THIRD] - vec(sigma), h * h
     square, minors = u * u * vec(hh) + u * u * vec(product_error(h, h, hh)), d[..., SECOND] * d[..., THIRD]
     first, rest = d[..., 0] * minors[..., 0], product_error(d[..., SECOND], d[..., THIRD], minors)
