@@ -529,7 +529,8 @@ def plain_resolvent(X: Array, V: Array) -> Array:
 
 def _scale(X: Array) -> Array:
     """1/(1 + |u|^2) for n = 3 and X = hat(u), to multiply columns."""
-    return 1 / mat(1 + (axial(X) ** 2).sum(-1))
+    u = axial(X)
+    return 1 / mat(1 + (u * u).sum(-1))
 
 
 def _add_product(C: Array, X: Array, V: Array) -> Array:
