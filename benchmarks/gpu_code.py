@@ -3,8 +3,8 @@
     make gpu-code
 
 Numba makes PTX, ptxas code for compute capability 9.0, nvdisasm lists it; counted are the arithmetic instructions of
-the innermost loop, a step or one stage of it.  A multiprocessor of an H100 or H200 issues 64 of them a cycle and lane
-in float64, 128 in float32 [NVIDIA, CUDA C++ Programming Guide, arithmetic instructions]; the bound is for
+the innermost loop, a step or one stage of it.  A multiprocessor of an H100 or H200 does 64 of them a cycle, for as
+many threads, in float64, 128 in float32 [NVIDIA, CUDA C++ Programming Guide, arithmetic instructions]; the bound is for
 132 multiprocessors at 1.98 GHz, an H200's largest clock.
 """
 

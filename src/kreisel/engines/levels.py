@@ -17,9 +17,8 @@ from kreisel.engines.recording import indented
 from kreisel.methods.scheme import Scheme
 
 SUMMED = 16  # entries that a sum takes at a time: rows are filled with zeros, or what is left over costs most of it
-ALIASED = (
-    64  # rows of 4096 bytes fall on the same places of the first cache: at n = 1000 a step took three times as long
-)
+# Rows of 4096 bytes fall on the same places of the first cache: at n = 1000 a step took three times as long.
+ALIASED = 64
 VECTOR = 8  # entries of the other loops likewise, where what is beyond stays 0
 WITHIN = "# each vector of the orientation"
 
