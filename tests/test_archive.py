@@ -14,6 +14,7 @@ import zarr
 
 import kreisel as kr
 from kreisel.runs import archive as archives
+from kreisel.runs import manifest
 from kreisel.runs import march as runs
 from kreisel.runs.checking import check_archive
 
@@ -126,6 +127,8 @@ def test_check_finds_a_changed_state(top: object, x0: object, tmp_path: Path) ->
     kr.simulate(top, x0, path=path, **OPTIONS)
     array = zarr.open_group(path)["a"]
     array[5, 2] = array[5, 2] + 1e-9
+    assert check_archive(path)[1] == ["a cannot be read in rows 0 to 34: a/c/0/0 was changed after the run"]
+    manifest.of_all(path)  # as if the run had written it so
     faults = check_archive(path)[1]
     assert any(fault.startswith("energy does not belong") for fault in faults)
 
@@ -135,6 +138,8 @@ def test_check_finds_missing_rows(top: object, x0: object, tmp_path: Path) -> No
     kr.simulate(top, x0, path=path, **OPTIONS)
     group = zarr.open_group(path)
     group.attrs["steps"] = 200
+    assert check_archive(path)[1] == ["zarr.json was changed after the run"]
+    manifest.of_all(path)
     assert any("rows were expected" in fault for fault in check_archive(path)[1])
 
 
@@ -171,13 +176,16 @@ def test_lost_attributes_are_named(top: object, x0: object, tmp_path: Path) -> N
         check_archive(tmp_path / "run.zarr")
 
 
-def test_what_a_user_adds_is_left_alone(top: object, x0: object, tmp_path: Path) -> None:
+def test_what_a_user_adds_is_named_and_kept(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     attrs = kr.simulate(top, x0, path=path, **OPTIONS).attrs
     xr.Dataset({"tilt": ("time", np.zeros(35))}, attrs=attrs).to_zarr(path, mode="a", consolidated=False)
-    run, faults = check_archive(path)
-    assert faults == []
-    assert list(run)[-1] == "tilt"
+    assert "tilt was added after the run" in check_archive(path)[1]
+    with pytest.raises(kr.InputError, match=r"tilt/zarr\.json was added"):
+        kr.open_run(path)
+    with pytest.raises(kr.InputError, match=r"holds tilt/.*which Kreisel did not write"):
+        kr.simulate(top, x0, path=path, overwrite=True, **OPTIONS)
+    assert xr.open_zarr(path, consolidated=False).tilt.shape == (35,)
 
 
 def test_unwritable_places(top: object, x0: object, tmp_path: Path) -> None:
@@ -199,7 +207,7 @@ def test_a_block_is_a_shard_of_eight_chunks(top: object, x0: object, tmp_path: P
     data[10] ^= 1  # in the first chunk
     file.write_bytes(bytes(data))
     (fault,) = check_archive(tmp_path / "run.zarr")[1]
-    assert fault.startswith("a cannot be read in rows 0 to 125")
+    assert fault == "a cannot be read in rows 0 to 1000: a/c/0/0 was changed after the run"
 
 
 def test_lanes_on_disk(top: object, tmp_path: Path) -> None:

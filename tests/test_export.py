@@ -99,7 +99,12 @@ def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
     (tmp_path / "run.nc").write_text("mine")
     with pytest.raises(kr.InputError, match="exists already"):
         kr.export(archive, tmp_path / "run.nc")
-    kr.export(archive, tmp_path / "run.nc", overwrite=True)
+    with pytest.raises(kr.InputError, match="a file that Kreisel wrote"):
+        kr.export(archive, tmp_path / "run.nc", overwrite=True)
+    assert (tmp_path / "run.nc").read_text() == "mine"
+    for name in ("own.nc", "own.parquet"):
+        for overwrite in (False, True):
+            kr.export(archive, tmp_path / name, overwrite=overwrite)
     with pytest.raises(kr.InputError, match="no archive"):
         kr.export(tmp_path / "none.zarr", tmp_path / "none.nc")
     (tmp_path / "file").write_text("in the way")
@@ -110,7 +115,7 @@ def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
     data[len(data) // 2] ^= 1
     chunk.write_bytes(bytes(data))
     for name in ("broken.nc", "broken.parquet"):
-        with pytest.raises(kr.RunError, match="damaged archive"):
+        with pytest.raises(kr.InputError, match="was changed after the run"):
             kr.export(archive, tmp_path / name)
         assert not (tmp_path / name).exists()
     assert not list(tmp_path.glob(".*"))

@@ -41,6 +41,8 @@ def run(
 
     asked = read(config)
     model = load(asked.name, asked.file)(**asked.parameters)
+    if figure:
+        _require_figure(asked.figure)
     begun = time.perf_counter()
     result = simulate(
         model,
@@ -201,10 +203,11 @@ def plot(
 ) -> None:
     """Draw the figure of an archive."""
     from kreisel.runs.archive import open_archive
+    from kreisel.runs.replacing import settled
 
-    result = open_archive(archive)
+    result = open_archive(settled(archive))
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
-    _save_figure(result, target, open_archive(compare) if compare else None, "dark" if dark else "light")
+    _save_figure(result, target, open_archive(settled(compare)) if compare else None, "dark" if dark else "light")
     print(f"figure: {target}")
 
 
@@ -221,15 +224,15 @@ def view(
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline."""
     from kreisel.runs.archive import open_archive
+    from kreisel.runs.replacing import require_file, settled
     from kreisel.view.page import view as page_of
 
     if serve:
         _serve(archive, host, port, lane)
         return
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
-    if not target.name or target.is_dir():
-        raise InputError(f"The page needs a name such as top.html; {str(target)!r} came.")
-    page_of(open_archive(archive), lane=lane).save(target)
+    require_file(target)
+    page_of(open_archive(settled(archive)), lane=lane).save(target)
     print(f"page: {target}")
 
 
@@ -367,6 +370,7 @@ def investigate(
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
     from kreisel.lab import investigation, report
+    from kreisel.runs.replacing import require_file
 
     known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
     if markdown:
@@ -374,6 +378,8 @@ def investigate(
         return
     if what is None:
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
+    if html is not None:
+        require_file(html)
     given = dict(_parameter_of(told) for told in constants or [])
     file = what.endswith(".py")
     found = (
@@ -436,22 +442,23 @@ def _told(finding: Any) -> dict[str, Any]:
 
 
 def _save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
+    from kreisel.runs.replacing import written
     from kreisel.view.plots import plot as draw
 
-    if not target.name:
-        raise InputError(f"The figure needs a name such as top.png; {str(target)!r} came.")
-    scratch = target.with_name(f".{target.stem}.part{target.suffix or '.png'}")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        draw(result, compare=compare, theme=theme).savefig(scratch)
-        scratch.replace(target)
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        scratch.unlink(missing_ok=True)
-        raise InputError(
-            f"The figure {target} could not be written: {error}. Choose another path or format."
-        ) from error
+    _require_figure(target)
+    with written(target) as scratch:
+        mark = {".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]
+        draw(result, compare=compare, theme=theme).savefig(scratch, metadata={mark: "Kreisel"})
+
+
+def _require_figure(target: Path) -> None:
+    """Raises `InputError` where no figure can be written."""
+    from kreisel.runs.config import FIGURES
+    from kreisel.runs.replacing import require_file
+
+    require_file(target)
+    if target.suffix.lower() not in FIGURES:
+        raise InputError(f"Expected the name of a figure that ends in {', '.join(FIGURES)}; got {str(target)!r}.")
 
 
 def _print_drift(table: pd.DataFrame) -> None:

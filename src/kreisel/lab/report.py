@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, disk_trouble
+from kreisel.runs.replacing import written
 
 if TYPE_CHECKING:
     from kreisel.lab.investigation import Investigation
@@ -73,7 +73,7 @@ def table_html(told: Investigation) -> str:
 def page(told: Investigation) -> str:
     """One HTML file: no script, nothing from elsewhere."""
     return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="Kreisel">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
         f"<title>{escape(told.name)}: {escape(told.verdict)}</title><style>{STYLE}</style></head><body>"
@@ -109,15 +109,12 @@ def _degrees(degrees: tuple[int, ...]) -> str:
 
 
 def save(told: Investigation, path: Any) -> None:
-    """Write the page.  Raises `InputError` for what is no name of a file, `RunError` where it cannot be written."""
-    target = Path(path)
-    if not target.name or target.is_dir():
-        raise InputError(f"The page needs a name such as map.html; {str(path)!r} came.")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(page(told), encoding="utf-8")
-    except OSError as error:
-        raise disk_trouble(error, target, "be written", "") from error
+    """Write the page; a page that Kreisel wrote is replaced.
+
+    Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
+    """
+    with written(Path(path)) as scratch:
+        scratch.write_text(page(told), encoding="utf-8")
 
 
 def markdown(results: list[tuple[str, Investigation]]) -> str:

@@ -2,18 +2,18 @@
 
 An archive is written beside its final name, as NAME.part, block by block; it takes its name only when it is
 whole.  Its arrays have their full length from the beginning, each block is a shard of eight chunks, and a checkpoint
-says how far the run is: a process killed at any instant leaves an archive that opens and can go on.  Every chunk
-carries a CRC-32C, and checksums.json the hash of the metadata.  Archives are data: arrays and JSON, nothing that runs.
+says how far the run is: a process killed at any instant leaves an archive that opens and can go on.  A manifest has the
+SHA-256 of every file (`kreisel.runs.manifest`).  Archives are data: arrays and JSON, nothing that runs.
 """
 
 from __future__ import annotations
 
-import hashlib
+import contextlib
 import importlib.metadata
 import json
 import math
 import os
-import shutil
+import stat
 import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -28,14 +28,15 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats
-from kreisel.errors import InputError, Stopped, disk_trouble
+from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
-from kreisel.runs import checkpoint
+from kreisel.runs import checkpoint, manifest
 from kreisel.runs.drift import KINDS
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.reading import parsed
+from kreisel.runs.replacing import LARGEST_METADATA, part_of, remove, require_replaceable, settled, stands, take_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,11 +44,10 @@ if TYPE_CHECKING:
 FORMAT = 1
 MOST_SCALES = 4096  # numbers in an attribute
 NEEDED = {  # attributes and their types
-    **dict.fromkeys(("title", "system", "parameters", "method", "options"), str),
+    **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
     **dict.fromkeys(("n", "steps", "every", "rows_in_block"), int),
     **{"dt": float, "complete": bool},
 }
-LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
 MOST_INDEXED = 10**7  # times that are held in memory
 LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 MANY_SAMPLES_N = 16  # beyond, there are fewer
@@ -73,11 +73,18 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what computed a run."""
+    """Versions of what computed a run, and the kind of processor that kernels are compiled for."""
     import platform
 
+    import llvmlite.binding as llvm
+    from numba import config
+
     packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
-    return {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in packages}
+    told = {
+        "python": platform.python_version(),
+        "processor": getattr(config, "CPU_NAME", None) or llvm.get_host_cpu_name(),
+    }
+    return told | {p: importlib.metadata.version(p) for p in packages}
 
 
 def describe(plan: Plan) -> dict[str, Any]:
@@ -96,6 +103,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "bracket": "plus" if system.space.sign > 0 else "minus",
         "n": model.n,
         "parameters": json.dumps({k: v.tolist() for k, v in model.params.items()}),
+        "start_sha256": checkpoint.hash_of_start(plan.start),
         "method": plan.scheme.name,
         "options": json.dumps(dict(plan.scheme.options or {})),
         "engine": plan.where,
@@ -185,11 +193,15 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     return out
 
 
+def times_of(rows: Floats, every: int, steps: int, dt: float) -> Floats:
+    """Times of saved rows, k dt."""
+    return np.asarray(np.minimum(rows * every, steps) * dt)
+
+
 def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
-    """Times of the saved rows first to stop - 1, k dt."""
+    """Times of the saved rows first to stop - 1."""
     rows = np.arange(first, plan.rows if stop is None else stop, dtype=np.float64)
-    steps = np.minimum(rows * plan.every, plan.steps)
-    return np.asarray(steps * plan.dt)
+    return times_of(rows, plan.every, plan.steps, plan.dt)
 
 
 TIME = {"long_name": "time", "units": "1", "axis": "T"}
@@ -215,13 +227,15 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
     """A run on disk, opened lazily as `kr.simulate` returns it, or a sweep; of an interrupted one what it has done.
 
-    Raises `InputError` for what is not an archive of Kreisel, or is damaged (`kreisel check` says how).
+    Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
+    Kreisel, and, as it is opened or later as it is read, for one that is damaged (`kreisel check` says how).
     """
-    if is_sweep(Path(path)):
+    where = settled(target(path))
+    if is_sweep(where):
         from kreisel.runs.sweep import open_sweep
 
-        return open_sweep(Path(path))
-    return open_archive(Path(path))
+        return open_sweep(where)
+    return open_archive(where)
 
 
 def target(path: str | os.PathLike[str]) -> Path:
@@ -241,76 +255,77 @@ class Archive:
     def __init__(
         self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False, rows_in_block: int | None = None
     ):
-        self.path, self.part, self.plan = path, path.with_name(path.name + ".part"), plan
+        self.path, self.part, self.plan = path, part_of(path), plan
         self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
         self._start: dict[str, Floats] = dict(plan.start)
         self._rows_in_block = rows_in_block or block_rows(plan)
+        self._folder = -1
 
     def __enter__(self) -> Archive:
         import zarr
 
         with self._disk("be opened again" if self._begun else "be created"):
-            if self._begun:
-                try:
-                    self._fit()
-                except OSError:
-                    raise
-                except Exception as error:  # whatever a damaged store makes the libraries raise
-                    raise InputError(f"{self.part} is damaged: {error}. `kreisel check {self.part}`.") from error
-            else:
+            if not self._begun:
                 self._make_room()
                 told = {**describe(self.plan), "complete": False}
-                self._group = zarr.create_group(str(self.part), zarr_format=3, attributes=told)
-                self._group.create_group(checkpoint.NAME.split("/")[0])
+                group = zarr.create_group(str(self.part), zarr_format=3, attributes=told)
+                group.create_group(checkpoint.NAME.split("/")[0])
+                manifest.begin(self.part)
+            try:
+                self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
+            except OSError:
+                raise
+            except Exception as error:  # whatever a damaged store makes the libraries raise
+                raise InputError(f"{self.part} is damaged: {error}. `kreisel check {self.part}`.") from error
+            self._folder = os.open(self.part, os.O_RDONLY | os.O_DIRECTORY)
         return self
 
     def _make_room(self) -> None:
-        if self.path.exists() and not self._overwrite:
+        if stands(self.path) and not self._overwrite:
             raise InputError(
                 f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
                 "(overwrite=True)."
             )
-        if self.part.exists():
+        require_replaceable(self.path)
+        require_replaceable(self.part)
+        if stands(self.part):
             if not self._overwrite and (self.part / checkpoint.NAME).exists():
                 raise InputError(
                     f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
                     f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
                 )
-            shutil.rmtree(self.part)
-
-    def _fit(self) -> None:
-        """Give every array the length of the plan, which may be longer; remove what a kill left half written."""
-        import zarr
-
-        self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
-        for pattern in (".checkpoint-*", "*.partial", "*.new"):
-            for scratch in self.part.rglob(pattern):
-                scratch.unlink()
-        with warnings.catch_warnings():  # of what is no array
-            warnings.simplefilter("ignore")
-            arrays = list(self._group.arrays())
-        for _, found in arrays:
-            array: Any = found
-            if (array.metadata.dimension_names or ("",))[0] == "time" and array.shape[0] != self.plan.rows:
-                array.resize((self.plan.rows, *array.shape[1:]))
+            remove(self.part)
 
     def _disk(self, what: str) -> _DiskTrouble:
         return _DiskTrouble(self, what)
+
+    def _require_there(self) -> None:
+        """Raises `RunError` where the store is no longer the folder that it was: Zarr would make a new one."""
+        try:
+            there = os.path.samestat(os.fstat(self._folder), os.stat(self.part))
+        except OSError:
+            there = False
+        if not there:
+            raise RunError(f"{self.part} vanished during the run. What was done is lost: run it again.")
 
     def append(self, block: Mapping[str, Array], start: int) -> None:
         """Write a block of rows that begins at row `start`, a chunk or the last rows."""
         stop = start + len(next(iter(block.values())))
         values = {"time": saved_times(self.plan, start, stop), **block}
+        number = start // self._rows_in_block
         with self._disk("be written"):
-            if "time" not in self._group:
-                self._create(values, {"time": TIME, **attributes(self.plan, block)})
+            self._require_there()
+            names = [f"{name}/c/{number}{'/0' * (value.ndim - 1)}" for name, value in values.items()]
+            if start == 0:
+                names += self._create(values, {"time": TIME, **attributes(self.plan, block)})
             for name, value in values.items():
                 array: Any = self._group[name]
                 array[start:stop] = value
+            manifest.add_block(self.part, number, names)
         self._worth_keeping = True
 
-    def _create(self, values: Mapping[str, Array], attrs: Mapping[str, Mapping[str, Any]]) -> None:
-        """Every array at its full length; `time` last, because it says that all are there."""
+    def _create(self, values: Mapping[str, Array], attrs: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Every array at its full length, and the numbers of the lanes; the names of their chunks."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
         block, rows = self._rows_in_block, self.plan.rows
@@ -318,12 +333,17 @@ class Archive:
         codecs = [ZstdCodec(level=1), Crc32cCodec()]
         if self.plan.batched:
             lanes = np.arange(self.plan.lanes)
-            lane = self._group.create_array(
-                "lane", data=lanes, chunks=lanes.shape, dimension_names=("lane",), compressors=codecs, overwrite=True
+            self._group.create_array(
+                "lane",
+                data=lanes,
+                chunks=lanes.shape,
+                dimension_names=("lane",),
+                compressors=codecs,
+                attributes={"long_name": "lane"},
+                config={"write_empty_chunks": True},
+                overwrite=True,
             )
-            lane.attrs["long_name"] = "lane"
-        for name in sorted(values, key=lambda name: name == "time"):
-            value = values[name]
+        for name, value in values.items():
             self._group.create_array(
                 name,
                 shape=(rows, *value.shape[1:]),
@@ -336,45 +356,41 @@ class Archive:
                 fill_value=np.nan,
                 overwrite=True,
             )
+        manifest.begin(self.part)
+        return ["lane/c/0"] if self.plan.batched else []
 
     def checkpoint(self, snapshot: Snapshot) -> None:
         """Write down where the run stands; everything before is kept whatever happens."""
         with self._disk("be written"):
+            self._require_there()
             checkpoint.write(self.part, snapshot, self._start)
 
     def finish(self) -> None:
         """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
-        import zarr
+        from kreisel.runs.verified import consolidated
 
         with self._disk("be finished"):
-            self._group.attrs["complete"] = True
-            with warnings.catch_warnings():  # Zarr calls the one file that lists all others not yet a standard
-                warnings.simplefilter("ignore")
-                zarr.consolidate_metadata(str(self.part))
-            write_checksums(self.part)
-            self._take_name()
+            self._require_there()
+            consolidated(self.part, complete=True)
+            manifest.seal(self.part, [checkpoint.NAME])
+            self._require_there()
+            take_name(self.path, self._overwrite)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._folder >= 0:
+            os.close(self._folder)
         stopped = isinstance(error, Stopped | KeyboardInterrupt)
         if error is not None and not (stopped or self._worth_keeping):
-            shutil.rmtree(self.part, ignore_errors=True)
-
-    def _take_name(self) -> None:
-        old = None
-        if self.path.exists():
-            old = self.path.with_name(f"{self.path.name}.old-{os.getpid()}")
-            os.replace(self.path, old)
-        os.replace(self.part, self.path)
-        if old is not None:
-            shutil.rmtree(old) if old.is_dir() else old.unlink()
+            with contextlib.suppress(OSError, InputError):
+                remove(self.part)
 
 
 def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
-    part = path.with_name(path.name + ".part")
-    store = part if part.exists() else path
+    part = part_of(path)
+    store = part if stands(part) else path
     attrs = read_attributes(store)
     require_sound(store)
     if store == path and extend is None:
@@ -382,32 +398,43 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     steps = attrs["steps"] if extend is None else extend
     if extend is not None and extend < attrs["steps"]:
         raise InputError(f"{path} has {attrs['steps']:,} steps; --extend needs more, but {extend:,} came.")
-    snapshot, start = checkpoint.read(store)
+    snapshot, start, known = _checkpoint(store, attrs)
     plan = _plan(attrs, start, steps)
-    march = _march(plan, attrs)
+    block = attrs["rows_in_block"] if snapshot.flushed else block_rows(plan)
+    march = _march(plan, block)
     march.restore(snapshot)
-    _require_arrays(store, plan, attrs)
-    archive = Archive(path, plan, begun=True, rows_in_block=attrs["rows_in_block"])
+    if snapshot.flushed:
+        _require_arrays(store, plan, attrs, known)
+    archive = Archive(path, plan, begun=True, rows_in_block=block)
     with _DiskTrouble(archive, "be opened again"):
         if store == path:
             os.replace(path, part)
-        _mark(part, steps)
+        _continue(part, plan, snapshot, block)
     return archive, march
 
 
-def _march(plan: Plan, attrs: Mapping[str, Any]) -> March:
-    if attrs["rows_in_block"] * plan.engine.z.nbytes > LARGEST_CHUNK:
-        raise InputError(
-            f"The attribute rows_in_block = {attrs['rows_in_block']:,} is damaged: no run has such blocks."
-        )
-    return March(plan, rows_in_block=attrs["rows_in_block"])
+def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[str, Floats], manifest.Listed]:
+    """The checkpoint of a store, and its manifest.  Raises `InputError` where one is damaged, or of another run."""
+    from kreisel.runs.verified import Verified
+
+    snapshot, start = checkpoint.read(store)
+    known = manifest.read(store)
+    for name in ("zarr.json", *({checkpoint.NAME} & known.keys())):
+        Verified(store, known).verify(name)
+    if checkpoint.hash_of_start(start) != attrs["start_sha256"] or snapshot.flushed % attrs["rows_in_block"]:
+        raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
+    return snapshot, start, known
 
 
-def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any]) -> None:
+def _march(plan: Plan, rows_in_block: int) -> March:
+    if rows_in_block * plan.engine.z.nbytes > LARGEST_CHUNK:
+        raise InputError(f"The attribute rows_in_block = {rows_in_block:,} is damaged: no run has such blocks.")
+    return March(plan, rows_in_block=rows_in_block)
+
+
+def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: manifest.Listed) -> None:
     """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
-    run = open_archive(store, indexed=False, until_checkpoint=False)
-    if "time" not in run.variables:
-        return  # killed before the first block: they are made then
+    run = opened(store, known)
     outputs = {"time": np.zeros(1), **plan.observe(plan.engine.z[None])}
     for name, value in outputs.items():
         variable = run.variables.get(name)
@@ -417,40 +444,21 @@ def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any]) -> None:
             raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
 
 
-def _mark(part: Path, steps: int) -> None:
-    """Not complete any more, so many steps, and what versions go on with it, if others than began it."""
-    import zarr
+def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
+    """Make a store ready to go on after its finished blocks: not complete any more, and as long as the plan."""
+    from kreisel.runs.verified import edited
 
-    group = zarr.open_group(str(part), mode="r+", zarr_format=3, use_consolidated=False)
+    manifest.unseal(part, snapshot.flushed // block)
+    for pattern in ("*.partial", ".new-*"):  # what a kill left half written
+        for scratch in part.rglob(pattern):
+            scratch.unlink()
     changed = json.dumps(versions())
-    resumed = {} if group.attrs["versions"] == changed else {"resumed": changed}
-    group.attrs.update({"complete": False, "steps": steps, **resumed})
-
-
-CHECKSUMS = "engine/checksums.json"
-
-
-def metadata_hashes(store: Path) -> dict[str, str]:
-    """SHA-256 of every zarr.json, without the list of all others that the first of them may hold."""
-    out = {}
-    for path in sorted(store.rglob("zarr.json")):
-        try:
-            told = parsed(path.read_text(encoding="utf-8"), str(path))
-            if isinstance(told, dict):
-                told.pop("consolidated_metadata", None)
-            text = json.dumps(told, sort_keys=True)
-        except ValueError:
-            text = repr(path.read_bytes())
-        out[path.relative_to(store).as_posix()] = hashlib.sha256(text.encode()).hexdigest()
-    return out
-
-
-def write_checksums(store: Path) -> None:
-    """Write the hashes of the metadata beside it."""
-    scratch = store / f"{CHECKSUMS}.new"
-    scratch.parent.mkdir(exist_ok=True)
-    scratch.write_text(json.dumps(metadata_hashes(store), indent=1), encoding="utf-8")
-    os.replace(scratch, store / CHECKSUMS)
+    with edited(part) as group:
+        resumed = {} if group.attrs["versions"] == changed else {"resumed": changed}
+        group.attrs.update({"complete": False, "steps": plan.steps, "rows_in_block": block, **resumed})
+        for _, array in group.arrays() if snapshot.flushed else ():
+            if array.metadata.dimension_names[0] == "time" and array.shape[0] != plan.rows:
+                array.resize((plan.rows, *array.shape[1:]))
 
 
 class _DiskTrouble:
@@ -476,7 +484,9 @@ class _DiskTrouble:
 def metadata(store: Path) -> dict[str, Any]:
     """The attributes of a Zarr store, not yet checked.  Raises `InputError` where there is none."""
     if not store.exists():
-        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.")
+        there = bool(store.name) and stands(part_of(store))
+        left = f" {part_of(store)} is there: `kreisel resume {store}` goes on." if there else ""
+        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
     attrs = _node(store).get("attributes")
     return attrs if isinstance(attrs, dict) else {}
 
@@ -497,7 +507,7 @@ def _node(folder: Path) -> dict[str, Any]:
 
 
 def require_sound(store: Path) -> None:
-    """Raises `InputError` where a store holds links, or metadata that Zarr does not understand.
+    """Raises `InputError` where a store holds links, pipes or devices, or metadata that Zarr does not understand.
 
     What is read and written through links is not in the store.  Each node is opened alone: Zarr opens those of a group
     at the same time, and leaves the others behind, with their tracebacks, when one of them fails.
@@ -506,8 +516,10 @@ def require_sound(store: Path) -> None:
 
     for folder, folders, files in os.walk(store):
         for name in (*folders, *files):
-            if os.path.islink(os.path.join(folder, name)):
-                raise InputError(f"{store} holds a link, {os.path.join(folder, name)}. An archive has no use for one.")
+            mode = os.lstat(os.path.join(folder, name)).st_mode
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                what = "a link" if stat.S_ISLNK(mode) else "a pipe, a socket or a device"
+                raise InputError(f"{store} holds {what}, {os.path.join(folder, name)}. An archive has no use for one.")
         if "zarr.json" not in files:
             continue
         kind = _node(Path(folder)).get("node_type")
@@ -561,75 +573,98 @@ def read_attributes(store: Path) -> dict[str, Any]:
     return attrs
 
 
-def open_archive(path: Path, indexed: bool = True, until_checkpoint: bool = True) -> xr.Dataset:
+def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
     """A run on disk, opened lazily; of an interrupted one all rows until its last checkpoint.
 
     With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
-    `InputError` for what is not a Kreisel archive.
+    `InputError` for what is not a Kreisel archive, and for one that is damaged, here or when the damage is read.
+    """
+    attrs = read_attributes(path)
+    require_sound(path)
+    run = _until_checkpoint(path, attrs) if is_cut(attrs) else opened(path, manifest.read(path), True)
+    for name, variable in run.data_vars.items():
+        if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
+            raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
+    if indexed and too_large(run):
+        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
+    for name in ("time", "lane"):
+        known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
+        if indexed and known_place and name not in run.xindexes:
+            try:
+                run = run.set_xindex(name)
+            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+                raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
+    return ordered(run)
+
+
+def ordered(run: xr.Dataset) -> xr.Dataset:
+    """States first, then the orientation, Casimirs and integrals."""
+    return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
+
+
+def is_cut(attrs: Mapping[str, Any]) -> bool:
+    """Whether a run was interrupted, by its attributes; what `kreisel check --recover` saved is whole by itself."""
+    return not attrs["complete"] and "recovered" not in attrs
+
+
+def opened(path: Path, known: manifest.Listed | None, every_array: bool = False) -> xr.Dataset:
+    """The arrays of a store as they are, each file compared with the manifest when it is read, if there is one.
+
+    With `every_array` those that are listed must be there.  Raises `InputError`.
     """
     import xarray as xr
 
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
+    from kreisel.runs.verified import Verified
 
-    attrs = read_attributes(path)
-    require_sound(path)
+    store: Any = path
+    if known is not None:
+        store = Verified(path, known)
+        for name in manifest.metadata_files(path) + [n for n in known if every_array and n.endswith("zarr.json")]:
+            store.verify(name)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            run = xr.open_dataset(
-                path,
+            return xr.open_dataset(
+                store,
                 engine="zarr",
                 consolidated=False,
                 cache=False,
                 mask_and_scale=False,
                 create_default_indexes=False,
             )
+    except InputError:
+        raise
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
-    for name, variable in run.data_vars.items():
-        if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
-            raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
-    if indexed and too_large(run):
-        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
-    if not attrs["complete"] and until_checkpoint:
-        run = _until_checkpoint(path, attrs, run)
-    for name in ("time", "lane"):
-        known = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
-        if indexed and known and name not in run.xindexes:
-            try:
-                run = run.set_xindex(name)
-            except Exception as error:  # whatever a damaged chunk makes the libraries raise
-                raise InputError(
-                    f"{path} is damaged, {name} cannot be read: {error}. `kreisel check {path}`."
-                ) from error
-            if not np.isfinite(run[name].values).all():
-                raise InputError(f"{path} is damaged: a part of {name} is not there. `kreisel check {path}`.")
-    return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
 
 
-def _until_checkpoint(path: Path, attrs: Mapping[str, Any], run: xr.Dataset) -> xr.Dataset:
+def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
     """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
     import xarray as xr
 
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
     from kreisel.runs.continued import continued
 
-    if not (path / checkpoint.NAME).exists():
-        return run
-    snapshot, start = checkpoint.read(path)
-    whole = run.isel(time=slice(0, snapshot.flushed)) if "time" in run.dims else run
+    snapshot, start, known = _checkpoint(path, attrs)
+    first = snapshot.flushed
+    whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)
     if len(snapshot.rows) == 0 or is_own(attrs):
         return whole
     plan = _plan(attrs, start, attrs["steps"])
-    _march(plan, attrs).restore(snapshot)  # which looks at it
-    _require_arrays(path, plan, attrs)
-    first = snapshot.flushed
+    _march(plan, attrs["rows_in_block"]).restore(snapshot)  # which looks at it
     times = saved_times(plan, first, first + len(snapshot.rows))
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
     if not first:
-        return rest.assign_attrs(run.attrs)
-    joined = {name: continued(whole[name].variable, rest[name].variable) for name in rest.variables if name in whole}
-    coords = {name: joined.pop(name) if name in joined else whole[name].variable for name in whole.coords}
-    return xr.Dataset(joined, xr.Coordinates(coords, indexes={}), run.attrs)
+        return rest.assign_attrs(attrs)
+    _require_arrays(path, plan, attrs, known)
+    joined = {
+        name: continued(variable, rest[name].variable) if "time" in variable.dims else variable
+        for name, variable in whole.variables.items()
+        if name in rest.variables
+    }
+    coords = {name: joined.pop(name) for name in whole.coords if name in joined}
+    return xr.Dataset(joined, xr.Coordinates(coords, indexes={}), attrs)
 
 
 def _place(variable: xr.DataArray) -> int:

@@ -1,7 +1,7 @@
 """A block of lanes of a sweep: simulated, summed up, and written to its region of the store.
 
 A block is idempotent: what it writes depends on the description in the store's attributes and on its number alone.  It
-writes whole chunks, each atomically, and `failed` last: where that chunk is, the block is done.
+writes whole chunks, each atomically, and last their checksums: where that file of the manifest is, the block is done.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError, disk_trouble
 from kreisel.methods.auto import Choice
 from kreisel.model import Model
+from kreisel.runs import manifest
 from kreisel.runs.lanes import Lanes, Quantity
 from kreisel.runs.march import March
 from kreisel.runs.own import load
@@ -229,25 +230,14 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
         sweep, group, width = _opened(part, file, digest)
         first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
         lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
-        known = {
-            name: (
-                tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)),
-                lane_axis[name],
-            )
-            for name, array in group.items()
-            if array.attrs.get("kind") != "input" and name not in ("failed", "message")
-        }
-        out, faults = sweep.results(first, stop, known)
-        values = sweep.lanes.values(first, stop)
-        out |= {q.name: _numbered(v, group[q.name]) for q, v in values.items()}
-        out["message"] = _messages(faults, stop - first)
+        out = results_of(sweep, group, lane_axis, first, stop)
+        _require_there(store)
         for name, value in out.items():
             _write(group[name], value, lane_axis[name], first, stop)
-        _sync(store, {name: (a, lane_axis[name]) for name, a in group.items() if name != "failed"}, block)
-        state = np.full(stop - first, COMPUTED, dtype=np.uint8)
-        state[list(faults)] = FAILED
-        _write(group["failed"], state, 0, first, stop)
-        _sync(store, {"failed": (group["failed"], 0)}, block)
+        names = [_chunk(name, array, lane_axis[name], block) for name, array in group.items()]
+        _sync(store, names)
+        _require_there(store)
+        manifest.add_block(store, block, names, durable=True)
     except OSError as error:
         kept = " The blocks that were done are kept: the same command goes on."
         raise disk_trouble(error, store, "be written", kept) from error
@@ -255,11 +245,27 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
     return {
         "block": block,
         "lanes": stop - first,
-        "failed": len(faults),
+        "failed": int((out["failed"] == FAILED).sum()),
         "seconds": time.perf_counter() - begun,
         "peak_MiB": peak,
         "process": os.getpid(),
     }
+
+
+def results_of(
+    sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
+) -> dict[str, Array]:
+    """Every variable of lanes first to stop - 1, as it is written to `arrays`, whose axes of lanes are given."""
+    known = {
+        name: (tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)), lane_axis[name])
+        for name, array in arrays.items()
+        if array.attrs.get("kind") != "input" and name not in ("failed", "message")
+    }
+    out, faults = sweep.results(first, stop, known)
+    out |= {q.name: _numbered(v, arrays[q.name]) for q, v in sweep.lanes.values(first, stop).items()}
+    state = np.full(stop - first, COMPUTED, dtype=np.uint8)
+    state[list(faults)] = FAILED
+    return out | {"message": _messages(faults, stop - first), "failed": state}
 
 
 @lru_cache(4)
@@ -267,11 +273,12 @@ def _opened(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, 
     """The sweep of a store, its arrays of lanes, and how many lanes a block has."""
     import zarr
 
-    group = zarr.open_group(part, mode="r+", zarr_format=3, use_consolidated=False)
+    with zarr.config.set({"array.write_empty_chunks": True}):  # so that every chunk is there, and has its checksum
+        group = zarr.open_group(part, mode="r+", zarr_format=3, use_consolidated=False)
+        found: dict[str, Any] = dict(group.arrays())
     text = str(group.attrs["sweep"])
     if hashlib.sha256(text.encode()).hexdigest() != digest:
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
-    found: dict[str, Any] = dict(group.arrays())
     arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
     return (
         Sweep(parsed(text, "The attribute sweep"), Path(file) if file else None),
@@ -300,26 +307,27 @@ def _write(array: Any, value: Array | Floats, axis: int, first: int, stop: int) 
     array[(*(slice(None),) * axis, slice(first, stop))] = value
 
 
-def _sync(store: Path, arrays: Mapping[str, tuple[Any, int]], block: int) -> None:
-    """Make the chunks of a block durable, those that are there: chunks of fill values are not."""
-    for name, (array, axis) in arrays.items():
-        place = ["0"] * array.ndim
-        place[axis] = str(block)
-        path = store / name / "c" / "/".join(place)
-        if path.exists():
-            handle = os.open(path, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
+def _require_there(store: Path) -> None:
+    """Raises `RunError` where a store has vanished: Zarr would make new folders for its chunks."""
+    if not (store / manifest.METADATA).exists():
+        raise RunError(f"{store} vanished during the sweep: {manifest.METADATA} is gone. Run the same command again.")
 
 
-def done(store: Path) -> set[int]:
-    """The blocks of a store that are done."""
-    try:
-        return {int(entry.name) for entry in os.scandir(store / "failed" / "c") if entry.name.isdigit()}
-    except FileNotFoundError:
-        return set()
+def _chunk(name: str, array: Any, axis: int, block: int) -> str:
+    """The file of a block of an array."""
+    places = ["0"] * array.ndim
+    places[axis] = str(block)
+    return f"{name}/c/{'/'.join(places)}"
+
+
+def _sync(store: Path, names: list[str]) -> None:
+    """Make the chunks of a block durable."""
+    for name in names:
+        handle = os.open(store / name, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def failures(run: Any) -> Iterator[tuple[int, str]]:

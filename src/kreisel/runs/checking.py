@@ -1,31 +1,40 @@
-"""What `kreisel check` does: is an archive whole, and do its integrals belong to its states."""
+"""What `kreisel check` does: is an archive as it was written, and do its numbers belong to one another."""
 
 from __future__ import annotations
 
-import os
 import warnings
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel import algebra
+from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.methods import scheme
+from kreisel.methods import Scheme, scheme
+from kreisel.runs import checkpoint, manifest
 from kreisel.runs.archive import (
-    CHECKSUMS,
+    MOST_INDEXED,
+    is_cut,
     is_own,
     is_sweep,
-    metadata_hashes,
     model_of,
     open_archive,
+    opened,
+    ordered,
+    read_attributes,
+    require_sound,
+    times_of,
     too_large,
-    write_checksums,
 )
 from kreisel.runs.blocks import COMPUTED, MISSING
 from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.runs.reading import parsed
+from kreisel.runs.recomputing import lanes_again, steps_again
+from kreisel.runs.replacing import settled, stands
 from kreisel.runs.sweep import open_sweep
+from kreisel.runs.verified import Damaged
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,89 +43,114 @@ RELATIVE = 1e-12
 
 
 def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
-    """The run in memory, as far as it can be read, and what is wrong with it, each fault in one sentence.
+    """The run, as far as it can be read, and what is wrong with it, each fault in one sentence.
 
-    The metadata are compared with their hashes; every chunk is read, which verifies its checksum; the Casimirs and
-    the integrals that are functions of the saved state alone are computed again from it.  Raises `InputError` if
-    there is no archive at all.
+    Every file is compared with its SHA-256.  The times, the Casimirs and the integrals that are functions of the saved
+    state alone are computed again, block by block; from some rows the next one is computed again, state and
+    orientation.  Raises `InputError` if there is no archive at all.
     """
+    path = settled(path)
     if is_sweep(path):
         return check_sweep(path)
-    run = open_archive(path, indexed=False)
-    faults = _metadata_faults(path, run.attrs["complete"]) + _size_faults(run)
-    if faults and (too_large(run) or not _fits(run)):
-        return None, faults
+    attrs = read_attributes(path)
+    require_sound(path)
+    cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(attrs) else []
+    try:
+        known = manifest.read(path)
+        changed = _file_faults(path, attrs, known)
+        run = open_archive(path, indexed=False) if cut else ordered(opened(path, known))
+    except InputError as error:
+        return None, [*cut, *(([] if cut else _unreadable(path)) or [str(error)])]
+    faults, sizes = changed, _size_faults(run)
+    if sizes:
+        return None, [*cut, *faults, *sizes]
     damaged = damaged_rows(run)
     for name, (first, last, why) in damaged:
         where = f" in rows {first} to {last}" if "time" in run[name].dims else ""
         faults.append(f"{name} cannot be read{where}: {why}")
-    run = run.drop_vars({name for name, _ in damaged}).load()
-    faults += [
-        f"{name} is not finite at row {int(np.argmin(np.isfinite(v.values.reshape(len(v), -1)).all(1)))}"
-        for name, v in run.data_vars.items()
-        if v.dtype.kind == "f" and not np.isfinite(v.values).all()
+    run = run.drop_vars({name for name, _ in damaged})
+    faults += [] if faults else _numbers(run)
+    few = "time" in run.coords and run.sizes["time"] <= MOST_INDEXED
+    return (run.set_xindex("time") if few and "time" not in run.xindexes else run), [*cut, *faults]
+
+
+def _unreadable(path: Path) -> list[str]:
+    """What is wrong with the files of an archive that cannot be opened, apart from the first of them."""
+    known = manifest.listed(path)
+    return [told for _, told in manifest.faults(path, known)] if known else []
+
+
+def _file_faults(path: Path, attrs: Mapping[str, Any], known: manifest.Listed) -> list[str]:
+    """What is wrong with files that are no chunks; an interrupted run may have some that are not listed yet."""
+    found = manifest.faults(path, known)
+    if not is_cut(attrs):
+        return [told for _, told in found]
+    flushed = checkpoint.read(path)[0].flushed
+    return [
+        told
+        for name, told in found
+        if not (
+            name == checkpoint.NAME
+            or name.endswith(".partial")
+            or "/.new-" in name
+            or manifest.is_chunk(name)
+            or (flushed == 0 and name.count("/") == 1 and name.endswith("/zarr.json"))
+        )
     ]
-    if "time" in run.coords and not (np.diff(run["time"].values) > 0).all():
-        faults.append("time does not increase")
-    faults += [] if faults else _recomputed(run)
-    if not run.attrs["complete"]:
-        faults.insert(0, "the run was interrupted before its end: `kreisel resume` goes on with it")
-    return (run.set_xindex("time") if "time" in run.coords else None), faults
 
 
-def check_sweep(path: Path) -> tuple[xr.Dataset, list[str]]:
+def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """A sweep, not yet read, and what is wrong with it.
 
-    The metadata are compared with their hashes; every chunk is read, which verifies its checksum; lanes that did not
-    fail must have finite values.
+    Every file is compared with its SHA-256; lanes that did not fail must have finite values; some lanes are computed
+    again.
     """
-    run = open_sweep(path)
-    attrs = run.attrs
-    faults = _metadata_faults(path, attrs["complete"]) + too_large(run)
+    try:
+        run = open_sweep(path)
+        attrs, known = run.attrs, manifest.read(path)
+    except InputError as error:
+        require_sound(path)
+        return None, _unreadable(path) or [str(error)]
+    faults = [
+        told
+        for name, told in manifest.faults(path, known)
+        if attrs["complete"] or not (manifest.is_chunk(name) or name.endswith(".partial") or "/.new-" in name)
+    ]
+    faults += too_large(run)
     if run.sizes.get("lane") != attrs["lanes"] or "failed" not in run:
         faults.append(f"{attrs['lanes']:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
     if faults:
         return run, faults
+    if "time" in run.variables and "lane" not in run["time"].dims:
+        faults += _unread(run["time"].variable, "time", "")
     width, missing = attrs["block_lanes"], 0
     for first in range(0, attrs["lanes"], width):
         lanes = run.isel(lane=slice(first, first + width))
-        last = first + lanes.sizes["lane"] - 1
-        try:
-            state = lanes["failed"].values
-        except Exception as error:  # whatever a damaged chunk makes the libraries raise
-            faults.append(f"failed cannot be read in lanes {first} to {last}: {error or type(error).__name__}")
-            continue
-        if (state == MISSING).all():
+        where = f" in lanes {first} to {first + lanes.sizes['lane'] - 1}"
+        unread = _unread(lanes["failed"].variable, "failed", where)
+        state = None if unread else lanes["failed"].values
+        faults += unread
+        if state is not None and (state == MISSING).all():
             missing += 1
             continue
         for name, variable in lanes.data_vars.items():
-            try:
-                values = variable.transpose("lane", ...).values if "lane" in variable.dims else variable.values
-            except Exception as error:  # the same
-                faults.append(f"{name} cannot be read in lanes {first} to {last}: {error or type(error).__name__}")
+            unread = [] if name == "failed" else _unread(variable.variable, str(name), where)
+            faults += unread
+            if unread or state is None or variable.dtype.kind != "f" or "lane" not in variable.dims:
                 continue
-            if values.dtype.kind == "f" and not np.isfinite(values[state == COMPUTED]).all():
-                faults.append(f"{name} is not finite in lanes {first} to {last}, although they did not fail")
+            if not np.isfinite(variable.transpose("lane", ...).values[state == COMPUTED]).all():
+                faults.append(f"{name} is not finite{where}, although they did not fail")
     blocks = -(-attrs["lanes"] // width)
     if missing and attrs["complete"]:
         faults.append(f"{missing:,} of {blocks:,} blocks are missing")
     elif not attrs["complete"]:
         faults.insert(0, f"the sweep was interrupted: {missing:,} of {blocks:,} blocks are to do")
-    return run, faults
+    return run, faults or lanes_again(run)
 
 
-def _metadata_faults(path: Path, complete: bool) -> list[str]:
-    """Metadata that are not as they were written; of an interrupted run they still change."""
-    try:
-        written = dict(parsed((path / CHECKSUMS).read_bytes(), CHECKSUMS).items())
-        here = metadata_hashes(path)
-        faults = [f"{name.removesuffix('/zarr.json')} is missing" for name in written if name not in here]
-        changed = [name for name, value in written.items() if here.get(name, value) != value]
-    except FileNotFoundError:
-        return [f"{CHECKSUMS} is missing"] if complete else []
-    except (OSError, ValueError, AttributeError) as error:
-        return [f"{CHECKSUMS} cannot be read: {error}"]
-    return faults + [f"{name} was changed after the run" for name in changed]
+def _unread(part: xr.Variable, name: str, where: str) -> list[str]:
+    why = _trouble(part)
+    return [] if why is None else [f"{name} cannot be read{where}: {why}"]
 
 
 def _size_faults(run: xr.Dataset) -> list[str]:
@@ -124,52 +158,48 @@ def _size_faults(run: xr.Dataset) -> list[str]:
     expected = 1 + attrs["steps"] // attrs["every"] + (attrs["steps"] % attrs["every"] > 0)
     rows = run.sizes.get("time", 0)
     faults = [f"{expected} rows were expected, {rows} are there"] if attrs["complete"] and rows != expected else []
-    faults += too_large(run)
-    if not _fits(run):
-        faults.append(f"it claims to hold {run.nbytes:,} bytes, more than this machine's memory: not read")
-    return faults
-
-
-def _fits(run: xr.Dataset) -> bool:
-    return run.nbytes < os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return faults + too_large(run)
 
 
 def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
-    """The rows of each variable that cannot be read, in whole chunks: its name, first and last row, and why."""
-    rows = run.sizes.get("time", 0)
+    """Each variable that cannot be read, with the first and last row and the reason, block by block."""
     found: list[tuple[str, tuple[int, int, str]]] = []
     for name, variable in run.variables.items():
-        chunk = (variable.encoding.get("chunks") or (run.attrs["rows_in_block"],))[0]
+        rows = variable.shape[0] if "time" in variable.dims else 1
+        whole = variable.encoding.get("shards") or variable.encoding.get("chunks") or (rows,)
+        chunk = max(1, whole[0])
         for first in range(0, rows, chunk) if "time" in variable.dims else [0]:
             last = min(first + chunk, rows) - 1
             why = _trouble(variable[first : last + 1] if "time" in variable.dims else variable)
-            if why is None:
-                continue
-            if found and found[-1][0] == name and found[-1][1][1:] == (first - 1, why):
-                first = found.pop()[1][0]  # the same goes on
-            found.append((str(name), (first, last, why)))
+            if why is not None:
+                found.append((str(name), (first, last, why)))
     return found
 
 
 def _trouble(part: xr.Variable) -> str | None:
     """Why a part cannot be read, if so."""
     try:
-        values = part.values
-        lost = values.dtype.kind == "f" and values.size > 0 and bool(np.isnan(values).all())
+        part.values  # noqa: B018 - reading it verifies it
+    except Damaged as error:
+        return error.why
     except Exception as error:  # whatever a damaged chunk makes the libraries raise
         return str(error) or type(error).__name__
-    return "nothing is there" if lost else None
+    return None
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:
     """Write the rows of a damaged archive that are whole in every variable to a new one; how many, and of how many.
 
-    The new archive has the attribute `recovered`, and complete = false where rows are lost.  Raises `InputError` where
-    nothing is whole, or `out` exists.
+    The new archive has the attribute `recovered`, and complete = false where rows are lost.  Where the manifest itself
+    is lost, `recovered` says that the rows were not compared with it.  Raises `InputError` where nothing is whole, or
+    `out` exists.
     """
-    if out.exists():
+    if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
-    run = open_archive(path, indexed=False)
+    attrs = read_attributes(path)
+    require_sound(path)
+    known = manifest.read(path) if manifest.begun(path) else None
+    run = open_archive(path, indexed=False) if is_cut(attrs) else ordered(opened(path, known))
     rows = run.sizes.get("time", 0)
     keep = np.ones(rows, dtype=bool)
     for name, (first, last, _) in damaged_rows(run):
@@ -181,34 +211,74 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
     whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
-    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}")
+    told = "" if known else ", not compared with any checksum"
+    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{told}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         whole.to_zarr(out, zarr_format=3)
-    write_checksums(out)
+    manifest.of_all(out)
     return int(keep.sum()), rows
 
 
-def _recomputed(run: xr.Dataset) -> list[str]:
-    """Integrals of the saved states against the saved integrals."""
-    if is_own(run.attrs):
-        return []
-    model = model_of(run.attrs)
+def _numbers(run: xr.Dataset) -> list[str]:
+    """Whether the numbers are finite, the times those of the steps, the integrals those of the states; block by block.
+
+    And whether some rows follow from the row before.
+    """
+    if "time" not in run.variables:
+        return [] if is_cut(run.attrs) else ["time is missing"]  # no row of a system of the user's own is written yet
+    again = None if is_own(run.attrs) else _definition(run)
+    if again is not None:
+        missing = [f"{name} is missing" for name in again.outcomes if name not in run]
+    faults = dict.fromkeys(missing)
+    if "lane" in run.variables and (run["lane"].values != np.arange(run.sizes["lane"])).any():
+        faults["lane does not count the lanes"] = None
+    for block in _blocks(run):
+        faults |= dict.fromkeys(_block_faults(block, run.attrs, None if missing else again))
+    return list(faults) or steps_again(run)
+
+
+def _blocks(run: xr.Dataset) -> Iterator[xr.Dataset]:
+    step = max(1, run.attrs["rows_in_block"])
+    for first in range(0, run.sizes["time"], step):
+        block = run.isel(time=slice(first, first + step)).load()
+        yield block.assign_attrs(first=first)
+
+
+def _definition(run: xr.Dataset) -> Scheme:
+    """What computes the integrals from the states, as in the run."""
     options = parsed(run.attrs["options"], "The attribute options")
-    plan = scheme(model, run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
-    kinds = dict(model.system.space.components)
-    missing = [f"{name} is missing" for name in plan.outcomes if name not in run]
-    if missing:
-        return missing
-    state = tuple(algebra.hat(run[k].values) if kinds[k] == "skew" and model.n == 3 else run[k].values for k in kinds)
-    outputs = plan.observe(plan.reopen(state))
-    faults = []
+    return scheme(model_of(run.attrs), run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
+
+
+def _block_faults(block: xr.Dataset, attrs: Mapping[str, Any], again: Scheme | None) -> Iterator[str]:
+    first, time = block.attrs["first"], block["time"].values
+    rows = np.arange(first, first + len(time), dtype=np.float64)
+    if "recovered" not in attrs and (time != times_of(rows, attrs["every"], attrs["steps"], attrs["dt"])).any():
+        yield "time is not that of the steps"
+    if not (np.diff(time) > 0).all():
+        yield "time does not increase"
+    for name, variable in block.data_vars.items():
+        if variable.dtype.kind == "f" and not np.isfinite(variable.values).all():
+            row = int(np.argmin(np.isfinite(variable.values.reshape(len(variable), -1)).all(1)))
+            yield f"{name} is not finite at row {first + row}"
+            return
+    if again is not None:
+        yield from _recomputed(block, again)
+
+
+def _recomputed(block: xr.Dataset, again: Scheme) -> Iterator[str]:
+    """Integrals of the saved states against the saved integrals."""
+    kinds = {name: o.axes for name, o in again.outcomes.items() if o.kind == "state"}
+    axial = again.n == 3
+    state = tuple(algebra.hat(block[k].values) if axial and kinds[k] == "skew" else block[k].values for k in kinds)
+    outputs: Mapping[str, Array] = again.observe(again.reopen(state))
     for name, value in outputs.items():
-        if plan.outcomes[name].kind in KINDS:
-            off = abs(value - run[name].values)
-            size = lane_scales(run[name], "evaluation_scale")
+        if again.outcomes[name].kind in KINDS:
+            off = abs(value - block[name].values)
+            size = lane_scales(block[name], "evaluation_scale")
             scale = size.reshape(np.shape(value)[1:] if len(size) > 1 else (-1,)) + abs(value)
             worst = float((off / np.maximum(scale, 1e-300)).max())
             if worst > RELATIVE:
-                faults.append(f"{name} does not belong to the saved states: it is off by {worst:.2g} relative")
-    return faults
+                rows = f"rows {block.attrs['first']} to {block.attrs['first'] + len(off) - 1}"
+                yield f"{name} does not belong to the saved states: it is off by {worst:.2g} relative in {rows}"

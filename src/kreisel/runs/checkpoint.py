@@ -6,14 +6,16 @@ The checkpoint is one file of plain arrays (.npz without pickle; zip keeps a CRC
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
+import hashlib
 import io
 import json
 import math
 import os
 import signal
 import socket
-import tempfile
+import stat
 import threading
 import tokenize
 import zipfile
@@ -26,10 +28,20 @@ import numpy as np
 
 from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, disk_trouble
+from kreisel.runs.manifest import replace_file
 from kreisel.runs.march import Snapshot
 from kreisel.runs.reading import parsed
 
 NAME = "engine/checkpoint.npz"  # in a group of its own, where Zarr does not look for arrays
+
+
+def hash_of_start(start: Mapping[str, Floats]) -> str:
+    """SHA-256 of the initial state, which binds a checkpoint to the attributes of its run."""
+    told = hashlib.sha256()
+    for name, value in sorted(start.items()):
+        array = np.ascontiguousarray(value, dtype="<f8")
+        told.update(f"{name} {array.shape} ".encode() + array.tobytes())
+    return told.hexdigest()
 
 
 def write(store: Path, snapshot: Snapshot, start: Mapping[str, Floats]) -> None:
@@ -41,17 +53,9 @@ def write(store: Path, snapshot: Snapshot, start: Mapping[str, Floats]) -> None:
         **{f"engine/{name}": value for name, value in snapshot.engine.items()},
         **{f"start/{name}": value for name, value in start.items()},
     }
-    handle, scratch = tempfile.mkstemp(dir=(store / NAME).parent, prefix=".checkpoint-")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(scratch, store / NAME)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(scratch)
-        raise
+    data = io.BytesIO()
+    np.savez(data, allow_pickle=False, **arrays)
+    replace_file(store / NAME, data.getvalue(), durable=True)
 
 
 def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
@@ -109,13 +113,15 @@ class Lock:
     def __enter__(self) -> Lock:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
+            self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
         except OSError as error:
+            if error.errno == errno.ELOOP:
+                raise InputError(f"{self.path} is a link and is left as it is. {LOCK_REMEDY}") from None
             raise disk_trouble(error, self.archive, "be created", "") from error
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            told = os.pread(self._handle, 4096, 0).decode(errors="replace")
+            told = _told(self._handle)
             os.close(self._handle)
             raise InputError(
                 f"{self.archive} is being written by {_owner(told)}. Wait for it, stop it, or choose another path."
@@ -123,6 +129,9 @@ class Lock:
         if not self._is_ours():  # unlinked by the writer before, between our open and our lock
             os.close(self._handle)
             return self.__enter__()
+        if not stat.S_ISREG(os.fstat(self._handle).st_mode) or not _is_lock(_told(self._handle)):
+            os.close(self._handle)
+            raise InputError(f"{self.path} is no lock of Kreisel and is left as it is. {LOCK_REMEDY}")
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, json.dumps({"host": socket.gethostname(), "pid": os.getpid()}).encode(), 0)
         return self
@@ -137,6 +146,25 @@ class Lock:
         with contextlib.suppress(OSError):
             os.unlink(self.path)
         os.close(self._handle)
+
+
+LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
+
+
+def _told(handle: int) -> str:
+    """What a file says, as far as it can be read."""
+    try:
+        return os.pread(handle, 4096, 0).decode(errors="replace")
+    except OSError:  # a pipe or a device
+        return ""
+
+
+def _is_lock(told: str) -> bool:
+    """Whether a file that nobody holds is a lock that a kill left, and no file of somebody else."""
+    try:
+        return not told or set(json.loads(told)) == {"host", "pid"}
+    except (ValueError, TypeError, RecursionError):
+        return False
 
 
 def _owner(told: str) -> str:

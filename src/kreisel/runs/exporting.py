@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -13,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.errors import InputError, RunError
 from kreisel.runs.archive import open_run, target, too_large
+from kreisel.runs.replacing import require_file, written
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,7 +26,7 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
     """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet where in .parquet.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
-    out    the file; it takes its name when it is whole
+    out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
 
     NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
     and lane, a column for each component, such as "m[2]", and the attributes as JSON in the metadata under "kreisel".
@@ -37,27 +37,23 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
     write = WRITERS.get(where.suffix.lower())
     if write is None:
         raise InputError(f"The export must end in {', '.join(WRITERS)}; {str(out)!r} came.")
-    if where.exists() and not overwrite:
-        raise InputError(f"{where} exists already and is left as it is. Choose another name, or --overwrite.")
+    require_file(where, overwrite)
     data = open_run(run) if isinstance(run, str | os.PathLike) else run
     if too_large(data):
         raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
-    scratch = where.with_name(f".{where.name}.part")
     try:
-        where.parent.mkdir(parents=True, exist_ok=True)
-        write(data, scratch)
-        os.replace(scratch, where)
+        with written(where, overwrite) as scratch:
+            write(data, scratch)
+    except InputError:
+        raise
     except ImportError as error:
         raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
-    except OSError as error:
-        raise disk_trouble(error, where, "be written", "") from error
+    except RunError:
+        raise
     except (ValueError, RuntimeError) as error:  # a damaged chunk, or what HDF5 makes of a full disk
         raise RunError(
             f"{where} could not be written: {error}. Usual cause: a damaged archive or a full disk."
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
 
 
 def _netcdf(run: xr.Dataset, out: Path) -> None:

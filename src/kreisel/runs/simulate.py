@@ -12,6 +12,7 @@ from kreisel.runs.checkpoint import Lock, signals_wait
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, make_plan, whole
 from kreisel.runs.progress import Progress
+from kreisel.runs.replacing import settle
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,6 +86,7 @@ def simulate(
             return in_memory(plan, list(March(plan, bar.advance).blocks()))
     where = target(path)
     with Lock(where):
+        settle(where)
         return _write(Archive(where, plan, overwrite), March(plan), progress)
 
 
@@ -104,6 +106,7 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
     with Lock(where):
+        settle(where)
         archive, march = reopen(where, None if extend is None else whole(extend, "extend"))
         return _write(archive, march, progress)
 

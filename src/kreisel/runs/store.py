@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import importlib.metadata
 import json
 import math
-import os
-import shutil
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,12 +15,13 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, disk_trouble
-from kreisel.runs import blocks
-from kreisel.runs.archive import dimensions, metadata, require_sound, saved_times, versions, write_checksums
+from kreisel.runs import blocks, manifest
+from kreisel.runs.archive import dimensions, metadata, require_sound, saved_times, versions
 from kreisel.runs.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
 from kreisel.runs.lanes import Quantity, as_json
 from kreisel.runs.plan import Plan
 from kreisel.runs.reading import parsed
+from kreisel.runs.replacing import part_of, remove, require_replaceable, settle, stands, take_name
 from kreisel.runs.summaries import FEWEST_ROWS, PARTS
 from kreisel.runs.workers import LOST
 
@@ -40,7 +37,8 @@ class Store:
     """The Zarr store of a sweep: NAME.part until every block is there, then NAME."""
 
     def __init__(self, path: Path, sweep: Sweep):
-        self.path, self.part, self.sweep = path, path.with_name(path.name + ".part"), sweep
+        self.path, self.part, self.sweep = path, part_of(path), sweep
+        self._overwrite = False
         self._text = as_json(sweep.description)
         self.digest = hashlib.sha256(self._text.encode()).hexdigest()
         self._plans = list(_templates(sweep))
@@ -53,7 +51,9 @@ class Store:
 
     def missing(self) -> list[int]:
         """The blocks that are not done."""
-        there = blocks.done(self.part)
+        if manifest.whole(self.part):
+            return []
+        there = manifest.blocks_done(self.part)
         return [k for k in range(self.blocks) if k not in there]
 
     def lanes_done(self, todo: Sequence[int]) -> int:
@@ -63,18 +63,20 @@ class Store:
 
     def open(self, overwrite: bool) -> list[int]:
         """Make the store or go on with it; the blocks to do.  Raises `InputError` where another one is in the way."""
+        self._overwrite = overwrite
         try:
-            if self.path.exists() and not overwrite:
+            settle(self.path)
+            if stands(self.path) and not overwrite:
                 self._same(self.path)
                 return []
-            if self.part.exists():
-                if not overwrite and (self.part / "failed" / "zarr.json").exists():
+            require_replaceable(self.path)
+            require_replaceable(self.part)
+            if stands(self.part):
+                if not overwrite and manifest.begun(self.part):
                     self._same(self.part)
                     self._fit()
                     return self.missing()
-                if not overwrite and not _is_ours(self.part):
-                    raise InputError(f"{self.part} is in the way. Choose another path, or replace it with --overwrite.")
-                shutil.rmtree(self.part)
+                remove(self.part)
             self._create()
         except OSError as error:
             raise disk_trouble(error, self.path, "be created", "") from error
@@ -90,22 +92,22 @@ class Store:
             )
 
     def _fit(self) -> None:
-        """Compare every array with what it should be; note other versions; remove what a kill left half written."""
-        import zarr
+        """Compare the metadata with the manifest; note other versions; remove what a kill left half written."""
+        from kreisel.runs.verified import Verified, edited
 
-        group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
-        for name, told in self._arrays().items():
-            array: Any = group.get(name)
-            wrong = array is None or (tuple(array.shape), array.dtype) != (told["shape"], told["dtype"])
-            if wrong or tuple(array.shards or array.chunks) != told.get("shards", told["chunks"]):
-                raise InputError(f"{self.part} is damaged: {name} is not as it was made. Start over with --overwrite.")
+        if manifest.whole(self.part):
+            return
+        store = Verified(self.part, manifest.read(self.part))
+        for name in ("zarr.json", *(f"{name}/zarr.json" for name in self._arrays())):
+            store.verify(name)
         _sweep_up(self.part)
         changed = json.dumps(versions())
-        if group.attrs["versions"] != changed:
-            group.attrs["resumed"] = changed
+        with edited(self.part) as group:
+            if group.attrs["versions"] != changed:
+                group.attrs["resumed"] = changed
 
     def _arrays(self) -> dict[str, dict[str, Any]]:
-        """Every array as Zarr makes it; `failed` last, it says that all are there."""
+        """Every array as Zarr makes it."""
         total, width = self.sweep.lanes.total, self.width
         out: dict[str, dict[str, Any]] = {}
 
@@ -168,31 +170,36 @@ class Store:
         for name, told in self._arrays().items():
             more: dict[str, Any] = told
             group.create_array(name, compressors=codecs, **more)
+        group.create_group("engine")
+        (self.part / manifest.BLOCKS).mkdir()
+        if TRAJECTORIES in self.sweep.save:
+            manifest.add_block(self.part, "before", ["time/c/0"])
+        manifest.begin(self.part)
 
     def finish(self) -> None:
         """Mark the store as whole and give it its name."""
-        import zarr
+        from kreisel.runs.verified import consolidated
 
         missing = self.missing()
         if missing:
             raise RunError(f"{self.part} lacks {len(missing):,} blocks although they were reported as done. {LOST}")
         try:
-            _sweep_up(self.part)
-            group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
-            group.attrs["failed_lanes"] = int((np.asarray(group["failed"][:]) == FAILED).sum())  # type: ignore[index]
-            group.attrs["complete"] = True
-            with warnings.catch_warnings():  # Zarr calls the one file that lists all others not yet a standard
-                warnings.simplefilter("ignore")
-                zarr.consolidate_metadata(str(self.part))
-            write_checksums(self.part)
-            old = self.path.with_name(f"{self.path.name}.old-{os.getpid()}") if self.path.exists() else None
-            if old is not None:
-                os.replace(self.path, old)
-            os.replace(self.part, self.path)
-            if old is not None:
-                shutil.rmtree(old)
+            if not manifest.whole(self.part):
+                _sweep_up(self.part)
+                consolidated(self.part, failed_lanes=self._failed(), complete=True)
+                manifest.seal(self.part, [])
+            manifest.clear(self.part)
+            take_name(self.path, self._overwrite)
         except OSError as error:
             raise disk_trouble(error, self.path, "be finished", f" {LOST}") from error
+
+    def _failed(self) -> int:
+        import zarr
+
+        from kreisel.runs.verified import Verified
+
+        failed: Any = zarr.open_group(Verified(self.part, manifest.read(self.part)), mode="r")["failed"]
+        return int((np.asarray(failed[:]) == FAILED).sum())
 
     def failed_lanes(self) -> int:
         """How many lanes failed, of a store that is whole."""
@@ -200,15 +207,9 @@ class Store:
 
 
 def _sweep_up(store: Path) -> None:
-    for scratch in store.rglob("*.partial"):
-        scratch.unlink(missing_ok=True)
-
-
-def _is_ours(part: Path) -> bool:
-    """Whether a store that was never finished being made is one of ours, or holds nothing but chunks."""
-    with contextlib.suppress(InputError):
-        return "kreisel_sweep" in metadata(part)
-    return all("c" in path.relative_to(part).parts for path in part.rglob("*") if path.is_file())
+    for pattern in ("*.partial", ".new-*"):
+        for scratch in store.rglob(pattern):
+            scratch.unlink(missing_ok=True)
 
 
 def _difference(theirs: str, mine: str) -> str:

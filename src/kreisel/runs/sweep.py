@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Interrupted
 from kreisel.model import Model
-from kreisel.runs import blocks
+from kreisel.runs import blocks, manifest
 from kreisel.runs.archive import require_sound, target
 from kreisel.runs.blocks import TRAJECTORIES, Sweep
 from kreisel.runs.checkpoint import Lock, signals_wait
@@ -193,12 +193,25 @@ def open_sweep(path: Path) -> xr.Dataset:
     """The Dataset of a sweep, opened lazily; lanes of blocks that are not done have failed = 255."""
     import xarray as xr
 
-    read_attributes(path)
+    from kreisel.runs.verified import Verified
+
+    attrs = read_attributes(path)
     require_sound(path)
+    store = Verified(path, known := manifest.read(path), partial=not attrs["complete"])
+    for name in {*manifest.metadata_files(path), *(n for n in known if n.endswith("zarr.json"))}:
+        store.verify(name)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return xr.open_dataset(path, engine="zarr", consolidated=False, cache=False, mask_and_scale=False)
+            return xr.open_dataset(
+                store,  # type: ignore[arg-type]
+                engine="zarr",
+                consolidated=False,
+                cache=False,
+                mask_and_scale=False,
+            )
+    except InputError:
+        raise
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
 

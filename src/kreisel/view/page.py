@@ -9,7 +9,6 @@ that nothing else runs in it, whatever an archive says.
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import html
 import json
@@ -20,7 +19,8 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, disk_trouble
+from kreisel.errors import InputError
+from kreisel.runs.replacing import written
 from kreisel.view.scene import scene
 
 if TYPE_CHECKING:
@@ -34,17 +34,13 @@ class View:
         self.html = page(scene(run, lane))
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page.  Raises `RunError` where that is not possible."""
+        """Write the page; a page that Kreisel wrote is replaced.
+
+        Raises `InputError` where anything else has that name, and `RunError` where the disk refuses.
+        """
         target = Path(path)
-        scratch = target.with_name(f".{target.name}.part")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
+        with written(target) as scratch:
             scratch.write_text(self.html, encoding="utf-8")
-            scratch.replace(target)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                scratch.unlink()
-            raise disk_trouble(error, target, "be written", "") from error
         return target
 
     def _repr_html_(self) -> str:

@@ -1,0 +1,209 @@
+"""The manifest of an archive: the SHA-256 of every file in it, so that each chunk is bound to its place.
+
+A whole archive has engine/checksums.sha256, which `sha256sum -c` reads too.  While it is being made there is a file
+for each block of rows or lanes instead, engine/blocks/K.sha256, which says that the block is done, and one for the
+metadata, which has what they are about to become beside what they are: a kill at any moment leaves a file that is
+listed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+import secrets
+import stat
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from kreisel.errors import InputError
+
+NAME = "engine/checksums.sha256"
+BLOCKS = "engine/blocks"
+METADATA, BEFORE = f"{BLOCKS}/metadata.sha256", f"{BLOCKS}/before.sha256"
+LINE = re.compile(r"([0-9a-f]{64})  ([^\0\n]+)")
+LARGEST = 1 << 30  # bytes of a manifest
+
+Listed = dict[str, frozenset[str]]  # the files of a store, and what the SHA-256 of each may be
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def is_chunk(name: str) -> bool:
+    """Whether a file of a store holds numbers, not metadata."""
+    return name.split("/")[1:2] == ["c"]
+
+
+def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
+    """Write a file beside its name and give it its name."""
+    scratch = path.with_name(f".new-{secrets.token_hex(8)}")
+    try:
+        with scratch.open("xb") as file:
+            file.write(data)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(scratch, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise
+
+
+def text(pairs: Iterable[tuple[str, str]]) -> bytes:
+    """The lines of files and their SHA-256."""
+    return "".join(f"{told}  {name}\n" for name, told in sorted(pairs)).encode()
+
+
+def _read(path: Path) -> Iterator[tuple[str, str]]:
+    """Name and SHA-256 of each line.  Raises `InputError` for what is no manifest."""
+    try:
+        if not stat.S_ISREG(os.lstat(path).st_mode) or path.stat().st_size > LARGEST:
+            raise InputError(f"{path} is damaged: expected a text file of checksums, got something else.")
+        lines = path.read_bytes().decode().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}. `kreisel check` says what is whole.") from error
+    for line in lines:
+        found = LINE.fullmatch(line)
+        if found is None:
+            raise InputError(f"{path} is damaged: expected lines of a SHA-256 and a name, got {line[:80]!r}.")
+        yield found[2], found[1]
+
+
+def listed(store: Path) -> Listed:
+    """The manifest of a store, as far as it can be read: of one that is being made, all files of blocks together."""
+    found: dict[str, set[str]] = {}
+    for path in files(store):
+        with contextlib.suppress(InputError):
+            for name, told in _read(path):
+                found.setdefault(name, set()).add(told)
+    return {name: frozenset(told) for name, told in found.items()}
+
+
+def read(store: Path) -> Listed:
+    """The manifest of a store.  Raises `InputError` where there is none, or it is damaged."""
+    there = files(store)
+    if not there:
+        raise InputError(f"{store} is damaged: {NAME} is missing.")
+    for path in there:
+        for _ in _read(path):
+            pass
+    return listed(store)
+
+
+def files(store: Path) -> list[Path]:
+    """The files of the manifest: one, or those of the blocks."""
+    if whole(store):
+        return [store / NAME]
+    try:
+        return sorted(store / BLOCKS / name for name in os.listdir(store / BLOCKS) if name.endswith(".sha256"))
+    except OSError:
+        return []
+
+
+def blocks_done(store: Path) -> set[int]:
+    """The numbers of the blocks that are written."""
+    return {int(path.stem) for path in files(store) if path.stem.isdigit()}
+
+
+def begin(store: Path) -> None:
+    """List the metadata of a store as they are now."""
+    (store / BLOCKS).mkdir(parents=True, exist_ok=True)
+    replace_file(store / METADATA, text((name, digest(store / name)) for name in metadata_files(store)))
+
+
+def begun(store: Path) -> bool:
+    """Whether a store is being made, or is whole."""
+    return bool(files(store))
+
+
+def add_block(store: Path, block: int | str, names: Iterable[str], durable: bool = False) -> None:
+    """Say that these files of a block are written."""
+    lines = text((name, digest(store / name)) for name in names)
+    replace_file(store / BLOCKS / f"{block}.sha256", lines, durable)
+
+
+def metadata_files(store: Path) -> list[str]:
+    """The names of every zarr.json."""
+    return sorted(path.relative_to(store).as_posix() for path in store.rglob("zarr.json"))
+
+
+def seal(store: Path, others: Iterable[str]) -> None:
+    """From the files of the blocks the manifest of a whole archive, with the metadata and `others` as they are now.
+
+    Raises `FileNotFoundError` where a chunk that was written is gone.
+    """
+    chunks = [(name, told) for name, (told, *_) in listed(store).items() if is_chunk(name)]
+    for name, _ in chunks:
+        os.stat(store / name)
+    rest = [(name, digest(store / name)) for name in (*metadata_files(store), *others)]
+    replace_file(store / NAME, text((*chunks, *rest)))
+    clear(store)
+
+
+def whole(store: Path) -> bool:
+    """Whether a store has the manifest of a whole archive."""
+    return os.path.lexists(store / NAME)
+
+
+def clear(store: Path) -> None:
+    """Remove the files of the blocks, beside the manifest of a whole archive."""
+    with contextlib.suppress(FileNotFoundError):
+        for path in (store / BLOCKS).iterdir():
+            path.unlink()
+        (store / BLOCKS).rmdir()
+
+
+def unseal(store: Path, keep: int) -> None:
+    """Back to files of blocks, of a store that goes on after its first `keep` blocks; of later ones nothing is left."""
+    known = listed(store)
+    kept = [(n, t) for n, told in known.items() for t in told if is_chunk(n) and _block_of(n) < keep]
+    metadata = [(n, t) for n, told in known.items() for t in told if n.endswith("zarr.json")]
+    (store / BLOCKS).mkdir(exist_ok=True)
+    replace_file(store / BEFORE, text(kept))
+    replace_file(store / METADATA, text(metadata))
+    with contextlib.suppress(FileNotFoundError):
+        (store / NAME).unlink()
+    for path in files(store):
+        if path.stem.isdigit():
+            path.unlink()
+
+
+def _block_of(name: str) -> int:
+    """The number of the block of rows of a chunk: its first place; `lane` is made with the first block."""
+    places = name.split("/")[2:]
+    return int(places[0]) if places else 0
+
+
+def of_all(store: Path) -> None:
+    """Write the manifest of a store that is whole, of all that is in it."""
+    names = [Path(folder, name).relative_to(store).as_posix() for folder, _, some in os.walk(store) for name in some]
+    (store / NAME).parent.mkdir(exist_ok=True)
+    replace_file(store / NAME, text((name, digest(store / name)) for name in names))
+
+
+def faults(store: Path, known: Listed) -> list[tuple[str, str]]:
+    """What is wrong with all files but listed chunks, which are read by arrays: the file, and a sentence."""
+    found = []
+    names = {Path(folder, name).relative_to(store).as_posix() for folder, _, some in os.walk(store) for name in some}
+    for name in sorted(names | set(known)):
+        if name == NAME or name.startswith(f"{BLOCKS}/") or (is_chunk(name) and name in known):
+            continue
+        array = name.removesuffix("/zarr.json")
+        if name not in known:
+            found.append((name, f"{array} was added after the run"))
+        elif name not in names:
+            found.append((name, f"{array} is missing"))
+        else:
+            try:
+                changed = digest(store / name) not in known[name]
+            except OSError as error:
+                found.append((name, f"{name} cannot be read: {error.strerror}"))
+                continue
+            found += [(name, f"{name} was changed after the run")] * changed
+    return found

@@ -1,0 +1,250 @@
+"""What stands on disk is replaced only if Kreisel made it: archives, stores, figures, pages, exports."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import kreisel as kr
+from kreisel.runs import checking, replacing
+from kreisel.runs.checkpoint import Lock
+
+OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 30}
+SWEPT: dict[str, Any] = {"list": {"system.alpha": [0.5, 1.0, 1.5]}, "block": 2, "workers": 0, **OPTIONS}
+TOML = """
+[system]
+name = "lagrange-top"
+p = [0.0, 0.0, 1.0]
+[state]
+m = [0.1, 0.2, 1.5]
+a = [0.6, 0.0, 0.8]
+[run]
+dt = 0.1
+steps = 30
+[output]
+path = "{path}"
+figure = "{figure}"
+"""
+
+
+def everything(folder: Path) -> dict[str, Any]:
+    """Names, kinds and contents of all that is there."""
+    out: dict[str, Any] = {}
+    for path in sorted(folder.rglob("*")):
+        mode = os.lstat(path).st_mode
+        plain = path.is_file() and not path.is_symlink()
+        out[str(path)] = (mode, path.read_bytes() if plain else os.readlink(path) if path.is_symlink() else None)
+    return out
+
+
+def thesis(path: Path) -> None:
+    path.mkdir()
+    (path / "thesis.tex").write_text("three years")
+
+
+def thesis_in_an_archive(path: Path) -> None:
+    kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, path=path, **OPTIONS)
+    (path / "engine" / "notes.txt").write_text("mine")
+
+
+def link_to_a_thesis(path: Path) -> None:
+    thesis(path.with_name("elsewhere"))
+    path.symlink_to("elsewhere")
+
+
+def foreign_group(path: Path) -> None:
+    import zarr
+
+    zarr.create_group(str(path)).create_array("mine", shape=(3,), dtype="f8")
+
+
+STANDING = {
+    "thesis": thesis,
+    "thesis in an archive": thesis_in_an_archive,
+    "link": link_to_a_thesis,
+    "dangling link": lambda path: path.symlink_to("nowhere"),
+    "zarr group of somebody else": foreign_group,
+    "csv": lambda path: path.write_text("1,2,3\n"),
+    "pipe": os.mkfifo,
+}
+
+
+@pytest.mark.parametrize("place", ["run.zarr", "run.zarr.part", "run.zarr.lock"])
+@pytest.mark.parametrize("what", STANDING)
+def test_nothing_of_a_users_is_replaced(what: str, place: str, top: Any, x0: Any, tmp_path: Path) -> None:
+    if place.endswith(".lock") and what in ("thesis", "thesis in an archive", "zarr group of somebody else"):
+        expected: Any = kr.RunError  # a folder cannot be a lock
+    else:
+        expected = kr.InputError
+    STANDING[what](tmp_path / place)
+    before = everything(tmp_path)
+    for overwrite in (False, True):
+        for act in (
+            lambda overwrite=overwrite: kr.simulate(
+                top, x0, path=tmp_path / "run.zarr", overwrite=overwrite, progress=False, **OPTIONS
+            ),
+            lambda overwrite=overwrite: kr.sweep(
+                top, x0, path=tmp_path / "run.zarr", overwrite=overwrite, progress=False, **SWEPT
+            ),
+        ):
+            with pytest.raises(expected):
+                act()
+            assert everything(tmp_path) == before
+    if what == "thesis in an archive" and not place.endswith(".lock"):
+        return  # that archive can be lengthened, and the file in it stays
+    with pytest.raises((kr.InputError, kr.RunError)):
+        kr.resume(tmp_path / "run.zarr", extend=60, progress=False)
+    assert everything(tmp_path) == before
+
+
+def test_the_working_folder_is_not_replaced(top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "inner"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    (path / "a").chmod(0o755)
+    before = everything(tmp_path)
+    for folder in (path, path / "a"):
+        monkeypatch.chdir(folder)
+        for name in (path, Path("..") / "inner" if folder == path else Path("../../inner")):
+            with pytest.raises(kr.InputError, match="working folder"):
+                kr.simulate(top, x0, path=name, overwrite=True, **OPTIONS)
+    assert everything(tmp_path) == before
+
+
+def test_what_kreisel_made_is_replaced(top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    kr.sweep(top, x0, path=path, overwrite=True, **SWEPT)
+    assert "failed" in kr.open_run(path)
+    path.with_name("run.zarr.part").mkdir()  # a kill right after it was made
+    kr.simulate(top, x0, path=path, overwrite=True, **OPTIONS)
+    shutil.copytree(path, path.with_name("run.zarr.part"))  # a kill before it took its name
+    shutil.rmtree(path / "a")  # damaged
+    kr.simulate(top, x0, path=path, overwrite=True, **OPTIONS)
+    assert checking.check_archive(path)[1] == []
+    assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+
+
+def test_what_comes_to_stand_there_during_a_run_is_left(
+    top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, original = tmp_path / "run.zarr", replacing.take_name
+    for overwrite in (False, True):
+
+        def late(*args: Any) -> None:
+            thesis(path)
+            original(*args)
+
+        monkeypatch.setattr("kreisel.runs.archive.take_name", late)
+        with pytest.raises(kr.RunError, match="left as it is"):
+            kr.simulate(top, x0, path=path, overwrite=overwrite, **OPTIONS)
+        monkeypatch.undo()
+        assert (path / "thesis.tex").read_text() == "three years"
+        shutil.rmtree(path)
+        kr.resume(path)
+        assert checking.check_archive(path)[1] == []
+        shutil.rmtree(path)
+
+
+class Killed(BaseException):
+    """A kill, at a call."""
+
+
+def killed_at(monkeypatch: pytest.MonkeyPatch, call: int) -> None:
+    """From then on every change of names and every removal is as if the process were gone."""
+    calls = iter(range(10**6))
+
+    def after(original: Any) -> Any:
+        def run(*args: Any, **options: Any) -> Any:
+            if next(calls) >= call:
+                raise Killed
+            return original(*args, **options)
+
+        return run
+
+    for name in ("replace", "unlink", "rmdir"):
+        monkeypatch.setattr(os, name, after(getattr(os, name)))
+
+
+@pytest.mark.parametrize("swept", [False, True])
+def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
+    swept: bool, top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the moment: one of the two opens, the next command ends the rest, and nothing is left beside it."""
+    make, options = (kr.sweep, SWEPT) if swept else (kr.simulate, OPTIONS)
+    path, states = tmp_path / "run.zarr", set()
+    for call in range(200):
+        shutil.rmtree(path, ignore_errors=True)
+        make(top, x0, path=path, **options)
+        with monkeypatch.context() as patch:
+            killed_at(patch, call)
+            try:
+                make(top, x0, path=path, overwrite=True, **{**options, "steps": 60})
+                done = True
+            except Killed:
+                done = False
+        path.with_name("run.zarr.lock").unlink(missing_ok=True)  # the system takes a lock away from a dead process
+        states.add(tuple(sorted(p.name for p in tmp_path.iterdir())))
+        if not path.exists() and not replacing.replaced(path).exists():
+            raise AssertionError(f"neither the old nor the new one is there, call {call}")
+        kr.open_run(path)
+        assert checking.check_archive(path)[1] == []
+        assert not replacing.replaced(path).exists()
+        make(top, x0, path=path, overwrite=True, **options)
+        assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+        if done:
+            break
+    assert done
+    assert (".run.zarr.replaced", "run.zarr.part") in states
+    assert (".run.zarr.replaced", "run.zarr") in states
+
+
+def test_a_backup_with_a_likely_name_stays(top: Any, x0: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    for name in ("run.zarr.old", "run.zarr.bak", "run.zarr.old-123"):
+        shutil.copytree(path, tmp_path / name)
+    kr.simulate(top, x0, path=path, overwrite=True, **OPTIONS)
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+@pytest.mark.parametrize("name", ["top.png", "top.pdf", "top.svg"])
+def test_figures(name: str, tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(TOML.format(path="run.zarr", figure=name))
+    command = [sys.executable, "-m", "kreisel", "run", "run.toml", "--overwrite"]
+    (tmp_path / name).write_text("drawn by hand: Kreisel")
+    before = everything(tmp_path)
+    refused = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert refused.returncode == 2
+    assert "left as it is" in refused.stderr
+    assert everything(tmp_path) == before  # before the first step
+    (tmp_path / name).unlink()
+    for _ in range(2):
+        subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+    assert replacing._wrote(tmp_path / name)
+
+
+def test_pages(top: Any, x0: Any, tmp_path: Path) -> None:
+    run, page = kr.simulate(top, x0, **OPTIONS), tmp_path / "top.html"
+    page.write_text("<!doctype html><p>My thesis on Kreisel")
+    with pytest.raises(kr.InputError, match="left as it is"):
+        kr.view(run).save(page)
+    assert "thesis" in page.read_text()
+    page.unlink()
+    for _ in range(2):
+        kr.view(run).save(page)
+    assert [p.name for p in tmp_path.iterdir()] == ["top.html"]
+
+
+def test_a_reader_does_not_settle_what_a_writer_does(top: Any, x0: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    path.rename(replacing.replaced(path))
+    with Lock(path), pytest.raises(kr.InputError, match="no archive"):
+        kr.open_run(path)
+    assert kr.open_run(path).sizes["time"] == 31
