@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -155,8 +157,8 @@ class Killed(BaseException):
     """A kill, at a call."""
 
 
-def killed_at(monkeypatch: pytest.MonkeyPatch, call: int) -> None:
-    """From then on every change of names and every removal is as if the process were gone."""
+def killed_at(monkeypatch: pytest.MonkeyPatch, call: int) -> Iterator[int]:
+    """From then on every change of names and every removal is as if the process were gone; counts the calls."""
     calls = iter(range(10**6))
 
     def after(original: Any) -> Any:
@@ -169,6 +171,7 @@ def killed_at(monkeypatch: pytest.MonkeyPatch, call: int) -> None:
 
     for name in ("replace", "unlink", "rmdir"):
         monkeypatch.setattr(os, name, after(getattr(os, name)))
+    return calls
 
 
 @pytest.mark.parametrize("swept", [False, True])
@@ -178,28 +181,28 @@ def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
     """Whatever the moment: one of the two opens, the next command ends the rest, and nothing is left beside it."""
     make, options = (kr.sweep, SWEPT) if swept else (kr.simulate, OPTIONS)
     path, states = tmp_path / "run.zarr", set()
-    for call in range(200):
-        shutil.rmtree(path, ignore_errors=True)
-        make(top, x0, path=path, **options)
+
+    def killed(call: int) -> int:
         with monkeypatch.context() as patch:
-            killed_at(patch, call)
-            try:
+            calls = killed_at(patch, call)
+            with contextlib.suppress(Killed):
                 make(top, x0, path=path, overwrite=True, **{**options, "steps": 60})
-                done = True
-            except Killed:
-                done = False
+            return next(calls)
+
+    make(top, x0, path=path, **options)
+    total = killed(10**6)
+    renames = total - sum(1 for _ in path.rglob("*")) - 6  # before all that removes the old one
+    for call in [*range(0, renames, 11), *range(renames, renames + 12), total - 1]:
+        shutil.rmtree(path)
+        make(top, x0, path=path, **options)
+        killed(call)
         path.with_name("run.zarr.lock").unlink(missing_ok=True)  # the system takes a lock away from a dead process
         states.add(tuple(sorted(p.name for p in tmp_path.iterdir())))
-        if not path.exists() and not replacing.replaced(path).exists():
-            raise AssertionError(f"neither the old nor the new one is there, call {call}")
         kr.open_run(path)
         assert checking.check_archive(path)[1] == []
         assert not replacing.replaced(path).exists()
         make(top, x0, path=path, overwrite=True, **options)
         assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
-        if done:
-            break
-    assert done
     assert (".run.zarr.replaced", "run.zarr.part") in states
     assert (".run.zarr.replaced", "run.zarr") in states
 
