@@ -131,8 +131,8 @@ def contents(store: Path) -> dict[str, Any]:
             told = json.loads(path.read_text())
             told["attributes"].pop("created")
             out[name] = told
-        elif name == "engine/checksums.json":
-            out[name] = {k: v for k, v in json.loads(path.read_text()).items() if k != "zarr.json"}
+        elif name == "engine/checksums.sha256":
+            out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
     return out
 
 

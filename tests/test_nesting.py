@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import kreisel as kr
-from kreisel.runs import checking, config, reading
+from kreisel.runs import checking, config, manifest, reading
 from kreisel.runs.sweep import carry_out
 
 TOP = kr.LagrangeTop(p=(0, 0, 1))
@@ -49,6 +49,7 @@ def attribute(store: Path, file: str, name: str, nested: str, quoted: bool) -> N
     told = json.loads(path.read_text())
     told["attributes"][name] = nested if quoted else "HERE"
     path.write_text(json.dumps(told).replace('"HERE"', nested))
+    manifest.of_all(store)  # as a stranger would
 
 
 USES: dict[str, Callable[[Path], Any]] = {
@@ -81,18 +82,23 @@ def test_metadata_of_a_run(run: Path, nested: Callable[[int], str], depth: int, 
         assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("depth", DEPTHS)
-def test_checksums(run: Path, swept: Path, depth: int, tmp_path: Path) -> None:
+def test_manifests(run: Path, swept: Path, tmp_path: Path) -> None:
     for original in (run, swept):
         store = tmp_path / original.name
         shutil.copytree(original, store)
-        for text in (lists(depth), '{"a/zarr.json": ' + "[" * depth, "[[1]]"):
-            (store / "engine" / "checksums.json").write_text(text)
-            (fault,) = checking.check_archive(store)[1]
-            assert "engine/checksums.json cannot be read" in fault
-        attribute(store, "zarr.json", "comment", lists(depth), True)  # a text like any other
-        (store / "engine" / "checksums.json").unlink()
-        assert checking.check_archive(store)[1] == ["engine/checksums.json is missing"]
+        attribute(store, "zarr.json", "comment", lists(DEPTHS[-1]), True)  # a text like any other
+        assert checking.check_archive(store)[1] == []
+        good = (store / "engine" / "checksums.sha256").read_text()
+        for text in (lists(DEPTHS[-1]), good[:-3], good.upper(), "0" * 64, "\0", good.replace("  ", " ")):
+            (store / "engine" / "checksums.sha256").write_text(text)
+            for use in (checking.check_archive, kr.open_run):
+                try:
+                    told = use(store)[1]
+                except kr.InputError as error:
+                    told = [str(error)]
+                assert any("damaged" in fault or "added after the run" in fault for fault in told)
+        (store / "engine" / "checksums.sha256").unlink()
+        assert "engine/checksums.sha256 is missing" in checking.check_archive(store)[1][-1]
 
 
 @pytest.mark.parametrize("depth", DEPTHS)
@@ -187,5 +193,8 @@ def test_an_integral_that_does_not_say_whether_it_is_kept(run: Path, tmp_path: P
     told = json.loads((store / "energy" / "zarr.json").read_text())
     told["attributes"]["kepd"] = told["attributes"].pop("kept")
     (store / "energy" / "zarr.json").write_text(json.dumps(told))
-    assert not kr.drift(kr.open_run(store)).loc["energy", "kept"]
     assert checking.check_archive(store)[1] == ["energy/zarr.json was changed after the run"]
+    with pytest.raises(kr.InputError, match=r"energy/zarr\.json was changed"):
+        kr.open_run(store)
+    manifest.of_all(store)
+    assert not kr.drift(kr.open_run(store)).loc["energy", "kept"]

@@ -287,3 +287,70 @@ def test_damaged_checkpoint(top: object, x0: object, tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match=r"checkpoint .* is damaged"):
         kr.resume(path, extend=2000)
     assert kr.open_run(path).attrs["steps"] == 400
+
+
+TOP, START = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+LANES = {"m": [(0.1, 0.2, 1.5), (0.3, 0.2, 1.4)], "a": (0.6, 0, 0.8)}
+RNG = np.random.default_rng(3)
+SHAPES: dict[str, tuple[Any, Any, dict[str, Any]]] = {
+    "one": (TOP, START, {}),
+    "oriented": (TOP, START, {"orientation": (1, 0, 0, 0)}),
+    "lanes": (TOP, LANES, {}),
+    "lanes, oriented": (TOP, LANES, {"orientation": (1, 0, 0, 0)}),
+    "one lane": (TOP, {"m": [(0.1, 0.2, 1.5)], "a": (0.6, 0, 0.8)}, {}),
+    "parameters with lanes": (kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 1.0]), START, {"method": "suris"}),
+    "the paper's map": (TOP, LANES, {"method": "suris", "order": 1}),
+    "exact": (TOP, LANES, {"method": "exact"}),
+    "dop853": (TOP, LANES, {"method": "dop853"}),
+    "variational": (TOP, LANES, {"method": "variational"}),
+    "veselov": (kr.EulerTop(J=(1, 2, 2.5)), {"M": RNG.standard_normal((2, 3))}, {"orientation": (1, 0, 0, 0)}),
+    "n = 4": (
+        kr.LagrangeTop(p=(0, 0, 0, 1)),
+        {"m": (lambda X: X - X.mT)(RNG.standard_normal((2, 4, 4))), "a": (0.6, 0, 0, 0.8)},
+        {},
+    ),
+    "large": (
+        kr.LagrangeTop(p=np.eye(12)[0]),
+        {"m": (lambda X: X - X.mT)(RNG.standard_normal((2, 12, 12))), "a": np.eye(12)[1]},
+        {},
+    ),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
+    shape: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped before the first block is written, within one, at its end and in the last row, which is irregular."""
+    system, start, more = SHAPES[shape]
+    state = system.state(**start)
+    options = {"dt": 0.1, "steps": 67, "every": 3, "progress": False, **more}  # 24 rows in blocks of seven
+    monkeypatch.setattr(march, "block_rows", lambda plan: 7)
+    monkeypatch.setattr("kreisel.runs.archive.block_rows", lambda plan: 7)
+    whole = kr.simulate(system, state, path=tmp_path / "whole.zarr", **options).load()
+    expected = contents(tmp_path / "whole.zarr")
+    made = march.March.__init__
+
+    def slow(self: march.March, *args: Any, **more: Any) -> None:
+        made(self, *args, **more)
+        self._burst = 1
+
+    for calls in (0, 20, 41, 66):  # steps
+        path = tmp_path / f"{calls}.zarr"
+        with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
+            patch.setattr(march.March, "_call", call_of_a_row)
+            patch.setattr(march.March, "__init__", slow)
+            stop_after(calls, patch)
+            kr.simulate(system, state, path=path, **options)
+        part = path.with_name(path.name + ".part")
+        kept = kr.open_run(part)
+        rows = kept.sizes["time"]
+        assert calls // 3 <= rows <= calls // 3 + 2
+        for name in whole.variables:
+            same = whole.isel(time=slice(0, rows))[name]
+            assert kept[name].dims == same.dims
+            np.testing.assert_array_equal(kept[name].values, same.values)
+        assert [fault[:23] for fault in checking.check_archive(part)[1]] == ["the run was interrupted"]
+        assert len(kr.drift(kept)) > 0
+        kr.resume(path, progress=False)
+        assert contents(path) == expected

@@ -130,7 +130,7 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
     assert "integrable" in html and html.count("<circle") == len(found.degrees) - 1
     odd = replace(found, name="<b>&", about="<i>")
     assert "<b>" not in odd.html and "&lt;b&gt;&amp;" in odd.html
-    with pytest.raises(kr.InputError, match="needs a name"):
+    with pytest.raises(kr.InputError, match="left as it is"):
         found.save(tmp_path)
 
 

@@ -306,7 +306,12 @@ class Archive:
         except OSError:
             there = False
         if not there:
-            raise RunError(f"{self.part} vanished during the run. What was done is lost: run it again.")
+            raise self._vanished()
+
+    def _vanished(self, name: str = "") -> RunError:
+        return RunError(
+            f"{self.part / name} vanished during the run. Usual cause: somebody else removed it. Run it again."
+        )
 
     def append(self, block: Mapping[str, Array], start: int) -> None:
         """Write a block of rows that begins at row `start`, a chunk or the last rows."""
@@ -319,7 +324,9 @@ class Archive:
             if start == 0:
                 names += self._create(values, {"time": TIME, **attributes(self.plan, block)})
             for name, value in values.items():
-                array: Any = self._group[name]
+                array: Any = self._group.get(name)
+                if array is None:
+                    raise self._vanished(name)
                 array[start:stop] = value
             manifest.add_block(self.part, number, names)
         self._worth_keeping = True
