@@ -16,7 +16,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, RunError
+from kreisel.errors import ConservationWarning, InputError, RunError
 from kreisel.systems import (
     REGISTRY,
     Clebsch,
@@ -80,6 +80,7 @@ __all__ = [
     "Clebsch",
     "ClebschBody",
     "ClebschGeneral",
+    "ConservationWarning",
     "EulerTop",
     "GoryachevChaplygin",
     "HeavyTop",

@@ -1,17 +1,24 @@
-"""The command line: run, resume, check, plot, view, systems, verify, bench.  Bad input: exit code 2 and one message."""
+"""The command line: run, resume, check, plot, view, systems, verify, bench.
+
+Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where what a method
+conserves is not conserved, the archive being kept; 128 and more for signals.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import sys
 import time
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import InputError, Interrupted, RunError, Stopped
+from kreisel.errors import ConservationWarning, InputError, Interrupted, RunError, Stopped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +30,7 @@ app = typer.Typer(
     help="Simulate spinning bodies and keep every first integral to round-off.",
 )
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
+NOT_CONSERVED = 3  # exit code
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
 
 
@@ -33,9 +41,12 @@ def run(
     as_json: AsJson = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
 ) -> None:
-    """Simulate: write the archive, print the drift of every integral, save a figure."""
+    """Simulate: write the archive, print the drift of every integral, save a figure.
+
+    Exit code 3 says that something which the method conserves is not conserved; the archive is kept.
+    """
     from kreisel.runs.config import read
-    from kreisel.runs.drift import drift
+    from kreisel.runs.drift import broken, drift
     from kreisel.runs.own import load
     from kreisel.runs.simulate import simulate
 
@@ -44,20 +55,21 @@ def run(
     if figure:
         _require_figure(asked.figure)
     begun = time.perf_counter()
-    result = simulate(
-        model,
-        model.state(**asked.state),
-        dt=asked.run.dt,
-        steps=asked.run.steps,
-        every=asked.run.every,
-        method=asked.run.method,
-        order=asked.run.order,
-        tol=asked.run.tol,
-        engine=asked.run.engine,
-        orientation=asked.orientation,
-        path=asked.path,
-        overwrite=overwrite,
-    )
+    with _shouted_here():
+        result = simulate(
+            model,
+            model.state(**asked.state),
+            dt=asked.run.dt,
+            steps=asked.run.steps,
+            every=asked.run.every,
+            method=asked.run.method,
+            order=asked.run.order,
+            tol=asked.run.tol,
+            engine=asked.run.engine,
+            orientation=asked.orientation,
+            path=asked.path,
+            overwrite=overwrite,
+        )
     seconds = time.perf_counter() - begun
     table = drift(result)
     told = {
@@ -74,8 +86,8 @@ def run(
     if as_json:
         if figure:
             _save_figure(result, asked.figure)
-        _print_json({**told, "drift": _records(table)})
-        return
+        _print_json({**told, "drift": _records(table), "broken": broken(table)})
+        return _shout(broken(table))
     print(f"{result.attrs['title']}: {model}")
     if told["options"]:
         print(", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in told["options"].items()))
@@ -86,6 +98,7 @@ def run(
     if figure:
         _save_figure(result, asked.figure)
         print(f"figure: {asked.figure}")
+    return _shout(broken(table))
 
 
 @app.command()
@@ -95,16 +108,19 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
-    from kreisel.runs.drift import drift
+    from kreisel.runs.drift import broken, drift
     from kreisel.runs.simulate import resume as go_on
 
-    result = go_on(archive, extend=extend)
+    with _shouted_here():
+        result = go_on(archive, extend=extend)
     table = drift(result)
     if as_json:
-        _print_json({"archive": str(archive), "steps": result.attrs["steps"], "drift": _records(table)})
-        return
+        told = {"archive": str(archive), "steps": result.attrs["steps"], "drift": _records(table)}
+        _print_json({**told, "broken": broken(table)})
+        return _shout(broken(table))
     print(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
     _print_drift(table)
+    return _shout(broken(table))
 
 
 @app.command()
@@ -118,6 +134,7 @@ def sweep(
     as_json: AsJson = False,
 ) -> None:
     """Simulate many lanes that differ in parameters, states or settings; the same command goes on after a kill."""
+    from kreisel.runs.broken_lanes import broken_lanes
     from kreisel.runs.config import read_sweep
     from kreisel.runs.sweep import carry_out, failures, open_sweep
 
@@ -126,6 +143,7 @@ def sweep(
     result = open_sweep(report.path)
     worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
     largest = {name: _finite(value) for name, value in worst.items() if name.endswith("_drift")}
+    lost = broken_lanes(result, file)
     told = {
         "archive": str(path),
         "lanes": report.lanes,
@@ -135,10 +153,11 @@ def sweep(
         "seconds": round(report.seconds, 3),
         "peak_MiB": round(report.peak_MiB),
         "largest": largest,
+        "broken": lost,
     }
     if as_json:
         _print_json(told)
-        return
+        return _shout(lost)
     before = f", {report.before:,} of them done before" if report.before else ""
     print(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
     for name, value in largest.items():
@@ -147,6 +166,7 @@ def sweep(
         print(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
         for lane, row in failures(result).head(3).iterrows():
             print(f"    lane {lane}: {row.message}")
+    return _shout(lost)
 
 
 @app.command()
@@ -157,16 +177,20 @@ def check(
         Path | None, typer.Option("--recover", help="Write the rows that are whole to a new archive.")
     ] = None,
 ) -> None:
-    """Check an archive: complete, readable, finite, and its integrals equal to those of its states."""
+    """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
     from kreisel.runs.archive import is_own
+    from kreisel.runs.broken_lanes import broken_lanes
     from kreisel.runs.checking import check_archive, recover
-    from kreisel.runs.drift import drift
+    from kreisel.runs.drift import broken, drift
 
     result, faults = check_archive(archive)
     if out is not None:
         kept, rows = recover(archive, out)
         print(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
     table = drift(result) if result is not None and "kreisel_sweep" not in result.attrs else None
+    if result is not None:
+        lost = broken(table) if table is not None else [] if faults else broken_lanes(result)
+        faults += lost
     if as_json:
         _print_json({"archive": str(archive), "faults": faults, "drift": _records(table)})
     else:
@@ -461,6 +485,22 @@ def _require_figure(target: Path) -> None:
         raise InputError(f"Expected the name of a figure that ends in {', '.join(FIGURES)}; got {str(target)!r}.")
 
 
+@contextlib.contextmanager
+def _shouted_here() -> Iterator[None]:
+    """What is not conserved is told in the table and by the exit code: no warning beside."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConservationWarning)
+        yield
+
+
+def _shout(sentences: list[str]) -> None:
+    """What is not conserved, on stderr; exit code 3."""
+    for sentence in sentences:
+        print(f"kreisel: {sentence}", file=sys.stderr)
+    if sentences:
+        raise typer.Exit(NOT_CONSERVED)
+
+
 def _print_drift(table: pd.DataFrame) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -479,7 +519,8 @@ def _print_drift(table: pd.DataFrame) -> None:
             f"{row.ratio:.2g}",
             f"{row.slope:.1e}",
         )
-        grid.add_row(name.replace("[", r"\["), "yes" if row.kept else "no", *numbers)
+        kept = "[bold red]BROKEN[/]" if row.broken else "yes" if row.kept else "no"
+        grid.add_row(name.replace("[", r"\["), kept, *numbers)
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
 
 

@@ -16,6 +16,10 @@ class RunError(RuntimeError):
     """A run that had to stop: a state that is no longer finite, a disk that is full."""
 
 
+class ConservationWarning(UserWarning):
+    """A run in which something that the method conserves is not conserved, far beyond what rounding explains."""
+
+
 class Stopped(RunError):
     """A run that was told to stop by a signal; what it had done is kept, and it can go on."""
 

@@ -35,12 +35,13 @@ def functions(
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
     """Name -> (what it is, function, whether it takes the map's own variables).
 
-    With `eps` (a step of the map) the deformed integrals come under names ending in `_eps`, and the
-    undeformed ones, which the map of that order changes by O(dt^order), are marked as not kept.  Without,
-    only the names in `kept` are kept.  `told` has other meanings.
+    With `eps` (a step of the map) those integrals are kept that the map's record names (`Map.keeps`).  Where they
+    take `eps`, they are kept deformed, under names ending in `_eps`, and the undeformed ones change by O(dt^order).
+    Without `eps` only the names in `kept` are kept.  `told` has other meanings.
     """
     system = model.system
     by_map = eps is not None
+    named_by_map = system.map.keeps if by_map and system.map is not None else ()
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
     if system.space.casimirs is not None:
         meaning = f"Casimirs of {system.space.name}"
@@ -48,15 +49,16 @@ def functions(
         out["casimir"] = (Outcome("casimir", meaning, kept=stays), _bind(model, system.space.casimirs), False)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():
-        deforms = by_map and "eps" in keywords(function) and system.map is not None
+        by_this_map = named_by_map is None or name in named_by_map
+        deforms = by_map and "eps" in keywords(function)
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
         if deforms:
             oscillates = f"{meaning}, not kept by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
             out[name] = (Outcome("integral", oscillates), _bind(model, function), False)
+        if deforms and by_this_map:
             deformed = f"deformed {name}, kept exactly by the map"
             out[f"{name}_eps"] = (Outcome("integral", deformed, kept=True), _bind(model, function, eps=eps), True)
-        else:
-            by_this_map = by_map and (system.map is None or system.map.keeps is None or name in system.map.keeps)
+        elif not deforms:
             meaning = (told or {}).get(name, meaning)
             out[name] = (Outcome("integral", meaning, kept=by_this_map or name in kept), _bind(model, function), True)
     for name, (function, _) in system.invariant.items():

@@ -13,7 +13,7 @@ import xarray as xr
 from kreisel.errors import InputError
 from kreisel.model import Model
 from kreisel.runs.citing import cite
-from kreisel.runs.drift import drift
+from kreisel.runs.drift import broken, drift
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,8 +59,9 @@ class Kreisel:
         return cite(self._run)
 
     def __repr__(self) -> str:
-        attrs = self._run.attrs
-        return f"<{attrs['title']}, n = {attrs['n']}, {attrs['steps']:,} steps>\n{self.drift().to_string()}"
+        attrs, table = self._run.attrs, self.drift()
+        head = f"<{attrs['title']}, n = {attrs['n']}, {attrs['steps']:,} steps>"
+        return "\n".join([head, table.to_string(), *broken(table)])
 
     def _repr_html_(self) -> str:
         from kreisel.view.html import run_html

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped
 from kreisel.runs.checkpoint import Lock, signals_wait
+from kreisel.runs.drift import watched
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, make_plan, whole
 from kreisel.runs.progress import Progress
@@ -64,7 +65,8 @@ def simulate(
 
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors
     for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
-    a state is no longer finite, an implicit step is not solved or the archive cannot be written.
+    a state is no longer finite, an implicit step is not solved or the archive cannot be written.  Warns with
+    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken).
     """
     plan = make_plan(
         system,
@@ -83,11 +85,11 @@ def simulate(
     if path is None:
         _check_memory(plan)
         with Progress(plan.steps * plan.lanes, progress) as bar:
-            return in_memory(plan, list(March(plan, bar.advance).blocks()))
+            return watched(in_memory(plan, list(March(plan, bar.advance).blocks())))
     where = target(path)
     with Lock(where):
         settle(where)
-        return _write(Archive(where, plan, overwrite), March(plan), progress)
+        return watched(_write(Archive(where, plan, overwrite), March(plan), progress))
 
 
 def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None) -> xr.Dataset:
@@ -108,7 +110,7 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     with Lock(where):
         settle(where)
         archive, march = reopen(where, None if extend is None else whole(extend, "extend"))
-        return _write(archive, march, progress)
+        return watched(_write(archive, march, progress))
 
 
 def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:

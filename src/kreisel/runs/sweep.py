@@ -16,6 +16,7 @@ from kreisel.model import Model
 from kreisel.runs import blocks, manifest
 from kreisel.runs.archive import require_sound, target
 from kreisel.runs.blocks import TRAJECTORIES, Sweep
+from kreisel.runs.broken_lanes import watched_lanes
 from kreisel.runs.checkpoint import Lock, signals_wait
 from kreisel.runs.lanes import described
 from kreisel.runs.plan import check_model, checked_state
@@ -93,7 +94,8 @@ def sweep(
     A quantity is `system.`, `state.` or `run.` with a letter, or one entry, "state.m[2]"; `state.orientation` too.
     The lanes are grid x list x draws, the last fastest; the values stand in variables of these names.  A lane that
     fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
-    Raises `InputError` for bad input and `RunError` where the sweep has to stop; what was done is kept.
+    Raises `InputError` for bad input and `RunError` where the sweep has to stop; what was done is kept.  Warns with
+    `ConservationWarning` where a lane loses what the method conserves, as `kr.simulate` does.
     """
     check_model(system)
     _only_known(system)
@@ -121,7 +123,7 @@ def sweep(
         overwrite=overwrite,
         progress=progress,
     )
-    return open_sweep(report.path)
+    return watched_lanes(open_sweep(report.path))
 
 
 def _only_known(model: Model) -> None:

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_NUMBERS = 24  # of a parameter or a component that are shown
+KEPT = {  # the cell of an integral that is (kept, broken)
+    (True, True): "<td style='color:#c00;font-weight:bold'>BROKEN</td>",
+    (True, False): "<td>yes</td>",
+    (False, False): "<td>no</td>",
+}
 
 
 def system_html(system: System) -> str:
@@ -56,9 +61,9 @@ def state_html(state: State) -> str:
 
 def run_html(run: xr.Dataset) -> str:
     """What a run is, and how still its Casimirs and integrals stand."""
-    from kreisel.runs.drift import drift
+    from kreisel.runs.drift import broken, drift
 
-    attrs = run.attrs
+    attrs, found = run.attrs, drift(run)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
     steps = f"{attrs['steps']:,} steps of {attrs['dt']:g}, " if "dt" in attrs else ""
     rows = f"{run.sizes.get('time', 1):,} saved states"
@@ -71,12 +76,13 @@ def run_html(run: xr.Dataset) -> str:
     titles = ("integral", "kept", "start", "max |change|", "round-off", "ratio")
     body = "".join(
         f"<tr style='opacity:{1 if row.kept else 0.6}'><th style='text-align:left'>{escape(str(name))}</th>"
-        f"<td>{'yes' if row.kept else 'no'}</td><td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
+        f"{KEPT[bool(row.kept), bool(row.broken)]}<td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
         f"<td>{row.roundoff:.1e}</td><td>{row.ratio:.2g}</td></tr>"
-        for name, row in drift(run).iterrows()
+        for name, row in found.iterrows()
     )
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
-    return _block(escape(attrs["title"]), _table(head) + table)
+    told = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
+    return _block(escape(attrs["title"]), _table(head) + table + told)
 
 
 def _parameter(meaning: str, default: Any) -> str:

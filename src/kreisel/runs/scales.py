@@ -1,0 +1,64 @@
+"""What rounding does to the integrals of a run, measured again on states of all of it.
+
+The scales that a run carries come from its first block.  A motion that leaves an unstable equilibrium later has far
+smaller states there than afterwards.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from kreisel.engines import layout
+from kreisel.engines.layout import Floats
+from kreisel.errors import InputError
+from kreisel.methods import scheme
+from kreisel.methods.observing import ORIENTATION
+from kreisel.runs.drift import KINDS, read
+from kreisel.runs.plan import Plan
+from kreisel.runs.reading import parsed
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+ROWS = 32
+
+
+def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Floats] | None:
+    """The attributes roundoff_scale and evaluation_scale of a variable for some lanes, from rows of the whole run.
+
+    None where they cannot be measured: a system of the user's own, whose functions an archive has not, or a run without
+    its states or its step.
+    """
+    from kreisel.runs.archive import is_own, model_of, roundoff_scales
+
+    attrs = run.attrs
+    if "system" not in attrs or is_own(attrs) or "dt" not in attrs:
+        return None
+    rows = np.unique(np.linspace(0, run.sizes["time"] - 1, ROWS).astype(int))
+    some = run.isel(time=rows, lane=lanes) if "lane" in run.dims else run.isel(time=rows)
+    try:
+        model = model_of(attrs)
+        model = model.lanes(some["lane"].values) if "lane" in run.coords else model
+        order = parsed(attrs["options"], "The attribute options").get("order")
+        made = scheme(model, attrs["method"], attrs["dt"], order, ORIENTATION in run)
+        states = {k: read(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
+    except (InputError, KeyError):
+        return None
+    width = sum(layout.size(kind, model.n) for _, kind in made.components)
+    plan = Plan(
+        model=model,
+        scheme=made,
+        engine=cast(Any, SimpleNamespace(z=np.zeros((len(lanes), width)))),
+        dt=attrs["dt"],
+        steps=len(rows),
+        every=1,
+        lanes=len(lanes),
+        batched="lane" in run.dims,
+        start={},
+    )
+    with np.errstate(all="ignore"):
+        scales = roundoff_scales(plan, states)[name]
+    return np.array(scales["roundoff_scale"]), np.array(scales["evaluation_scale"])
