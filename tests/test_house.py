@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -106,3 +107,38 @@ def test_version_stands_in_one_place() -> None:
     from importlib.metadata import version
 
     assert kr.__version__ == version("kreisel")
+
+
+GREEK = "alpha beta gamma delta eps zeta eta theta kappa lam mu nu xi pi rho sigma tau phi chi psi omega".split()
+
+
+def capitalised(source: str) -> list[str]:
+    """Docstrings whose first word is a quantity of the function with another letter: M - s x for m - s x."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+            continue
+        line = (ast.get_docstring(node) or "").partition("\n")[0]
+        first = re.match(r"[A-Z][a-z]*(?![A-Za-z0-9(])", line)
+        if first is None or first[0] == "A":
+            continue
+        small, rest = first[0][0].lower() + first[0][1:], line[first.end() :]
+        arguments = {each.arg for each in ast.walk(node) if isinstance(each, ast.arg)}
+        names = arguments | {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
+        formula = re.match(r" ?([-=+*/^|](?!>))", rest) is not None
+        letter = len(small) == 1 and (small in arguments or re.search(rf"(?<!\w){small}(?!\w)", rest) is not None)
+        if first[0] not in names and (letter or (small in GREEK and small in names) or (formula and small in names)):
+            found.append(f"{node.name}: {line}")
+    return found
+
+
+def test_formulas_in_docstrings_keep_their_letters() -> None:
+    root = Path(__file__).parent.parent
+    for folder in (SOURCE, root / "benchmarks", root / "docs", root / "examples"):
+        for path in folder.rglob("*.py"):
+            assert not capitalised(path.read_text(encoding="utf-8")), path
+    assert "D403" in (root / "pyproject.toml").read_text(encoding="utf-8")  # the rule that made them so
+    for line in ("V - s x for a scalar s.", "X + v.", "Mu - X.", "Self * v.", "F on the set", "D s: <d s, v>"):
+        assert capitalised(f'def made(self, v, x, f, s):\n    """{line}"""\n    mu = v\n'), line
+    for line in ("The sum x + v.", "V(x, s) of a state.", "A sum.", "Name -> x.", "X, where X = hat(u)", "Values of x"):
+        assert not capitalised(f'def made(name, v, s, values):\n    """{line}"""\n    X = v\n'), line

@@ -253,7 +253,7 @@ def trace_log(A: Array) -> Array:
 
 
 def product_error(x: Array, y: Array, p: Array) -> Array:
-    """X y - p for p = x y rounded, without a rounding error; 0 for exact numbers."""
+    """x y - p for p = x y rounded, without a rounding error; 0 for exact numbers."""
     if holds_objects(p):
         x, y = np.broadcast_arrays(x, y)
         out = np.empty(p.shape, dtype=object)
@@ -277,7 +277,7 @@ def product_error(x: Array, y: Array, p: Array) -> Array:
 
 
 def two_sum(x: Array, y: Array) -> tuple[Array, Array]:
-    """X + y rounded, and its rounding error."""
+    """x + y rounded, and its rounding error."""
     if holds_objects(x) or holds_objects(y):
         x, y = np.broadcast_arrays(x, y)
         total, error = np.empty(x.shape, dtype=object), np.empty(x.shape, dtype=object)
@@ -592,7 +592,7 @@ def shifted_residual(mu: Array, X: Array, e: Array, *terms: tuple[Array, ...]) -
 
 
 def remainder(v: Array, s: Array, x: Array) -> Array:
-    """V - s x for a scalar s, rounded once."""
+    """v - s x for a scalar s, rounded once."""
     (vr, vi), (re, im) = parts(v), _scaled(s, -x)
     if _plain(vr):
         return v - vec(s) * x
@@ -788,7 +788,7 @@ def inverse_turn(q: Array) -> Array:
 
 
 def unit(q: Array) -> Array:
-    """Q/|q| for vectors or quaternions q (..., k)."""
+    """q/|q| for vectors or quaternions q (..., k)."""
     return q / sqrt(vec(dot(q, q)))
 
 

@@ -32,7 +32,7 @@ class Case:
 
 
 def unit(v: Any) -> Array:
-    """V / |v|."""
+    """v / |v|."""
     v = np.asarray(v, dtype=float)
     return v / np.sqrt(v @ v)
 

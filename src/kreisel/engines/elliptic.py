@@ -100,7 +100,7 @@ def cs(a: Any, g: Any, angle: Any) -> Any:
 
 @inlined
 def arctan_ratio(e: Any) -> Any:
-    """Arctan(x)/x, e = x^2: after three bisections of the angle by its series."""
+    """arctan(x)/x, e = x^2: after three bisections of the angle by its series."""
     factor = 1.0 + 0.0 * e
     for _ in range(3):
         part = 1.0 + sqrt(1.0 + e)

@@ -22,19 +22,19 @@ def _of(kinds: tuple[Any, ...], emit: Callable[..., Any]) -> Any:
 
 @intrinsic
 def fma(typing_context: Any, x: Any, y: Any, z: Any) -> Any:
-    """X y + z, rounded once: LLVM's fused multiply-add."""
+    """x y + z, rounded once: LLVM's fused multiply-add."""
     return _of((x, y, z), llvm_intrinsic("fma"))
 
 
 @intrinsic
 def plain_sum(typing_context: Any, x: Any, y: Any) -> Any:
-    """X + y, rounded."""
+    """x + y, rounded."""
     return _of((x, y), ir.IRBuilder.fadd)
 
 
 @intrinsic
 def sum_error(typing_context: Any, x: Any, y: Any) -> Any:
-    """X + y less their rounded sum, exactly (Knuth's two-sum)."""
+    """x + y less their rounded sum, exactly (Knuth's two-sum)."""
 
     def emit(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
         total = builder.fadd(x, y)

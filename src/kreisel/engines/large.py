@@ -175,7 +175,7 @@ class Form:
 
 
 def _momentum(value: Any) -> Vector:
-    """S of m = T + s ^ p, with the T that it had before."""
+    """s of m = T + s ^ p, with the T that it had before."""
     if not isinstance(value, Matrix) or not isinstance(value.turn, Scalar) or value.turn.signed != TURN:
         raise TypeError("a momentum whose constant part has changed")
     if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:

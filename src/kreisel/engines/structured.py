@@ -329,7 +329,7 @@ class Matrix:
         return self, None
 
     def record_shifted(self, mu: Number) -> Matrix:
-        """Mu - X."""
+        """mu - X."""
         back = -self
         return replace(back, diagonal=back.diagonal + mu)
 

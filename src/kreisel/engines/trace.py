@@ -193,7 +193,7 @@ class Scalar:
         return np.array([Scalar(self.tape, name) for name in names], dtype=object)
 
     def record_fma(self, other: Any, addend: Any) -> Any:
-        """Self * other + addend, rounded once."""
+        """self * other + addend, rounded once."""
         if not isinstance(other, Scalar) and other in (0, 1, -1):
             return self * other + addend
         if not isinstance(addend, Scalar) and addend == 0:
@@ -201,7 +201,7 @@ class Scalar:
         return self._new(f"fma({self.signed}, {text(other)}, {text(addend)})", *_names(self, other, addend))
 
     def record_sum_with(self, x: float, y: float) -> Any:
-        """X * y + self for plain x, y, rounded once."""
+        """x * y + self for plain x, y, rounded once."""
         return self._new(f"fma({x!r}, {y!r}, {self.signed})", self.name)
 
     def record_two_sum(self, other: Any) -> tuple[Any, Any]:

@@ -57,7 +57,7 @@ class Volume:
 
 
 def jacobians(what: Subject, p: int, seed: list[int], points: int) -> tuple[Array, Array, Array]:
-    """X and f(x) (points, d) and df_i/dx_j (points, d, d), modulo p at random points."""
+    """x and f(x) (points, d) and df_i/dx_j (points, d, d), modulo p at random points."""
     x = what.point(random_residues(np.random.default_rng([*seed, p]), p, points))
     new = what.over(p)(independent(x))
     J = slopes(new, what.dim)

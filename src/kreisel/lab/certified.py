@@ -227,7 +227,7 @@ def _inverse(flint: Any, U: Array) -> Array:
 
 
 def _value(f: Callable[[Array], Any], c: Array, X: Array, Q: Array, r: Array) -> Any:
-    """F on the set, by the mean-value form, cut with its value on the box."""
+    """f on the set, by the mean-value form, cut with its value on the box."""
     at = f(independent(X))
     direct = _value_of(at)
     if not isinstance(at, Dual):

@@ -106,7 +106,7 @@ def slopes(outputs: Array, count: int) -> Array:
 
 
 def along(values: Array, direction: Array) -> Array:
-    """Values + direction * d with one infinitesimal d."""
+    """values + direction * d with one infinitesimal d."""
     out = np.empty(values.shape, dtype=object)
     for place in np.ndindex(values.shape):
         slope = np.empty(1, dtype=object)

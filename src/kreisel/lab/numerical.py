@@ -110,7 +110,7 @@ def _monomials(points: Array, exponents: Array) -> Array:
 
 
 def _gradients(x: Array, exponents: Array) -> Array:
-    """D monomial / d x_i at x, (monomials, d)."""
+    """d monomial / d x_i at x, (monomials, d)."""
     out = np.empty(exponents.shape)
     for i in range(len(x)):
         lower = exponents.copy()

@@ -106,7 +106,7 @@ def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
 
 
 def axial(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
-    """U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
+    """The potential U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
     axis = _exact([0, 0, 1])
     beta, kappa, mu = (_exact(v) for v in (beta, kappa, mu))
 

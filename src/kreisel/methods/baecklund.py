@@ -59,7 +59,7 @@ def pade_zeros(stages: int) -> tuple[Any, ...]:
 
 
 def stage_points(order: int, dt: float) -> list[complex | float]:
-    """Mu = zeta/dt of each stage, rounded once; a complex one stands for itself and its conjugate."""
+    """mu = zeta/dt of each stage, rounded once; a complex one stands for itself and its conjugate."""
     import mpmath
 
     with mpmath.workdps(DIGITS):
@@ -68,7 +68,7 @@ def stage_points(order: int, dt: float) -> list[complex | float]:
 
 
 def baecklund(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """K = order/2 Bäcklund transformations a step, conjugate pairs in real arithmetic; order 2 is the default.
+    """A step of K = order/2 Bäcklund transformations, conjugate pairs in real arithmetic; order 2 is the default.
 
     Raises `InputError` where the system states none, for odd orders, and for steps beyond the domain.
     """

@@ -171,7 +171,7 @@ def _pair(model: Model, z: State, mu: Array) -> State:
 
 
 def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
-    """Mu of each lane in extended precision, and where it is one of the near branch."""
+    """mu of each lane in extended precision, and where it is one of the near branch."""
     z = _wide(state)
     batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
     batch = np.broadcast_shapes(batch, state[1].shape[:-1])
@@ -225,7 +225,7 @@ def _turn_in_space(model: Model, own: State, g: Array, dt: float, copies: int, m
 
 
 def _least_squares(slopes: list[Array], want: Array) -> Array:
-    """X + iy with x slopes[0] + y slopes[1] nearest to `want`."""
+    """x + iy with x slopes[0] + y slopes[1] nearest to `want`."""
     (a, b), dot = slopes, algebra.dot
     aa, bb, ab, aw, bw = dot(a, a), dot(b, b), dot(a, b), dot(a, want), dot(b, want)
     ridge = np.finfo(np.longdouble).eps * (aa + bb)

@@ -69,7 +69,7 @@ class Gyroscope:
 
     @property
     def torque(self) -> float:
-        """M g l, the largest torque of gravity, N m; also the unit of energy, J."""
+        """m g l, the largest torque of gravity, N m; also the unit of energy, J."""
         return self.mass * self.gravity * self.lever
 
     @property

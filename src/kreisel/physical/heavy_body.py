@@ -73,7 +73,7 @@ class HeavyBody:
 
     @property
     def torque(self) -> float:
-        """M g l, the largest torque of gravity, N m."""
+        """m g l, the largest torque of gravity, N m."""
         return float(self.mass * self.gravity * np.linalg.norm(self.arm))
 
     @property

@@ -40,7 +40,7 @@ def left_derivative(f: Callable[[Array], Array], g: Array, group: Group) -> Arra
 
 
 def right_derivative(f: Callable[[Array], Array], g: Array, group: Group) -> Array:
-    """D'f: <d'f(g), eta> = d/ds f(g exp(s eta))."""
+    """d'f: <d'f(g), eta> = d/ds f(g exp(s eta))."""
     return jax.grad(lambda x: f(g + g @ group.matrix(x)))(jnp.zeros(group.dim))
 
 

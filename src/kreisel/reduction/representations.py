@@ -50,7 +50,7 @@ class Representation:
         return jnp.einsum("i,iab,a->b", x, self.phi, y)
 
     def diamond(self, y: Array, v: Array) -> Array:
-        """Y <> v in g*, from <y <> v, xi> = -<y, phi(xi) v>."""
+        """y <> v in g*, from <y <> v, xi> = -<y, phi(xi) v>."""
         return -jnp.einsum("a,iab,b->i", y, self.phi, v)
 
     def tensor(self, M: Array, P: Array) -> Array:
@@ -103,7 +103,7 @@ def adjoint(group: Group) -> Representation:
 
 
 def trivial(group: Group) -> Representation:
-    """V = 0: Lagrangians of Omega or W alone, such as the Euler top, on g*."""
+    """On V = 0: Lagrangians of Omega or W alone, such as the Euler top, on g*."""
     return Representation("trivial", group, numbers(0, group.n), lambda g, v: v, np.zeros((group.dim, 0, 0)))
 
 

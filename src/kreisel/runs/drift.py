@@ -20,11 +20,11 @@ from kreisel.errors import ConservationWarning, InputError
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 KINDS = ("casimir", "integral", "relation")
 
-# What is kept is broken where it has changed by more than FAR bands for each radian that the body turns in a step, and by
-# more than FAR_RELATIVE of its scale.  Measured over 1000 steps of the tops' maps and Clebsch's, n = 3, 4, 5, of states
-# that are random, asleep, at rest, nearly so, of momenta times 1e-8 to 1e8: at most 20 bands for steps up to 3 and
-# momenta up to 1, 4e3 at Clebsch's longest steps; roundings grow about as the angle of a step.  A walk of Gaussian steps
-# gets 40 times as far as its width with a chance below 1e-300.
+# What is kept is broken where it has changed by more than FAR bands for each radian that the body turns in a step, and
+# by more than FAR_RELATIVE of its scale.  Measured over 1000 steps of the tops' maps and Clebsch's, n = 3, 4, 5, of
+# states that are random, asleep, at rest, nearly so, of momenta times 1e-8 to 1e8: at most 20 bands for steps up to 3
+# and momenta up to 1, 4e3 at Clebsch's longest steps; roundings grow about as the angle of a step.  A walk of Gaussian
+# steps gets 40 times as far as its width with a chance below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
 GROWN = 100  # times the state of the first block

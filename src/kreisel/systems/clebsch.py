@@ -111,7 +111,7 @@ def conjugator(M, P, *, b, lam, eps):  # V^-1 = cay(-eps/(2 lambda) Q),   Q = P 
 
 
 def shifted_diagonal(*, b):
-    """C = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
+    """c = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
     return {"c": b - b.max(-1, keepdims=True)}
 
 
@@ -131,7 +131,7 @@ def eigenvector(M, P, *, c, mu, rho):
 
 
 def curve(M, P, *, c, mu):
-    """Rho with <P, Q> = rho: the one root with Re rho > 0, since c <= 0; from a pencil, then by Newton's method."""
+    """rho with <P, Q> = rho: the one root with Re rho > 0, since c <= 0; from a pencil, then by Newton's method."""
     alive = dot(P, P) > 0
     rho = _root(M, np.where(vec(alive), P, 1), c, mu).astype(np.result_type(M.dtype, mu))
     for _ in range(4):
@@ -142,7 +142,7 @@ def curve(M, P, *, c, mu):
 
 
 def _root(M, P, c, mu):
-    """Kappa = -1/rho are the eigenvalues of -A^-1 diag(c, -1), A = [[M + mu, P], [P^T, 0]]."""
+    """kappa = -1/rho are the eigenvalues of -A^-1 diag(c, -1), A = [[M + mu, P], [P^T, 0]]."""
     A = border(M + mat(mu) * identity(M.shape[-1]), P).astype(complex if np.iscomplexobj(mu) else float)
     ends = np.concatenate([np.broadcast_to(c, P.shape), -1 + 0 * P[..., :1]], -1).astype(float)
     kappa = np.linalg.eigvals(np.linalg.solve(A, -ends[..., None] * identity(M.shape[-1] + 1)))

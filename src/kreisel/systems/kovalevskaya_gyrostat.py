@@ -14,7 +14,7 @@ from kreisel.invariants import laurent_spectrum
 
 
 def shape(*, n):
-    """E = e_1, h = e_2, and c_jk = 1, but 2 in their plane."""
+    """e = e_1, h = e_2, and c_jk = 1, but 2 in their plane."""
     lanes = (0 * np.asarray(n)).astype(np.int8)
     one = identity(int(np.asarray(n).flat[0])) + mat(lanes)
     corner = 1 * (np.arange(one.shape[-1]) < 2)

@@ -49,7 +49,7 @@ def squares(x, q, *, b, mu):
 
 
 def lifted(x, q, mu):
-    """X and Q in R^2n."""
+    """x and q in R^2n."""
     return np.concatenate([x, 0 * x], -1), np.concatenate([q, mu / x], -1)
 
 

@@ -38,7 +38,7 @@ def lyapunov(M, P, *, b, nu):
 
 
 def matrix_b(b, nu):
-    """B of the n-dimensional system: its b_i + b_j is -2 nu b_k."""
+    """The matrix B of the n-dimensional system: its b_i + b_j is -2 nu b_k."""
     return 2 * vec(nu) * (b - b.sum(-1, keepdims=True) / 2)
 
 

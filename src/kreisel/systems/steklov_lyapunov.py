@@ -59,7 +59,10 @@ def traces(M, P, *, b):
 
 
 def lax(M, P, *, b, s, l, x, y, lam):
-    """L = X C, U = K C with C = (lambda - B)^-1 and K = lambda Omega less s (BMB + (B^2 P B + B P B^2)/2) + l BPB."""
+    """The pair L = X C, U = K C with C = (lambda - B)^-1.
+
+    K = lambda Omega less s (BMB + (B^2 P B + B P B^2)/2) + l BPB.
+    """
     C, Bi, Bj = diagonal(1 / (lam - b)), b[..., :, None], b[..., None, :]
     K = lam * velocity(M, P, x=x, y=y) - Bi * Bj * (mat(s) * (M + (Bi + Bj) / 2 * P) + mat(l) * P)
     return pencil(M, P, b, lam) @ C, K @ C

@@ -153,12 +153,12 @@ def gradient(function: Callable[[Array], Any], point: Array) -> Array:
 
 
 def left_derivative(function: Callable[[Array], Any], g: Array) -> Array:
-    """D f: <d f(g), eta> = d/ds f(exp(s eta) g)."""
+    """d f: <d f(g), eta> = d/ds f(exp(s eta) g)."""
     return _lie(lambda eta: function(g + eta @ g), g)
 
 
 def right_derivative(function: Callable[[Array], Any], g: Array) -> Array:
-    """D' f: <d' f(g), eta> = d/ds f(g exp(s eta))."""
+    """d' f: <d' f(g), eta> = d/ds f(g exp(s eta))."""
     return _lie(lambda eta: function(g + g @ eta), g)
 
 

@@ -45,7 +45,7 @@ SYMMETRIC = symmetric_top.SYSTEM
 
 
 def outer(x: Array) -> Array:
-    """X x^T."""
+    """x x^T."""
     return x[..., :, None] * x[..., None, :]
 
 
