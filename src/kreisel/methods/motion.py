@@ -3,7 +3,8 @@
 Three phases grow like the time: that of nutation, and those of the mean turns about p and about the axis.  The period
 of nutation is cut into 2^k parts.  The state at the middle of each, freed of the mean turns, comes from the closed
 form in extended digits, once, and from the equations of motion the polynomials that it follows within the part.
-The phases are integers, mod one turn: no error grows with t.
+The phases are integers, mod one turn: no error grows with t.  Beside the critical sleeping top the orientation loses
+digits, and the set-up takes long (docs/exact.md).
 """
 
 from __future__ import annotations
