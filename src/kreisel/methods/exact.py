@@ -91,7 +91,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
-    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises `InputError` for other systems, n > 3 and an order.
+    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
+    `InputError` for other systems, n > 3 and an order.
     """
     system, frame = model.system, model.system.frame
     if system.baecklund is None and system.top is None and system.moments is None:
