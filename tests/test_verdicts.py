@@ -108,6 +108,26 @@ def test_evidence_that_contradicts_itself_is_told(monkeypatch: pytest.MonkeyPatc
     assert found.verdict == "undecided" and "contradicts" in found.reason
 
 
+@pytest.mark.parametrize(
+    ("third", "verdict"),
+    [
+        (lambda z: z, "integrable"),
+        (lambda z: -z, "integrable"),
+        (lambda z: 2 * z, "undecided"),
+        (lambda z: z + 1, "undecided"),
+    ],
+)
+def test_a_map_that_permutes_leaves(third, verdict: str) -> None:
+    """{x, y} = 1 is preserved and x^2 + y^2 kept, but the leaves z = const go to others; z^2 brings them back."""
+
+    def step(x):
+        return np.array([(3 * x[0] - 4 * x[1]) / 5, (4 * x[0] + 3 * x[1]) / 5, third(x[2])], dtype=object)
+
+    found = investigate(step, names=("x", "y", "z"), **SHORT)
+    assert found.verdict == verdict
+    assert ("permute" in found.reason) == (verdict == "undecided")
+
+
 def test_the_rule_needs_all_of_its_parts() -> None:
     """Mutants of the rule's own inputs: no bracket, too few integrals, integrals not in involution."""
     told = questions.liouville

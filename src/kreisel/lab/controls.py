@@ -16,7 +16,7 @@ from kreisel.systems import heavy_top
 
 
 def naive_heavy_top(M: Array, P: Array, *, eps: Any) -> tuple[Array, Array]:
-    """The equations of a symmetric heavy top by Euler's method: M' = A ^ P, P' = -M P."""
+    """The equations of a heavy top of equal moments by Euler's method: M' = A ^ P, P' = -M P."""
     A = 0 * P + _axis(P)
     return M + eps * wedge(A, P), P - eps * act(M, P)
 
@@ -54,7 +54,7 @@ THIRD = Fraction(1, 3)
 def controls() -> list[tuple[str, Any, dict[str, Any]]]:
     """Title, map and options of each."""
     return [
-        ("heavy top, Euler's method", naive_heavy_top, {"n": 3, "eps": THIRD}),
+        ("heavy top of equal moments, Euler's method", naive_heavy_top, {"n": 3, "eps": THIRD}),
         ("Lagrange top, perturbed", perturbed_lagrange_top, {"n": 3, "frame": "rest", "eps": THIRD}),
         ("heavy top, variational", variational_heavy_top(), {"eps": THIRD}),
     ]

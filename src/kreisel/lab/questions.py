@@ -60,6 +60,7 @@ class Clues:
         self.iterates = iterates or (ITERATES if what.dim <= 6 else FEWER)
         self.degree = degree or next(d for d in (4, 3, 2, 1) if math.comb(what.dim + d, d) <= MONOMIALS or d == 1)
         self.tensor: Callable[[Array], Array] | None = None  # of a bracket that is preserved
+        self.unaided = False  # that bracket was found: its Casimirs need not be kept
         self.growth: growth.Growth | None = None
         self.found: list[Any] = []
         self.lax: Lax | None = None
@@ -106,7 +107,7 @@ def _other_bracket(c: Clues, why: str) -> Finding:
     good = next((b for b in found if b.poisson), None)
     if good is None:
         return Finding("Poisson", "no bracket found", f"{why}; none with entries of degree {degree} or less")
-    c.tensor = _tensor_of(good, c.what.dim)
+    c.tensor, c.unaided = _tensor_of(good, c.what.dim), True
     return Finding("Poisson", "yes", f"{why}, but {good} is preserved ({len(found)} of degree {degree} or less)")
 
 
@@ -332,11 +333,20 @@ def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
+def leaves_stay(c: Clues) -> bool:
+    """Whether each leaf of the bracket is mapped to itself: as many Casimirs as it has are among the integrals.
+
+    A map may preserve a bracket and permute its leaves: z' = 2 z beside a turn of (x, y), with {x, y} = 1.
+    """
+    counts = [told.rank - told.on_leaf == told.dimension - told.leaf for told in (c.told, c.lax) if told is not None]
+    return not c.unaided or any(counts)
+
+
 def verdict(c: Clues) -> tuple[str, str]:
     """The verdict and its reason."""
     for_it, against = [], []
     where = "in floats" if c.in_floats else "exactly"
-    if c.tensor is not None:
+    if c.tensor is not None and leaves_stay(c):
         if c.told is not None and enough(c.told):
             count = _counted(c.told.with_more, "independent integral")
             for_it.append(f"{count} on leaves of dimension {c.told.leaf} found exactly")
@@ -357,6 +367,10 @@ def verdict(c: Clues) -> tuple[str, str]:
         return "integrable", "; ".join(for_it)
     if against:
         return "not integrable", "; ".join(against)
+    if c.tensor is not None and not leaves_stay(c):
+        return "undecided", (
+            "the Casimirs of the bracket that was found are not all among the integrals: the map may permute its leaves"
+        )
     return "undecided", "neither enough integrals, nor exponential growth, nor a chaotic orbit was found"
 
 
