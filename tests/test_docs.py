@@ -12,6 +12,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.lab import exact
+from kreisel.methods import METHODS
 from kreisel.systems import REGISTRY
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -119,6 +120,16 @@ def test_the_plain_equations_become_latex(tools) -> None:
     assert from_text("m' = a ^ p,  a' = m a") == r"m' = a \wedge p,\quad a' = m a"
     assert from_text("<x, Bx> + |q|^2") == r"\langle x, Bx \rangle + \lvert q\rvert^2"
     assert from_text("Omega_jk = c_jk M_jk") == r"\Omega_{jk} = c_{jk} M_{jk}"
+
+
+def test_every_method_stands_in_every_list_of_them() -> None:
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    page = (DOCS / "methods.md").read_text(encoding="utf-8")
+    toml = next(line for line in readme.splitlines() if line.startswith("method = "))
+    for name in METHODS:
+        for text in (readme, page):
+            assert re.search(rf"^\| \[?`{name}`", text, re.MULTILINE), name
+        assert f'"{name}"' in toml and f'"{name}"' in (kr.simulate.__doc__ or ""), name
 
 
 def test_every_public_name_is_in_the_api_or_has_a_page() -> None:

@@ -30,6 +30,11 @@ def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (tmp_path / "top.zarr").is_dir()
 
 
+def test_the_gallery_has_as_many_pictures_as_the_readme_says() -> None:
+    scripts = list((README.parent / "examples" / "gallery").glob("[!_]*.py"))
+    assert f"builds {len(scripts)} pictures" in README.read_text(encoding="utf-8")
+
+
 def test_the_speed_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(README.parent / "benchmarks"))
     tables = importlib.import_module("tables")

@@ -89,6 +89,22 @@ def test_orientation_turns_what_is_carried(name: str, n: int) -> None:
         assert abs(turned - value).max() < 1e-12
 
 
+@pytest.mark.parametrize(("a1", "a3", "b", "c1", "c3"), [(1.3, 0.7, 0.4, 0.9, 2.1), (0.6, 1.9, -0.3, 1.1, 0.2)])
+def test_kirchhoffs_case_is_clebschs_and_a_turn(a1: float, a3: float, b: float, c1: float, c3: float) -> None:
+    """With b1 = b3, as its page says; to the tolerance of dop853."""
+    state = {"M": [0.3, -0.5, 0.8], "P": [0.6, 0.2, -0.7]}
+    time = 2.7
+    body = kr.simulate(
+        kr.KirchhoffCase(a1=a1, a3=a3, b1=b, b3=b, c1=c1, c3=c3), state, dt=time / 100, steps=100, every=100
+    )
+    clebsch = kr.simulate(kr.Clebsch(b=(0, 0, (c1 - c3) / a1)), state, dt=a1 * time / 10, steps=10, method="exact")
+    angle = (a1 - a3) * state["M"][2] * time
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    for letter in "MP":
+        assert abs(turn @ clebsch[letter].values[-1] - body[letter].values[-1]).max() < 1e-8
+        assert abs(clebsch[letter].values[-1] - body[letter].values[-1]).max() > 1e-2  # the turn is needed
+
+
 def test_saved_steps_and_times(top: object, x0: object) -> None:
     run = kr.simulate(top, x0, dt=0.5, steps=10, every=4)
     assert run.time.values.tolist() == [0.0, 2.0, 4.0, 5.0]

@@ -185,7 +185,8 @@ def _map(system: System) -> list[str]:
     if system.map is None:
         return [
             "## Discretization",
-            "No map that keeps its integrals is known here; the default is the variational integrator.",
+            "No map that keeps its integrals is built here; the default is "
+            + ("the variational integrator." if system.inverse_inertia is not None else '`method="dop853"`.'),
         ]
     phi: Map = system.map
     known = [told for claim, told in MAP_CLAIMS.items() if getattr(phi, claim) is not None]

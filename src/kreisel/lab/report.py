@@ -144,9 +144,10 @@ def plain(told: Investigation) -> dict[str, Any]:
 HEAD = """# Every map, investigated
 
 `kreisel investigate` on every map of the registry, n = 3 (the bitop: 4), eps = 1/3, small numbers for other parameters,
-and on three negative controls (`kreisel.lab.controls`): the equations of a heavy top of equal moments by Euler's method; the
-map of the Lagrange top in a field that grows with height and breaks its symmetry; and the symmetric variational step of a
-heavy top with three unequal moments. What the columns mean and the rule of the verdict: [the laboratory](integrability.md).
+and on three negative controls (`kreisel.lab.controls`): the equations of a heavy top of equal moments by
+Euler's method; the map of the Lagrange top in a field that grows with height and breaks its symmetry; and the symmetric
+variational step of a heavy top with three unequal moments. What the columns mean and the rule of the verdict:
+[the laboratory](integrability.md).
 
 Made by `make investigate` (`kreisel investigate --markdown`).
 

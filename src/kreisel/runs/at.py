@@ -36,7 +36,7 @@ def at(
     10^4 times of the flow, without orientation, are compiled jumps of some microseconds, set-up and all, off by 3e-16,
     at most 3e-15; so are ensembles.  Motions near a separatrix, more times, orientations and iterates are set up in
     many digits, 0.1 to 0.2 s a motion, then a microsecond a time.  Beside the critical sleeping top, upright with
-    (m.a)^2 = 4 |a|^3 |p| but for e, that takes from 1 s (e = 0.1) to minutes (1e-4), and the orientation is off by
+    (m.a)^2 = 4 |a|^3 |p| but for e, that takes from 1 s (e = 0.1) to over 60 s (1e-4), and the orientation is off by
     8e-15 (1e-9) to 3e-12 (1e-14).  Returns the `xarray.Dataset` of `kr.simulate`, with the coordinate time as given, or
     k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError` where numbers overflow.
     """

@@ -43,5 +43,5 @@ CASE = System(
     velocity=velocity,
     scaling="Any consistent units.",
     n=3,
-    notes="No integrable discretization is known: open. H has mixed terms, so that it runs by dop853.",
+    notes="No integrable discretization is known here. H has mixed terms, so that it runs by dop853.",
 )
