@@ -32,6 +32,7 @@ from kreisel.methods.scheme import Scheme
 AXIS_NAME, TURN_NAME = "axis", "turn"
 TURN = f"c_{TURN_NAME}"
 INVERSE = "inverse"
+BASIS = "basis_"
 SHORTEST = 1e-100  # of an axis
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
@@ -146,7 +147,7 @@ class Form:
     def on(self, scheme: Scheme, x0: tuple[Array, ...]) -> Scheme:
         """The scheme in this form for the trajectories from x0, whose constants it has."""
         basis = Basis.of(self, scheme, scheme.prepare(x0)) if self.axis else None
-        into, back = (basis.into, basis.back) if basis else (self._into, self._back)
+        into = basis.into if basis else self._into
         constants = basis.constants(self, scheme) if basis else dict(scheme.constants)
         axes = {name: int(self.roles.get(name, ("c", "turn"))[1] in ("turn", "vector")) for name in constants}
         components = [(letter, f"R^{self.size(kind)}") for letter, kind in scheme.components]
@@ -157,9 +158,10 @@ class Form:
             constants=constants,
             axes={**scheme.axes, **axes, AXIS_NAME: 0},
             prepare=lambda x: into(scheme.prepare(x)),
-            observe=lambda z, **known: scheme.observe(back(z), **known),
+            observe=basis.observer(scheme.observe) if basis else self._observer(scheme.observe),
             reopen=lambda x: into(scheme.reopen(x)),
             numbers="structured",
+            basis=basis.arrays if basis else {},
         )
 
     def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -170,8 +172,12 @@ class Form:
         own = (algebra.coordinates_of("skew", v) if k == 2 else v for v, k in zip(z, self._axes, strict=True))
         return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
 
-    def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
-        return tuple(algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
+    def _observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        def of_rows(z: tuple[Array, ...], **known: Array) -> dict[str, Array]:
+            back = (algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
+            return observe(tuple(back), **known)
+
+        return of_rows
 
 
 def _momentum(value: Any) -> Vector:
@@ -311,6 +317,11 @@ class Basis:
     kinds: tuple[str, ...]
     by_rows: bool
 
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """What `back` takes, by name."""
+        return {f"{BASIS}{letter}": getattr(self, letter) for letter in ("x", "y", "length", "T")}
+
     @staticmethod
     def of(form: Form, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
         """The basis for the states z0."""
@@ -356,6 +367,15 @@ class Basis:
             along = [] if kind == "skew" else [algebra.vec(algebra.dot(v, self.p) / self.length)]
             out.append(np.concatenate([algebra.act(self.x.mT, v), algebra.act(self.y.mT, v), *along], -1))
         return tuple(out)
+
+    def observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
+
+        def of_blocks(z: tuple[Array, ...], **known: Array) -> dict[str, Array]:
+            given = {name.removeprefix(BASIS): known.pop(name) for name in self.arrays if name in known}
+            return observe(replace(self, **given).back(z), **known)
+
+        return of_blocks
 
     def back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         """The components of blocks."""

@@ -15,6 +15,7 @@ from kreisel.methods.scheme import Scheme
 
 # all that the next step and the dense output of scipy.integrate.DOP853 depend on
 SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
+FIRST = ("h_abs", "f")  # what the first step depends on, beside the start: SciPy computes it
 
 Rate = Callable[[float, Floats, Floats], Floats]
 
@@ -66,12 +67,12 @@ class Reference:
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         self._steps, self.z[:] = int(snapshot["steps"]), snapshot["z"]
         for lane, solver in enumerate(self._solvers):
-            if np.isnan(snapshot["t_old"][lane]):
-                continue  # no step yet: as it was made
-            for name in SOLVER:
+            begun = not np.isnan(snapshot["t_old"][lane])  # before the first step some are not known
+            for name in SOLVER if begun else FIRST:
                 value = np.array(snapshot[name][lane])
                 setattr(solver, name, value if value.ndim else float(value))
-            solver.K = solver.K_extended[: len(solver.K)]
+            if begun:
+                solver.K = solver.K_extended[: len(solver.K)]
 
     def _to(self, solver: Any, t: float) -> Floats:
         while solver.t < t:

@@ -89,8 +89,7 @@ class Scheme:
     orbit(z0, consts, reach) -> Orbit or States: the states at any |time| <= reach in closed form, for one lane; a map,
                                         which also states its step, has whole times and counts steps
     jump                                the same as the flow of a top, which an engine knows at any time; or None
-    observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; constants other than the
-                                        model's own are for an engine that records it
+    observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; also takes `basis`
     reopen(x)              -> z         from an observed state back to the method's own variables
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
 
@@ -117,6 +116,7 @@ class Scheme:
     guard: Guard | None = None
     trajectory: Callable[[tuple[Array, ...]], tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
     numbers: str = "any"  # as in the record: what step and rate work on
+    basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
 
     @property

@@ -26,7 +26,10 @@ TICK_SECONDS = 0.1  # between two looks at the clock
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Where a run stands: how many rows are in finished blocks, the rows after them, steps into the next, engine."""
+    """Where a run stands: how many rows are in finished blocks, the rows after them, steps into the next, engine.
+
+    The engine's part holds what `Plan.computed` has too: the constants of the trajectory.
+    """
 
     flushed: int
     into: int
@@ -92,7 +95,7 @@ class March:
     def snapshot(self) -> Snapshot:
         """A copy of all that is needed to go on.  Raises `RunError` where the state is no longer finite."""
         self._check()
-        engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()}
+        engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()} | self.plan.computed
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -100,7 +103,8 @@ class March:
 
         Raises `InputError` for a snapshot of something else.
         """
-        mine, rows = self.plan.engine.snapshot(), len(snapshot.rows)
+        computed, rows = self.plan.computed, len(snapshot.rows)
+        mine = {**self.plan.engine.snapshot(), **computed}
         shapes = {name: value.shape for name, value in snapshot.engine.items()}
         fits = (
             snapshot.rows.dtype == np.float64
@@ -114,6 +118,7 @@ class March:
             raise InputError("The checkpoint does not belong to the attributes of its archive; one of them is damaged.")
         self.flushed, self.into, self.filled = snapshot.flushed, snapshot.into, len(snapshot.rows)
         self.buffer[: self.filled] = snapshot.rows
+        self.plan.adopt({name: snapshot.engine[name] for name in computed})
         self.plan.engine.restore(snapshot.engine)
 
     def blocks(self, between: Callable[[], None] = lambda: None) -> Iterator[dict[str, Array]]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
 LARGE = 9  # from here on the structured kernel, where there is one
+COMPUTED = ("constants", "stages", "basis")  # of a scheme
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
@@ -62,6 +63,7 @@ class Plan:
     batched: bool
     start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
     where: str = "cpu"  # the engine's name
+    made: Callable[[Scheme], Marcher] | None = None  # the engine of a scheme; None for a plan that is not resumed
 
     @property
     def rows(self) -> int:
@@ -73,12 +75,40 @@ class Plan:
         """The kinds of the components that are stepped."""
         return [kind for _, kind in self.scheme.components]
 
+    @property
+    def computed(self) -> dict[str, Floats]:
+        """What the steps and the outputs take that was computed from parameters and start, by LAPACK and libm too.
+
+        Its last bits depend on the processor: a run that goes on elsewhere takes it from its checkpoint.
+        """
+        given = self.model.params
+        return {
+            f"{part}-{name}": np.array(value, dtype=np.float64)
+            for part in COMPUTED
+            for name, value in getattr(self.scheme, part).items()
+            if name not in given or value is not self.model.constants.get(name)
+        }
+
+    def adopt(self, computed: Mapping[str, Floats]) -> None:
+        """Go on with these values of `computed`, of the same names and shapes."""
+        mine = self.computed
+        if self.made is None or all(mine[name].tobytes() == value.tobytes() for name, value in computed.items()):
+            return
+        parts: dict[str, Any] = {part: dict(getattr(self.scheme, part)) for part in COMPUTED}
+        for name, value in computed.items():
+            part, letter = name.split("-", 1)
+            parts[part][letter] = value
+        self.scheme = replace(self.scheme, **parts)
+        self.engine = self.made(self.scheme)
+        self.__dict__.pop("_compiled", None)
+
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
         if self._compiled is not None:
             outputs = self._compiled(z)
         else:
-            outputs = self._variables(layout.restore(z, self.kinds, self.model.n))
+            known = {**self.scheme.constants, **self.scheme.basis}
+            outputs = self._variables(layout.restore(z, self.kinds, self.model.n), **known)
         out = {}
         for name, value in outputs.items():
             value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
@@ -135,18 +165,23 @@ def make_plan(
     parts = _parts(model, state, orientation)
     engine = _known_engine(engine)
     plan, start, printer = _lanes(model, plan, parts, engine)
-    engine = engine or ("cpu" if printer is None else "large")
+    where = engine or ("cpu" if printer is None else "large")
+
+    def made(plan: Scheme) -> Marcher:
+        return _engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, where, printer)
+
     return Plan(
         model=model,
         scheme=plan,
-        engine=_engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, engine, printer),
+        engine=made(plan),
         dt=dt,
         steps=steps,
         every=every,
         lanes=math.prod(start.shape[:-1]),
         batched=start.ndim > 1,
         start=_named(model, parts),
-        where=engine,
+        where=where,
+        made=made,
     )
 
 
