@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-import shutil
+import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from kreisel.bench import ensemble, short
+from kreisel.bench import compiled, ensemble, short
 from kreisel.engines import cpu
 from kreisel.engines.folding import folded
 from kreisel.engines.lines import Line, latest
 from kreisel.engines.trace import Scalar, Tape, text
+from kreisel.engines.vector_type import register_width
 
 SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 5e-324, 1e308, 0.1, -3.7)
 OPERATIONS = (
@@ -114,19 +116,69 @@ def test_a_sign_is_folded() -> None:
     assert new == [kept[0].names[0]]
 
 
-@pytest.mark.skipif(shutil.which("llvm-mca") is None, reason="no llvm-mca")
-def test_the_bound_is_that_of_the_loop_over_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compiled anew: a kernel from the cache has no assembly.  The mutant counts a vector too many."""
+@pytest.fixture
+def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Compiled anew: a kernel from the cache has no assembly."""
+    if register_width() == 2:
+        pytest.skip("the loop is looked for in registers of AVX")
     monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
     monkeypatch.setattr(ensemble, "LANES", 64)
     (case,) = [case for case in short.cases(generic=True) if case.name == "clebsch"]
     monkeypatch.setattr(cpu, "_operations", lambda: str(tmp_path).encode())
-    kernel = ensemble.Contest(case, None).engine._kernel
+    return ensemble.Contest(case, None).engine._kernel
+
+
+def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program of that name before all others."""
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(f"#!/bin/sh\n{does}\n")
+    (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+
+
+def test_the_bound_is_that_of_the_loop_over_steps(kernel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An analyser that works is told the loop; the mutant counts a vector too many."""
+    seen = tmp_path / "seen"
+    tool(tmp_path / "bin", "llvm-mca", f"cat > {seen}; echo 'Block RThroughput: 96.0'", monkeypatch)
     told = ensemble.bound(kernel)
     assert told is not None
     assert told["vectors"] == 2
-    assert told["instructions"] > 2 * 100
-    assert told["cycles_a_lane_step"] > 0.5 * told["instructions"] / 2 / 8 / 6
+    assert told["instructions"] == len(seen.read_text().splitlines()) > 2 * 100
+    assert told["cycles_a_lane_step"] == 96 / kernel.py_func.__globals__["LANES"]
     monkeypatch.setitem(kernel.py_func.__globals__, "LANES", 3 * kernel.py_func.__globals__["LANES"] // 2)
     with pytest.raises(AssertionError, match="divisions in the loop"):
         ensemble.bound(kernel)
+
+
+def test_the_bound_by_the_analyser_that_is_there(kernel: Any) -> None:
+    told = ensemble.bound(kernel)
+    if told is None:
+        pytest.skip("no llvm-mca that reads this assembly")
+    assert told["cycles_a_lane_step"] > 0.5 * told["instructions"] / 2 / 8 / 6
+
+
+@pytest.mark.parametrize(
+    "does",
+    [
+        "echo 'error: invalid operand' >&2; exit 1",
+        "echo nothing of use",
+        "echo 'Block RThroughput: 96.0'; exit 1",
+        "echo 'Block RThroughput: nan'",
+        r"printf '\377\376'",
+    ],
+)
+def test_an_analyser_that_does_not_work_is_as_good_as_none(
+    does: str, kernel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tool(tmp_path / "bin", "llvm-mca", does, monkeypatch)
+    assert ensemble.bound(kernel) is None
+
+
+@pytest.mark.parametrize("does", ["exit 1", "exit 0", "no-such-program"])
+def test_a_compiler_that_does_not_work_is_as_good_as_none(
+    does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tool(tmp_path / "bin", "g++", does, monkeypatch)
+    assert compiled.compiler() is None
+    with pytest.raises(FileNotFoundError, match="does not work"):
+        compiled.build("single", tmp_path)

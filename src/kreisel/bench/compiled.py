@@ -5,15 +5,32 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
+import tempfile
+from functools import cache
 from pathlib import Path
 
 FLAGS = ["-O3", "-march=native", "-std=c++17", "-shared", "-fPIC"]
-MISSING = "g++ is not on the PATH: no comparison with C++ (install it, for example the package g++ of Debian)"
+MISSING = "g++ is not on the PATH, or does not work: no comparison with C++ (install it, as the package g++ of Debian)"
 
 
 def compiler() -> str | None:
-    """The path of g++, None where there is none."""
-    return shutil.which("g++")
+    """The path of g++, None where there is none that works."""
+    path = shutil.which("g++")
+    return path if path and _works(path) else None
+
+
+@cache
+def _works(path: str) -> bool:
+    """Whether it compiles a library with these flags that can be loaded."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "one.cpp", Path(folder) / "one.so"
+        source.write_text('extern "C" double one() { return 1; }')
+        try:
+            subprocess.run([path, *FLAGS, str(source), "-o", str(target)], check=True, capture_output=True, timeout=60)
+            ctypes.CDLL(str(target))
+        except (OSError, subprocess.SubprocessError):
+            return False
+    return True
 
 
 def version() -> str:

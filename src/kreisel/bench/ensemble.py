@@ -3,7 +3,7 @@
 Each map is timed in turn as kernel on one core, as C++ with one to three chains of vectors (the fastest counts), as
 C++ of the paper's formula without correction, and as kernel on all cores; ratios are medians over the turns. One core
 is timed by the processor time of the thread, all cores against one by the clock, which says something on an idle
-machine only: the load average is written beside it. Where llvm-mca is installed, the kernel's loop is set against the
+machine only: the load average is written beside it. Where llvm-mca works, the kernel's loop is set against the
 cycles that its instructions need at least.
 """
 
@@ -35,6 +35,7 @@ BY_THE_CLOCK = " by the clock"
 CHECKED, TOLERANCE = 100, 1e-12
 CHAINS, PLAIN_CHAINS = (1, 2, 3), (2, 3)
 VECTOR = re.compile(r"[yz]mm")
+ANALYSER_SECONDS = 60  # llvm-mca takes less than one
 
 March = Callable[[int], None]
 
@@ -133,7 +134,7 @@ def _spread(v: Any) -> Array:
 
 
 def bound(kernel: Any) -> dict[str, Any] | None:
-    """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None where it is missing.
+    """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None where it is missing or fails.
 
     The longest loop of vectors is that of the steps if it has each quotient of the step, once for each vector.
     """
@@ -147,10 +148,22 @@ def bound(kernel: Any) -> dict[str, Any] | None:
     divisions = sum("vdivpd" in line for line in loop)
     if divisions != quotients * lanes // width:
         raise AssertionError(f"{divisions} divisions in the loop, {quotients} in the step on {lanes // width} vectors")
-    told = subprocess.run([analyser, "-mcpu=native", "-iterations=100"], input="\n".join(loop), text=True,
-                          capture_output=True, check=True).stdout  # fmt: skip
-    (cycles,) = re.findall(r"Block RThroughput:\s+([\d.]+)", told)
-    return {"instructions": len(loop), "vectors": lanes // width, "cycles_a_lane_step": float(cycles) / lanes}
+    cycles = _throughput(analyser, "\n".join(loop))
+    if cycles is None:
+        return None
+    return {"instructions": len(loop), "vectors": lanes // width, "cycles_a_lane_step": cycles / lanes}
+
+
+def _throughput(analyser: str, assembly: str) -> float | None:
+    """Cycles of a block; None where the tool does not read it: one older than Numba's LLVM does not know its syntax."""
+    command = [analyser, "-mcpu=native", "-iterations=100"]
+    try:
+        told = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
+                              timeout=ANALYSER_SECONDS)  # fmt: skip
+    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
+        return None
+    cycles = re.findall(r"Block RThroughput:\s+(\d+(?:\.\d+)?)\s", told.stdout)
+    return float(cycles[0]) if told.returncode == 0 and len(cycles) == 1 else None
 
 
 def _longest_loop(assembly: str) -> list[str]:
