@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+import walks
 from kreisel.engines import layout
 from kreisel.engines.cpu import Kernel
 from kreisel.lab import exact
@@ -100,7 +101,7 @@ def test_integrals_of_the_flow_stay_at_round_off(name: str, order: int) -> None:
     table = kr.drift(run)
     assert table["kept"].all()
     assert {"energy", "spectrum[0]"} <= set(table.index)
-    assert (table["ratio"] < 3).all()
+    walks.assert_still(run)
 
 
 @pytest.mark.parametrize("size", [1e160, 1e308])
@@ -121,7 +122,7 @@ def test_a_step_beyond_the_domain_says_how_far_it_goes() -> None:
         kr.simulate(top, x0, dt=1.001 * largest, steps=1, order=2)
     for order, dt in ((2, 0.999 * largest), (6, 1.5 * largest), (4, 50)):
         run = kr.simulate(top, x0, dt=dt, steps=3, order=order)
-        assert (kr.drift(run)["ratio"] < 20).all()
+        walks.assert_still(run, size=10)  # so close to it an error of the root is felt more
 
 
 @pytest.mark.parametrize("order", [1, 3, 0, 26, True, 2.5])
@@ -134,7 +135,7 @@ def test_orders_that_there_are_not(order: object) -> None:
 def test_a_body_without_a_field_and_one_without_a_state() -> None:
     free = kr.LagrangeTop(p=(0, 0, 0))
     run = kr.simulate(free, free.state(m=(0.1, 0.2, 1), a=(1, 0, 0)), dt=0.1, steps=100, order=4)
-    assert (kr.drift(run)["ratio"] < 3).all()
+    walks.assert_still(run)
     body = kr.Clebsch(b=(1, 2, 3))
     with pytest.raises(kr.InputError, match="a state that is zero"):
         kr.simulate(body, body.state(M=(0, 0, 1), P=(0, 0, 0)), dt=0.1, steps=1)

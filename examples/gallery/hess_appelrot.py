@@ -16,7 +16,7 @@ from kreisel.view.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 top = kr.HessAppelrot(a=1.0, k=0.8, x=0.6, z=0.8)
-steps, shown = 5_000 if SMALL else 6_000, 2_000  # 40 units of time
+steps, shown = 5_000 if SMALL else 6_000, 1_500  # 30 units of time
 runs = []
 for f in (0.0, 1e-8, 1e-4):
     M = np.array([0.8, 0.7, -0.6]) + f * np.array([0.6, 0, 0.8])  # <A, M> = f, A = (0.6, 0, 0.8)
@@ -24,7 +24,7 @@ for f in (0.0, 1e-8, 1e-4):
 zero, small, large = (float(run.hess.sel(time=10, method="nearest")) for run in runs)
 print(f"f at time 10, started at 0, 1e-8, 1e-4: {zero:.1e}, {small:.4e}, {large:.4e}")
 assert abs(zero) < 1e-12 and abs(small / large - 1e-4) < 1e-6  # while f is small its equation is linear
-assert abs(runs[0].hess[:shown]).max() < 1e-6
+assert abs(runs[0].hess[:shown]).max() < 1e-6  # rounding errors have grown 1e7 times
 
 with figure("light", 9.0, 4.2) as (made, theme):
     axes = made.add_subplot(1, 2, 1, projection="3d")

@@ -173,7 +173,7 @@ class Form:
         return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
 
     def _observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
-        def of_rows(z: tuple[Array, ...], **known: Array) -> dict[str, Array]:
+        def of_rows(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
             back = (algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
             return observe(tuple(back), **known)
 
@@ -371,7 +371,7 @@ class Basis:
     def observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
         """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
 
-        def of_blocks(z: tuple[Array, ...], **known: Array) -> dict[str, Array]:
+        def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
             given = {name.removeprefix(BASIS): known.pop(name) for name in self.arrays if name in known}
             return observe(replace(self, **given).back(z), **known)
 

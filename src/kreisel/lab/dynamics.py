@@ -133,7 +133,7 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
         step=_pushed_by_jax(what.step, _Fixed(fixed))
         if jax_numbers
         else _pushed(replace(what, step=partial(what.step, **fixed))),
-        observe=lambda z, **constants: {},
+        observe=lambda z, /, **constants: {},
         reopen=lambda z: z,
         outcomes={},
         numbers="jax" if jax_numbers else "any",

@@ -19,7 +19,8 @@ COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # steps 
 TIMES = (1, 2, 4, 8)
 RATE, LONGEST = 3.0, 8.0  # of a unit of time
 WINDOW, LARGEST = 4, 1e-1  # successive steps; beyond such errors there is no order
-PLATEAU = 3e-13
+PLATEAU, FAR = 3e-13, 3  # errors of rounding; how far above those that are measured an error is one of the method
+NEARBY = (7.5, 7, 6.5, 6, 5.5, 5)  # times the finest count: ends that differ from the method's own by rounding
 SOLVER_ERROR = 1e-11
 
 
@@ -41,8 +42,9 @@ def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: in
 
     Errors at several times and for many steps are taken against the method's own end with an eighth of the finest
     step, whose distance from the solver's end is added unless the solver may be to blame.  At each time the finest
-    WINDOW successive steps above the plateau are taken, with errors below LARGEST; of these the one counts whose first
-    and last ones have the closest slopes, for the state and for the orientation each: high orders set in late.
+    WINDOW successive steps are taken whose errors are FAR above those of rounding, which a motion that is not regular
+    amplifies, and below LARGEST; of these the one counts whose first and last ones have the closest slopes, for the
+    state and for the orientation each: high orders set in late.
     The unit of time is that of the fastest motion near the start, from the flow's Jacobian, and at most LONGEST.
     """
     slope = jacobian(model.flow, state, model.system.space.kinds, model.n)[1].astype(float)
@@ -54,18 +56,20 @@ def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: in
         own = end(time, 8 * counts[-1])
         apart = _errors(model, _truth(model, state, time), [own])[0]
         ends = [end(time, count) for count in counts]
+        rounding = _errors(model, own, [end(time, int(k * counts[-1])) for k in NEARBY]).max(0)
         errors = _errors(model, own, ends) + np.where(apart > SOLVER_ERROR, apart, 0)
         logs, steps = np.log(np.maximum(errors, 1e-300)), np.log(time / np.array(counts))
-        for of_part, e in zip(found, logs.T, strict=True):
+        floors = np.log(np.maximum(PLATEAU, FAR * rounding))
+        for of_part, e, floor in zip(found, logs.T, floors, strict=True):
             for first in reversed(range(len(counts) - WINDOW + 1)):
                 here, half = slice(first, first + WINDOW), WINDOW - 1
-                if e[here].min() > np.log(PLATEAU) and e[here].max() < np.log(LARGEST):
+                if e[here].min() > floor and e[here].max() < np.log(LARGEST):
                     parts = (slice(half), slice(-half, None))
                     halves = [np.polyfit(steps[here][part], e[here][part], 1)[0] for part in parts]
                     slope = float(np.polyfit(steps[here], e[here], 1)[0])
                     of_part.append((abs(float(halves[0] - halves[1])), slope))
                     break
-    return [min(of_part)[1] for of_part in found]
+    return [min(of_part, default=(0.0, float("nan")))[1] for of_part in found]
 
 
 class _Ends:

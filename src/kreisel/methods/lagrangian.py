@@ -41,7 +41,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
         return (*x0[:count], *(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:]))
 
-    def observe_all(z: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
+    def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         out = observe(z, **constants)
         if len(z) > count and model.n == 3:
             out[ORIENTATION] = algebra.unit_quaternion(z[count])

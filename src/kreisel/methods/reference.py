@@ -35,7 +35,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
             out += (omega @ g if model.system.frame is Frame.REST else g @ omega,)
         return out
 
-    def observe_all(z: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
+    def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         out = observe(z, **constants)
         if len(z) > count and model.n == 3:
             out[ORIENTATION] = algebra.unit_quaternion(z[count])

@@ -115,7 +115,7 @@ class Plan:
             out[name] = value if self.batched else value[:, 0]
         return out
 
-    def _variables(self, parts: tuple[Array, ...], **constants: Array) -> dict[str, Array]:
+    def _variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         outputs = self.scheme.observe(parts, **constants)
         return {
             name: algebra.axial(value) if self.scheme.outcomes[name].axes == "skew" and self.model.n == 3 else value
