@@ -5,12 +5,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate dist release-check clean help
+.PHONY: demo test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
 	@echo "make test-full the same with the cases that take minutes"
+	@echo "make test-machines  what depends on the processor, under the code that the libraries have for others; an hour"
 	@echo "make examples  run every example, outputs in out/"
 	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
@@ -46,6 +47,11 @@ test: $(STAMP)
 test-full: $(STAMP)
 	@echo "== the test suite, with the cases that take minutes"
 	KREISEL_FULL=1 $(BIN)/python -m pytest -q -n 2 tests
+
+# MACHINES="--quick", or names of tests/machines.py; all of them if nothing is said
+test-machines: $(STAMP)
+	@echo "== the part of the test suite that depends on the processor"
+	$(BIN)/python tests/machines.py $(MACHINES)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -1,0 +1,128 @@
+"""The part of the suite that depends on the processor, under the code that the libraries have for others.
+
+    python tests/machines.py [--quick] [MACHINE ...]        # make test-machines
+
+OpenBLAS, Numba, NumPy and XLA choose their code by the processor, and each can be told to choose otherwise.  Each
+machine has a cache of kernels of its own in out/machines; the processor's own code is `make test`.  --quick is the
+machine with all of it at once, on the tests that failed on one processor and not on another: .ci/run does that.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Files, or single tests, whose figures come from rounding, LAPACK or libm: one line for a new one.
+PART = (
+    "test_branch.py",
+    "test_bias.py",
+    "test_simulate.py",
+    "test_baecklund.py",
+    "test_variational.py",
+    "test_large.py",
+    "test_gallery.py",
+    "test_engine.py",
+    "test_lanes.py",
+    "test_vectors.py",
+    "test_exact.py",
+    "test_exact_pair.py",
+    "test_jumps.py",
+    "test_jacobi.py",
+    "test_laws.py",
+    "test_reduction.py",
+    "test_analysis.py",
+    "test_auto.py",
+    "test_readme.py",
+    "test_machines.py",
+    "test_resume.py::test_resumed_on_another_processor",
+)
+QUICK = (
+    "test_branch.py::test_integrals_stand_still_close_to_the_longest_step",
+    "test_bias.py::test_no_integral_has_a_trend[neumann-veselov]",
+    "test_gallery.py::test_the_claims_of_the_gallery_hold[hess_appelrot]",
+    "test_variational.py::test_order_of_state_and_orientation[heavy-top-8]",
+    "test_simulate.py::test_integrals_stand_still[lagrange-top-3-2]",
+    "test_resume.py::test_resumed_on_another_processor",
+    "test_machines.py",
+)
+
+NO_VECTORS = {"NPY_DISABLE_CPU_FEATURES": "all that NumPy found"}  # see `environment`
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+MACHINES: dict[str, dict[str, str]] = {
+    "Prescott": {"OPENBLAS_CORETYPE": "Prescott"},
+    "Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
+    "Zen": {"OPENBLAS_CORETYPE": "Zen"},
+    "SkylakeX": {"OPENBLAS_CORETYPE": "SkylakeX"},
+    "Numba-generic": {"NUMBA_CPU_NAME": "generic"},
+    "NumPy-baseline": NO_VECTORS,
+    "XLA-SSE4_2": {"XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2"},
+    "one-thread": ONE_THREAD,
+}
+OLDEST = {
+    "OPENBLAS_CORETYPE": "Prescott",
+    "NUMBA_CPU_NAME": "generic",
+    "XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2",
+    **NO_VECTORS,
+    **ONE_THREAD,
+}
+
+
+def environment(machine: dict[str, str]) -> dict[str, str]:
+    """What a process for that machine is told."""
+    told = {**os.environ, **machine}
+    if machine.items() >= NO_VECTORS.items():
+        from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+
+        found = " ".join(name for name in __cpu_dispatch__ if __cpu_features__[name])
+        told["NPY_DISABLE_CPU_FEATURES"] = os.environ.get("NPY_DISABLE_CPU_FEATURES", found)
+    return told
+
+
+def tested(name: str, machine: dict[str, str], part: tuple[str, ...]) -> tuple[str, list[str]]:
+    """A line of the table, and the tests that failed."""
+    folder = ROOT / "out" / "machines" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    report, begun = folder / "report.xml", time.monotonic()
+    report.unlink(missing_ok=True)
+    options = ["-q", "-n", "2", "--timeout", "800", "--timeout-method", "thread", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", *options, f"--junitxml={report}", *(f"tests/{name}" for name in part)]
+    told = {**environment(machine), "KREISEL_CACHE": str(folder / "kernels")}
+    done = subprocess.run(command, cwd=ROOT, env=told, capture_output=True, text=True, check=False)
+    (folder / "log.txt").write_text(done.stdout + done.stderr)
+    took = f"{time.monotonic() - begun:>8.0f}"
+    if not report.exists():
+        return f"{name:<16}{'-':>8}{'-':>8}{'-':>8}{took}", [f"no report, see {folder / 'log.txt'}"]
+    cases = [*ElementTree.parse(report).iter("testcase")]
+    bad = [case for case in cases if case.find("failure") is not None or case.find("error") is not None]
+    skipped = sum(case.find("skipped") is not None for case in cases)
+    failed = [f"{case.get('classname')}::{case.get('name')}" for case in bad]
+    if done.returncode and not failed:
+        failed = [f"pytest ended with {done.returncode}, see {folder / 'log.txt'}"]
+    return f"{name:<16}{len(cases) - len(bad) - skipped:>8}{len(bad):>8}{skipped:>8}{took}", failed
+
+
+def main() -> int:
+    """The table; 1 where a test failed."""
+    told = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    told.add_argument("--quick", action="store_true", help="the oldest machine and few tests")
+    told.add_argument("machine", nargs="*", choices=[[], *MACHINES], help=f"of {', '.join(MACHINES)}; default: all")
+    asked = told.parse_args()
+    chosen = {"oldest": OLDEST} if asked.quick else {name: MACHINES[name] for name in asked.machine or MACHINES}
+    print(f"{'machine':<16}{'passed':>8}{'failed':>8}{'skipped':>8}{'s':>8}", flush=True)
+    failures = 0
+    for name, machine in chosen.items():
+        line, failed = tested(name, machine, QUICK if asked.quick else PART)
+        print(line, *(f"    {test}" for test in failed), sep="\n", flush=True)
+        failures += len(failed)
+    return int(failures > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
