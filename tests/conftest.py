@@ -16,6 +16,8 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 import kreisel as kr
 from kreisel.systems import REGISTRY
 
+Path(os.environ["KREISEL_CACHE"]).mkdir(mode=0o700, parents=True, exist_ok=True)  # code: nobody else's
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests of every system in every dimension: those of the systems that have one dimension, in that one."""

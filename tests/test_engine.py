@@ -200,16 +200,9 @@ def test_source_is_kept_for_reading_and_made_once(tmp_path: Path, monkeypatch: p
     monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
     source = f'"""Kernel number {tmp_path.name}."""\nVALUE = 7\n'
     assert cpu.load(source).VALUE == 7
-    (kept,) = tmp_path.glob("kreisel_kernel_*.py")
+    (kept,) = tmp_path.glob("kreisel_kernel_*/kreisel_kernel_*.py")
     assert kept.read_text() == source
     assert cpu.load(source) is cpu.load(source)
-
-
-def test_an_unwritable_cache_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("not a folder")
-    monkeypatch.setenv("KREISEL_CACHE", str(blocked / "cache"))
-    assert cpu.cache_folder().is_dir()
 
 
 def test_foldings_are_exact() -> None:

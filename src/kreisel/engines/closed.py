@@ -18,7 +18,7 @@ from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.cpu import EXACT, HEAD, load, shares
 from kreisel.engines.jumps import Jumps
-from kreisel.engines.layout import LANES, Floats
+from kreisel.engines.layout import LANES, Floats, Look, no_look
 from kreisel.engines.lines import split
 from kreisel.engines.recording import indented, recorded_function
 from kreisel.methods.scheme import Orbit, Scheme, States
@@ -152,8 +152,9 @@ class ClosedForm:
         _ = self._lanes
         return self
 
-    def advance(self, out: Floats, every: int) -> None:
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         for lane, rows in enumerate(self._lanes):
+            look()
             if isinstance(rows, Samples) or rows.orbit.rates is None:
                 k = self._done + every * np.arange(1, len(out) + 1).astype(object)
                 rows.at(out, lane, k * self._dt, np.broadcast_to(self._exponent, k.shape))

@@ -3,20 +3,14 @@
 Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
 same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.engines.lanes`); lane i has the
 bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has (NUMBA_NUM_THREADS).
-The source is written to a cache folder, named by its hash with that of the operations that it imports, so that it can
-be read and debugged, and so that Numba's disk cache finds it again.  The folder is KREISEL_CACHE, else kreisel/ in the
-user's cache folder.
+Source and machine code are kept on disk (`kreisel.engines.kept`), named by the hash of the source, of the operations
+that it imports and of what it is compiled for.
 """
 
 from __future__ import annotations
 
-import atexit
 import hashlib
-import importlib.util
-import os
-import shutil
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -24,11 +18,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.engines import arrays, lanes
-from kreisel.engines.layout import Floats
+from kreisel.engines.kept import module
+from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.engines.recording import (
     Recording,
     flat_constants,
@@ -95,50 +91,25 @@ def kernel(z, c, out):
 """
 
 
-def cache_folder() -> Path:
-    """Where kernels are kept; a folder for this process alone if the usual one cannot be written."""
-    base = os.environ.get("KREISEL_CACHE") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(base) if os.environ.get("KREISEL_CACHE") else Path(base) / "kreisel"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError:
-        return _folder_of_this_process()
-
-
-@cache
-def _folder_of_this_process() -> Path:
-    """A private folder, removed at the end: a shared one could hold the code of somebody else."""
-    folder = Path(tempfile.mkdtemp(prefix="kreisel-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
-
-
 @cache
 def _operations() -> bytes:
     """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
     return b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors"))
 
 
+@cache
+def _machine() -> bytes:
+    """What the same source is compiled for, and by what."""
+    from numba.core.registry import cpu_target
+
+    return repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode()
+
+
 def load(source: str) -> ModuleType:
-    """Import generated source from the cache; writing is atomic, so two processes may do it at once."""
-    name = "kreisel_kernel_" + hashlib.sha256(_operations() + source.encode()).hexdigest()[:20]
-    if name in sys.modules:
-        return sys.modules[name]
-    path = cache_folder() / f"{name}.py"
-    if not path.exists():
-        handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-        with os.fdopen(handle, "w") as file:
-            file.write(source)
-        os.replace(scratch, path)
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"the kernel {path} cannot be imported")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
+    """Generated source as a module, compiled once for this machine."""
+    return module(
+        "kreisel_kernel_" + hashlib.sha256(_operations() + _machine() + source.encode()).hexdigest()[:20], source
+    )
 
 
 class Kernel:
@@ -161,7 +132,7 @@ class Kernel:
             self.source = _head(scheme, record) + text
         self._kernel = load(self.source).kernel
 
-    def advance(self, out: Floats, every: int) -> None:
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         parts = list(shares(len(self.z), len(out) * every * len(self.z)))
         if len(parts) < 2:
             self._kernel(self.z, self.constants, self.stages, out, every, 0, len(self.z))
@@ -180,8 +151,6 @@ class Kernel:
 
 def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
     """First and last lane of the shares of the threads, whole blocks where there are many."""
-    import numba
-
     threads = numba.config.NUMBA_NUM_THREADS if work >= LEAST_WORK else 1  # type: ignore[attr-defined]
     size = -(-lanes // threads)
     if threads > 1 and size > 4 * WIDTH:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.engines.cpu import load
-from kreisel.engines.layout import Floats
+from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.engines.recording import Recording, flat_constants, flat_stages, indented
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
@@ -143,7 +143,7 @@ class Kernel:
     def _on_gpu(self, values: Floats) -> Any:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))
 
-    def advance(self, out: Floats, every: int) -> None:
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if not len(self.z):
             return
         rows = self._cuda.device_array((len(out), *self.z.shape[::-1]), dtype=self._real)

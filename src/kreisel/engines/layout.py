@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,11 @@ from kreisel.algebra import Array
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 LANES = 4  # doubles that kernels for rows take at once
+Look = Callable[[], None]
+
+
+def no_look() -> None:
+    """For engines at work without anybody who may stop them."""
 
 
 def size(kind: str, n: int) -> int:

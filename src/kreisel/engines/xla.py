@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
-from kreisel.engines.layout import Floats
+from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import RunError
 from kreisel.methods.scheme import Scheme
 from kreisel.reduction.double import double, jax
@@ -70,8 +70,9 @@ class Compiled:
         lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
         self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
 
-    def advance(self, out: Floats, every: int) -> None:
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         for start in range(0, len(out), ROWS):
+            look()
             rows = min(ROWS, len(out) - start)
             with double():
                 filled, z, alive, count = map(np.asarray, self._loop(self.z, self._constants, rows, every))

@@ -22,6 +22,7 @@ BLOCK_BYTES = 1 << 21  # of states, held at once
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
 SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
+LONG_SECONDS = 1.0  # after which a call of the engine need not be waited for
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ class March:
     """Fills rows 0, every, 2 every, ... and the last step.
 
     `between` is called between two calls of the engine, about every tenth of a second; what it raises stops the run.
+    `inside` is called within a call that lasts longer than a second, as that of a single step may; what it raises ends
+    the run too, whose last snapshot then is the one before the call.
     A lane that fails ends the run, unless `faults` is given: there the lane and the reason are noted, its outputs are
     NaN from then on, and the others go on.
     """
@@ -72,7 +75,8 @@ class March:
         self.buffer = np.empty((self.most, *plan.engine.z.shape))
         self.buffer[0] = plan.engine.z
         self.filled, self.flushed, self.into = 1, 0, 0
-        self._scratch, self._burst = np.empty((1, *plan.engine.z.shape)), 256
+        self.inside: Callable[[], None] = lambda: None
+        self._scratch, self._burst = np.empty((1, *plan.engine.z.shape)), 1  # a single step may take seconds
 
     @property
     def rows(self) -> int:
@@ -149,7 +153,12 @@ class March:
 
     def _call(self, out: Floats, every: int) -> None:
         begun = time.perf_counter()
-        self.plan.engine.advance(out, every)
+
+        def look() -> None:
+            if time.perf_counter() - begun > LONG_SECONDS:
+                self.inside()
+
+        self.plan.engine.advance(out, every, look)
         seconds = time.perf_counter() - begun
         self.tick(len(out) * every * self.plan.lanes)
         if seconds < TICK_SECONDS:

@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import component_axes
 from kreisel.engines import layout
-from kreisel.engines.layout import Floats
+from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import InputError, nearest
 from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION
@@ -39,8 +39,11 @@ class Marcher(Protocol):
 
     z: Floats
 
-    def advance(self, out: Floats, every: int) -> None:
-        """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there."""
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there.
+
+        Where one step may take seconds, `look` is called on the way; what it raises leaves the engine useless.
+        """
 
     def snapshot(self) -> dict[str, Floats]:
         """All that the next step depends on."""

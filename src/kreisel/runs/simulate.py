@@ -118,21 +118,24 @@ def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:
     """March into an archive, with a checkpoint now and then and when the run is told to stop."""
     from kreisel.runs.archive import open_archive
 
-    plan, last = march.plan, -math.inf
+    plan, last, kept = march.plan, -math.inf, march.steps
 
     def between() -> None:
-        nonlocal last
+        nonlocal last, kept
         due = time.monotonic() - last > CHECKPOINT_SECONDS or stop.signal is not None
         closing = march.rows == plan.steps // plan.every + 1  # what a longer run would have is there
         written = march.filled == 0  # a block was just written
         if march.into == 0 if closing else march.regular and (due or written):
             archive.checkpoint(march.snapshot())
-            last = time.monotonic()
+            last, kept = time.monotonic(), march.steps
+        obey()
+
+    def obey() -> None:
         if stop.signal is not None:
-            raise Stopped(stop.signal, march.steps, archive.part)
+            raise Stopped(stop.signal, kept, archive.part)
 
     with signals_wait() as stop, archive, Progress(plan.steps * plan.lanes, progress, march.steps * plan.lanes) as bar:
-        march.tick = bar.advance
+        march.tick, march.inside = bar.advance, obey
         for block in march.blocks(between):
             archive.append(block, march.flushed)
         archive.finish()

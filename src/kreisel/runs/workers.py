@@ -8,9 +8,11 @@ import logging
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any
 
 from kreisel.errors import InputError, RunError
@@ -39,6 +41,33 @@ class Tasks:
         return self.part, block, self.file, self.digest
 
 
+@contextlib.contextmanager
+def _at_once(stop: Stop) -> Iterator[None]:
+    """Inside, Ctrl-C and SIGTERM end the block that is computed, however long it takes: it is made again.
+
+    Main thread only.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def end(number: int, frame: FrameType | None) -> None:
+        stop.signal = number
+        raise KeyboardInterrupt
+
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if stop.signal is None:
+            raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 class Here:
     """The process itself, one block after the other."""
 
@@ -47,7 +76,11 @@ class Here:
         for block in tasks.todo:
             if stop.signal is not None:
                 return
-            yield compute(*tasks.arguments(block))
+            took = None
+            with _at_once(stop):
+                took = compute(*tasks.arguments(block))
+            if took is not None:
+                yield took
 
     def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """The place of each item and function(item), in order."""

@@ -1,0 +1,214 @@
+"""The kernels on disk: whatever stands there is made again, and code of others is not run."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.engines import kept
+
+NAME = "kreisel_kernel_of_a_test"
+SOURCE = """
+from numba import njit
+
+@njit("f8(f8)", cache=True)
+def kernel(x):
+    return 2.0 * x + 1.0
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    where = tmp_path / "cache"
+    monkeypatch.setenv("KREISEL_CACHE", str(where))
+    yield where
+    sys.modules.pop(NAME, None)
+
+
+def value() -> float:
+    """The kernel of the source, as a process of its own would find it."""
+    sys.modules.pop(NAME, None)
+    return float(kept.module(NAME, SOURCE).kernel(3.0))
+
+
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The kernels that are compiled from now on and kept."""
+    original, out = kept._made, []
+    monkeypatch.setattr(kept, "_made", lambda folder, source: out.append(folder.name) or original(folder, source))
+    return out
+
+
+def empty(file: Path) -> None:
+    file.write_bytes(b"")
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+def flip(file: Path) -> None:
+    data = bytearray(file.read_bytes())
+    data[2 * len(data) // 3] ^= 4
+    file.write_bytes(bytes(data))
+
+
+def garbage(file: Path) -> None:
+    file.write_bytes(np.random.default_rng(0).bytes(4000))
+
+
+def gone(file: Path) -> None:
+    file.unlink()
+
+
+def a_folder(file: Path) -> None:
+    file.unlink()
+    (file / "deep").mkdir(parents=True)
+    (file / "deep" / "file").write_text("x")
+
+
+def a_pipe(file: Path) -> None:
+    file.unlink()
+    os.mkfifo(file)
+
+
+def a_link(file: Path) -> None:
+    shutil.move(file, file.parents[2] / "elsewhere")
+    file.symlink_to(file.parents[2] / "elsewhere")
+
+
+DAMAGES = [empty, cut, flip, garbage, gone, a_folder, a_pipe, a_link]
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
+@pytest.mark.parametrize("pattern", [f"{NAME}.py", "__pycache__/*.nbi", "__pycache__/*.nbc", kept.SEAL])
+def test_a_bad_entry_is_made_again(pattern: str, damage: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert value() == 7.0
+    (file,) = (folder / NAME).glob(pattern)
+    damage(file)
+    compiled = made(monkeypatch)
+    assert [value(), value()] == [7.0, 7.0]
+    assert compiled == [NAME]  # once: the second finds it whole
+    assert not list(folder.glob(".*"))
+
+
+def test_what_stands_in_the_place_of_an_entry_is_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    outside = folder.parent / "outside"
+    outside.mkdir()
+    (outside / "thesis.tex").write_text("x")
+    folder.mkdir(mode=0o700)
+    compiled = made(monkeypatch)
+    for number, make in enumerate(
+        [
+            lambda entry: entry.write_text("a file"),
+            lambda entry: entry.mkdir(),
+            lambda entry: (entry / "__pycache__").write_text("a file") if entry.mkdir() is None else None,
+            os.mkfifo,
+            lambda entry: entry.symlink_to(outside),
+            lambda entry: entry.symlink_to("nowhere"),
+        ]
+    ):
+        kept._remove(folder / NAME)
+        make(folder / NAME)
+        assert [value(), value()] == [7.0, 7.0]
+        assert len(compiled) == number + 1
+    assert os.listdir(outside) == ["thesis.tex"]
+
+
+def test_a_seal_that_belongs_to_other_code_is_not_believed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All hashes fit, but the source is another one's: what was asked for is compiled."""
+    other = SOURCE.replace("2.0", "5.0")
+    assert kept.module(NAME, other).kernel(3.0) == 16.0
+    compiled = made(monkeypatch)
+    assert value() == 7.0
+    assert compiled == [NAME]
+
+
+@pytest.mark.parametrize("place", ["pathlib.Path.write_text", "numba.core.caching.IndexDataCacheFile._save_data"])
+def test_a_full_disk_falls_back_to_memory(place: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*args: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(place, full)
+        assert value() == 7.0
+    assert os.listdir(folder) == []  # nothing half made is left
+    assert value() == 7.0
+    assert os.listdir(folder) == [NAME]
+
+
+def test_a_folder_that_cannot_be_is_no_obstacle(folder: Path) -> None:
+    folder.write_text("not a folder")
+    assert kept.cache_folder() is None
+    assert value() == 7.0
+    assert folder.read_text() == "not a folder"
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o702, 0o1777])
+def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -> None:
+    folder.mkdir()
+    folder.chmod(mode)
+    kept._refused.cache_clear()
+    with pytest.warns(RuntimeWarning, match=r"expected a folder of user .* got owner .* KREISEL_CACHE") as told:
+        assert value() == value() == 7.0
+    assert len(told) == 1
+    assert os.listdir(folder) == []
+    folder.chmod(0o755)
+    assert value() == 7.0
+    assert os.listdir(folder) == [NAME]
+
+
+def test_a_folder_of_somebody_else_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept._refused.cache_clear()
+    folder.mkdir(mode=0o700)
+    user = os.geteuid() + 1
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    with pytest.warns(RuntimeWarning, match=rf"a folder of user {user} .* got owner {user - 1}, mode 700"):
+        assert value() == 7.0
+    assert os.listdir(folder) == []
+
+
+def test_the_folder_is_made_for_its_user_alone(folder: Path) -> None:
+    before = os.umask(0)
+    try:
+        assert value() == 7.0
+    finally:
+        os.umask(before)
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_kernels_lie_in_the_cache_whatever_numba_was_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba.core import config
+
+    monkeypatch.setattr(config, "CACHE_DIR", str(folder.parent / "numba"))
+    assert value() == 7.0
+    assert len(list((folder / NAME / "__pycache__").glob("*.nb?"))) == 2
+    assert not (folder.parent / "numba").exists()
+
+
+def test_two_processes_at_once(folder: Path) -> None:
+    """A run, as it is made in fresh processes with one cache; each ends, and one entry of each kernel is there."""
+    code = """
+import kreisel as kr
+top = kr.LagrangeTop(p=(0, 0, 1))
+run = kr.simulate(top, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.05, steps=9)
+print(run.a.values.tobytes().hex())
+"""
+    command = [sys.executable, "-W", "error", "-c", code]
+    children = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    told = [child.communicate(timeout=120)[0] for child in children]
+    assert [child.returncode for child in children] == [0, 0]
+    assert told[0] == told[1] != ""
+    entries = list(folder.iterdir())
+    assert all(entry.name.startswith("kreisel_kernel_") and (entry / kept.SEAL).is_file() for entry in entries)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert kept.cache_folder() == folder
