@@ -249,3 +249,162 @@ def test_tops_that_make_no_sense() -> None:
     body = kr.QuadraticPotential(J=(1, 2, 3))
     with pytest.raises(kr.InputError, match=r"steps up to 0\.5 have one"):  # eps^2 P < 1
         kr.simulate(body, body.state(M=(0, 0, 0), P=4 * np.eye(3)), dt=0.6, steps=1)
+
+
+class Unprintable:
+    """Its repr raises, as that of a class of the user's may."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no repr")
+
+
+OPTIONS = {"dt": 0.1, "steps": 3}
+ODD = [np.array([1, 2]), np.array([]), [], {}, 10**5000, Unprintable(), object(), b"x", 1j, True]
+
+
+@pytest.mark.parametrize("name", ["order", "method", "engine", "tol", "every", "dt", "steps", "path"])
+@pytest.mark.parametrize("number", range(len(ODD)))
+def test_values_of_any_kind(name: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    value = ODD[number]
+    if (name, value) in [("every", True), ("dt", True)] if isinstance(value, bool) else False:
+        pytest.skip("1 is a step")
+    with pytest.raises(kr.InputError) as told:
+        kr.simulate(TOP, STATE, **{**OPTIONS, name: value})
+    assert len(str(told.value)) < 1501
+    assert str(told.value).isprintable()
+    assert not list(tmp_path.iterdir())
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers(tmp_path: Path) -> None:
+    plain = kr.simulate(TOP, STATE, order=4, every=1, **OPTIONS)
+    other = kr.simulate(TOP, STATE, order=np.int64(4), every=np.int32(1), path=tmp_path / "run.zarr", **OPTIONS)
+    assert other.attrs["options"] == plain.attrs["options"]
+    assert (other.a.values == plain.a.values).all()
+
+
+def test_a_home_folder_is_expanded_and_none_to_replace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "thesis.tex").write_text("x")
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(tmp_path)
+    kr.simulate(TOP, STATE, path="~/run.zarr", **OPTIONS)
+    assert kr.open_run(home / "run.zarr").sizes["time"] == 4
+    for act in (
+        lambda: kr.simulate(TOP, STATE, path="~", overwrite=True, **OPTIONS),
+        lambda: kr.sweep(TOP, STATE, path="~", overwrite=True, workers=0, list={"system.alpha": [1.0]}, **OPTIONS),
+    ):
+        with pytest.raises(kr.InputError, match=r"needs a name .*'~' came"):
+            act()
+    assert sorted(p.name for p in home.iterdir()) == ["run.zarr", "thesis.tex"]
+    assert [p.name for p in tmp_path.iterdir()] == ["home"]
+
+
+@pytest.mark.parametrize("n", [60000, 2**63 - 1, 1e300])
+def test_an_n_that_no_memory_holds(n: float) -> None:
+    for make in (lambda: kr.KovalevskayaTop(n=n), lambda: kr.RatiuTop(n=n, a=1, b=1, chi=1)):
+        with pytest.raises(kr.InputError, match=r"expected n of at most 4,096, got"):
+            make()
+    for make in (lambda v: kr.LagrangeTop(p=v), lambda v: kr.Neumann(b=v), lambda v: kr.EulerTop(J=v)):
+        with pytest.raises(kr.InputError, match=r"expected n of at most 4,096, got 60,000"):
+            make(np.ones(60000))
+
+
+def test_an_archive_that_claims_a_large_n(tmp_path: Path) -> None:
+    top = kr.KovalevskayaTop(n=3)
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, {"M": (1, 0, 0), "P": (0, 0, 1), "Q": (1, 0, 0)}, path=path, **OPTIONS)
+    meta = path / "zarr.json"
+    text = meta.read_text()
+    assert '{\\"n\\": 3.0' in text
+    meta.write_text(text.replace('{\\"n\\": 3.0', '{\\"n\\": 60000.0'))
+    out = kreisel(tmp_path, "check", "run.zarr")
+    assert out.returncode in (1, 2)
+    assert "Traceback" not in out.stderr
+    assert "4,096" in out.stderr or "changed" in out.stdout
+
+
+@pytest.mark.parametrize("digits", ["9" * 5000, "0x" + "f" * 5000])
+def test_whole_numbers_that_python_does_not_print(
+    digits: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for old in ("steps = 100", "dt = 0.05", "p = [0.0, 0.0, 1.0]", "a = [0.6, 0.0, 0.8]"):
+        key = old.split(" = ")[0]
+        new = f"{key} = [0.0, 0.0, {digits}]" if "[" in old else f"{key} = {digits}"
+        code, message = run_in_process(tmp_path, GOOD.replace(old, new), monkeypatch, capsys)
+        assert code == 2
+        assert message.startswith("kreisel: ")
+        assert len(message) < 1600
+
+
+def test_messages_are_brief_and_printable() -> None:
+    from kreisel.errors import brief, shown
+
+    assert shown("x" * 5000).startswith("'xxx")
+    assert len(shown("x" * 5000)) <= 100
+    assert shown(Unprintable()) == "a value of type Unprintable"
+    assert shown(10**5000) == "a value of type int of 16,610 bits"
+    assert brief("a\x1b[2Jb\nc\x07\udcff") == "a\\x1b[2Jb c\\x07\\udcff"
+    error = kr.InputError("expected " + "x" * 9000 + "\x1b fix")
+    assert len(str(error)) == 1500
+    assert str(error).endswith("\\x1b fix")
+    assert str(kr.InputError(str(error))) == str(error)  # as it is pickled
+
+
+def test_control_characters_of_an_archive_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    kr.simulate(TOP, STATE, path=tmp_path / "run.zarr", **OPTIONS)
+    meta = tmp_path / "run.zarr" / "zarr.json"
+    text = meta.read_text()
+    assert '"title": "' in text
+    evil = "\\u001b]0;x\\u0007\\u001b[2J" + "y" * 9000
+    meta.write_text(text.replace('"title": "', f'"title": "{evil}').replace('"lagrange-top"', f'"{evil}"'))
+    for command in (["check", "run.zarr"], ["resume", "run.zarr", "--extend", "9"], ["plot", "run.zarr"]):
+        out = kreisel(tmp_path, *command)
+        told = out.stdout + out.stderr
+        assert "Traceback" not in told
+        assert all(c.isprintable() or c == "\n" for c in told), told
+        assert all(len(line) < 1600 for line in told.splitlines())
+
+
+def test_arguments_without_their_names() -> None:
+    with pytest.raises(kr.InputError, match=r"lagrange-top: expected arguments by name, p=\.\.\., alpha=\.\.\.; got"):
+        kr.LagrangeTop((0, 0, 1))
+    with pytest.raises(kr.InputError, match=r"lagrange-top: expected arguments by name, m=\.\.\., a=\.\.\.; got"):
+        TOP.state((1, 0, 0), (0, 0, 1))
+
+
+def no_runs() -> dict[str, object]:
+    import xarray as xr
+
+    run = kr.simulate(TOP, STATE, **OPTIONS)
+    return {
+        "None": None,
+        "a list": [1, 2],
+        "a path": "run.zarr",
+        "an empty Dataset": xr.Dataset(),
+        "no time": run.drop_vars([name for name in run.variables if "time" in run[name].dims]),
+    }
+
+
+@pytest.mark.parametrize("kind", ["None", "a list", "a path", "an empty Dataset", "no time"])
+@pytest.mark.parametrize("act", ["plot", "view", "failures", "events", "frequencies", "euler_angles", "compare"])
+def test_what_is_no_run(kind: str, act: str) -> None:
+    what, run = no_runs()[kind], kr.simulate(TOP, STATE, **OPTIONS)
+    acts = {
+        "plot": kr.plot,
+        "view": kr.view,
+        "failures": kr.failures,
+        "events": lambda what: kr.analysis.events(what, "a[2]"),
+        "frequencies": lambda what: kr.analysis.frequencies(what, "a[2]"),
+        "euler_angles": kr.analysis.euler_angles,
+        "compare": lambda what: kr.analysis.compare(run, what),
+    }
+    with pytest.raises(kr.InputError):
+        acts[act](what)
+
+
+@pytest.mark.parametrize("what", [None, [1, 2], 3])
+def test_what_cannot_be_exported(what: object, tmp_path: Path) -> None:
+    with pytest.raises(kr.InputError, match="expected the path of an archive or a Dataset"):
+        kr.export(what, tmp_path / "run.nc")

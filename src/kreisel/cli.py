@@ -7,6 +7,7 @@ conserves is not conserved, the archive being kept; 128 and more for signals.
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import sys
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import ConservationWarning, InputError, Interrupted, RunError, Stopped
+from kreisel.errors import ConservationWarning, InputError, Interrupted, RunError, Stopped, brief, printable, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 NOT_CONSERVED = 3  # exit code
+TOO_MUCH = "Usual cause: an n or a number of lanes that is too large. Use fewer, or save less often (every)."
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
 
 
@@ -88,16 +90,14 @@ def run(
             _save_figure(result, asked.figure)
         _print_json({**told, "drift": _records(table), "broken": broken(table)})
         return _shout(broken(table))
-    print(f"{result.attrs['title']}: {model}")
+    say(f"{result.attrs['title']}: {model}")
     if told["options"]:
-        print(", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in told["options"].items()))
-    print(
-        f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)"
-    )
+        say(", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in told["options"].items()))
+    say(f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)")
     _print_drift(table)
     if figure:
         _save_figure(result, asked.figure)
-        print(f"figure: {asked.figure}")
+        say(f"figure: {asked.figure}")
     return _shout(broken(table))
 
 
@@ -118,7 +118,7 @@ def resume(
         told = {"archive": str(archive), "steps": result.attrs["steps"], "drift": _records(table)}
         _print_json({**told, "broken": broken(table)})
         return _shout(broken(table))
-    print(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
+    say(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
     _print_drift(table)
     return _shout(broken(table))
 
@@ -159,13 +159,13 @@ def sweep(
         _print_json(told)
         return _shout(lost)
     before = f", {report.before:,} of them done before" if report.before else ""
-    print(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
+    say(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
     for name, value in largest.items():
-        print(f"    {name:32}{value:.2e}" if value is not None else f"    {name:32}none")
+        say(f"    {name:32}{value:.2e}" if value is not None else f"    {name:32}none")
     if report.failed:
-        print(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
+        say(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
         for lane, row in failures(result).head(3).iterrows():
-            print(f"    lane {lane}: {row.message}")
+            say(f"    lane {lane}: {row.message}")
     return _shout(lost)
 
 
@@ -186,7 +186,7 @@ def check(
     result, faults = check_archive(archive)
     if out is not None:
         kept, rows = recover(archive, out)
-        print(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
+        say(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
     table = drift(result) if result is not None and "kreisel_sweep" not in result.attrs else None
     if result is not None:
         lost = broken(table) if table is not None else [] if faults else broken_lanes(result)
@@ -197,10 +197,10 @@ def check(
         if table is not None:
             _print_drift(table)
         for fault in faults:
-            print(f"FAULT: {fault}")
+            say(f"FAULT: {fault}")
         if table is not None and result is not None and is_own(result.attrs):
-            print(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
-        print(f"{archive}: {'damaged' if faults else 'whole'}")
+            say(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
+        say(f"{archive}: {'damaged' if faults else 'whole'}")
     if faults:
         raise typer.Exit(1)
 
@@ -215,7 +215,7 @@ def export(
     from kreisel.runs.exporting import export as write
 
     write(archive, out, overwrite=overwrite)
-    print(f"{archive} -> {out}")
+    say(f"{archive} -> {out}")
 
 
 @app.command()
@@ -232,7 +232,7 @@ def plot(
     result = open_archive(settled(archive))
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
     _save_figure(result, target, open_archive(settled(compare)) if compare else None, "dark" if dark else "light")
-    print(f"figure: {target}")
+    say(f"figure: {target}")
 
 
 @app.command()
@@ -257,7 +257,7 @@ def view(
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     require_file(target)
     page_of(open_archive(settled(archive)), lane=lane).save(target)
-    print(f"page: {target}")
+    say(f"page: {target}")
 
 
 def _serve(archive: Path, host: str, port: int, lane: int) -> None:
@@ -265,8 +265,8 @@ def _serve(archive: Path, host: str, port: int, lane: int) -> None:
 
     with server(archive, host=host, port=port, lane=lane) as serving:
         if host not in LOOPBACK:
-            print(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
-        print(f"{address(serving)}  (Ctrl-C ends it)", flush=True)
+            say(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
+        say(f"{address(serving)}  (Ctrl-C ends it)")
         try:
             serving.serve_forever()
         except KeyboardInterrupt:
@@ -306,7 +306,7 @@ def verify(
 
     if listed:
         for row in rows.chosen(name):
-            print(f"{row.name:32}{row.place}")
+            say(f"{row.name:32}{row.place}")
         return
     console = Console(stderr=True)
     findings: list[paper.Finding] = []
@@ -324,7 +324,7 @@ def verify(
     failing = [finding.row.name for finding in findings if not finding.holds]
     if not (as_json or markdown):
         errata = sum(finding.row.printed is not None for finding in findings)
-        print(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
+        say(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
     if failing:
         raise typer.Exit(1)
 
@@ -418,7 +418,12 @@ def investigate(
     else:
         print(report.text(found, _width()))
         if html is not None:
-            print(f"page: {html}")
+            say(f"page: {html}")
+
+
+def say(text: str, file: Any = None) -> None:
+    """Print a line without its control characters: it may hold names and attributes of somebody else."""
+    print(brief(text), file=file, flush=True)
 
 
 def _width() -> int:
@@ -436,7 +441,7 @@ def _parameter_of(told: str) -> tuple[str, Any]:
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not sign or not name or not numbers:
-        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2; {told!r} came.")
+        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2; {shown(told)} came.")
     return name, numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -496,7 +501,7 @@ def _shouted_here() -> Iterator[None]:
 def _shout(sentences: list[str]) -> None:
     """What is not conserved, on stderr; exit code 3."""
     for sentence in sentences:
-        print(f"kreisel: {sentence}", file=sys.stderr)
+        say(f"kreisel: {sentence}", file=sys.stderr)
     if sentences:
         raise typer.Exit(NOT_CONSERVED)
 
@@ -511,7 +516,7 @@ def _print_drift(table: pd.DataFrame) -> None:
     for column in ("start", "max |change|", "round-off", "ratio", "slope"):
         grid.add_column(column, justify="right")
     for label, row in table.iterrows():
-        name = str(label)
+        name = printable(label)
         numbers = (
             f"{row.start:.6g}",
             f"{row.max_change:.2e}",
@@ -542,16 +547,22 @@ def _print_json(value: Any) -> None:
 
 def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # of a terminal that lacks the letter
     try:
         app()
     except (Stopped, Interrupted) as stopped:
-        print(f"kreisel: {stopped}", file=sys.stderr)
+        say(f"kreisel: {stopped}", file=sys.stderr)
         sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:
-        print(f"kreisel: {error}", file=sys.stderr)
+        say(f"kreisel: {error}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError as error:
+        say(f"kreisel: expected less than the memory that is free, got {error or 'more'}. {TOO_MUCH}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        print("kreisel: interrupted", file=sys.stderr)
+        say("kreisel: interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()

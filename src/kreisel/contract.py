@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import enum
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from kreisel import algebra, invariants
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
     from kreisel.model import Model
@@ -26,6 +26,25 @@ Function = Callable[..., Any]
 COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
 PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
 SKEW_TOLERANCE = 1e-12
+MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
+
+
+def check_dimension(n: int, name: str) -> None:
+    """Raises `InputError` for an n whose matrices no memory holds."""
+    if n > MOST_N:
+        raise InputError(
+            f"{name}: expected n of at most {MOST_N:,}, got {n:,}. Usual cause: a batch of states or parameters "
+            "without the axis of the vectors at its end."
+        )
+
+
+def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
+    """Raises `InputError` where arguments that go by name come without."""
+    if unnamed:
+        raise InputError(
+            f"{what}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
+            "without a name."
+        )
 
 
 def component_axes(kind: str) -> int:
@@ -313,10 +332,11 @@ class System:
     n: int | None = None
     numbers: str = "any"
 
-    def __call__(self, **params: Any) -> Model:
-        """The system with these parameters."""
+    def __call__(self, *unnamed: Any, **params: Any) -> Model:
+        """The system with these parameters, by name.  Raises `InputError` as `Model` does."""
         from kreisel.model import Model
 
+        require_names(unnamed, self.name, [p.letter for p in self.parameters])
         return Model(self, params)
 
     def __repr__(self) -> str:

@@ -7,13 +7,43 @@ import errno
 import signal
 from collections.abc import Iterable
 
+LONGEST = 1500  # characters of a message: what was expected stands at its head, the fix at its end
+SHOWN = 100  # characters of a value in it
+
+
+def printable(text: object) -> str:
+    """Text on one line whose control characters are written out: those of a file could drive a terminal."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
+
+
+def shown(value: object) -> str:
+    """A value as it may stand in a message, briefly, whatever it is."""
+    try:
+        text = repr(value)
+    except Exception:  # a whole number of more digits than Python prints, or what a class of the user's raises
+        digits = f" of {value.bit_length():,} bits" if isinstance(value, int) else ""
+        return f"a value of type {type(value).__name__}{digits}"
+    return brief(text, SHOWN)
+
+
+def brief(text: object, most: int = LONGEST) -> str:
+    """Printable text, its middle left out where it is longer."""
+    told, end = printable(text), most // 3
+    return told if len(told) <= most else f"{told[: most - end - 5]} ... {told[-end:]}"
+
 
 class InputError(ValueError):
     """Input that cannot be used.  The message says what was expected, what came, and how to mend it."""
 
+    def __init__(self, message: object):
+        ValueError.__init__(self, brief(message))
+
 
 class RunError(RuntimeError):
     """A run that had to stop: a state that is no longer finite, a disk that is full."""
+
+    def __init__(self, message: object):
+        RuntimeError.__init__(self, brief(message))
 
 
 class ConservationWarning(UserWarning):
@@ -26,9 +56,10 @@ class Stopped(RunError):
     def __init__(self, number: int, steps: int, part: object):
         self.number = number
         name = str(part).removesuffix(".part")
-        super().__init__(
+        RunError.__init__(
+            self,
             f"stopped by {signal.Signals(number).name} after {steps:,} steps. All of them are kept in {part}; "
-            f"`kreisel resume {name}` goes on."
+            f"`kreisel resume {name}` goes on.",
         )
 
 
@@ -37,9 +68,10 @@ class Interrupted(RunError):
 
     def __init__(self, number: int, done: int, total: int, part: object):
         self.number = number
-        super().__init__(
+        RunError.__init__(
+            self,
             f"stopped by {signal.Signals(number).name} after {done:,} of {total:,} blocks, which are kept in {part}; "
-            "the same command goes on."
+            "the same command goes on.",
         )
 
 
@@ -58,5 +90,5 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """' Did you mean 'x'?' for the known word most like `word`, or nothing."""
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    close = difflib.get_close_matches(word[:SHOWN], list(known), n=1, cutoff=0.5)
     return f" Did you mean {close[0]!r}?" if close else ""

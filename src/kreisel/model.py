@@ -22,9 +22,11 @@ from kreisel.contract import (
     PhaseSpace,
     System,
     call,
+    check_dimension,
     component_axes,
+    require_names,
 )
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 
 
 class State(Mapping[str, Array]):
@@ -84,7 +86,8 @@ class Model:
         for letter in params:
             if letter not in known:
                 raise InputError(
-                    f"{system.name} has the parameters {', '.join(known)}; {letter!r} came.{nearest(letter, known)}"
+                    f"{system.name} has the parameters {', '.join(known)}; {shown(letter)} came."
+                    f"{nearest(letter, known)}"
                 )
         self.params: dict[str, Array] = {}
         for p in system.parameters:
@@ -164,7 +167,8 @@ class Model:
         and states off the phase space.
         """
 
-        def state(**components: Any) -> State:
+        def state(*unnamed: Any, **components: Any) -> State:
+            require_names(unnamed, f"A state of {self.system.name}", self.system.space.letters)
             return self._state(components)
 
         keyword = inspect.Parameter.KEYWORD_ONLY
@@ -179,7 +183,7 @@ class Model:
             if letter not in space.letters:
                 raise InputError(
                     f"A state of {self.system.name} has the components {', '.join(space.letters)} "
-                    f"({self.system.frame.value} frame); {letter!r} came.{nearest(letter, space.letters)}"
+                    f"({self.system.frame.value} frame); {shown(letter)} came.{nearest(letter, space.letters)}"
                 )
         parts = {}
         for letter, kind in space.components:
@@ -221,26 +225,27 @@ def _whole_dimension(value: Array, letter: str, system: str) -> int:
         raise InputError(
             f"{system}'s parameter {letter} is the dimension, a whole number from 3 on; {value.tolist()} came."
         )
+    check_dimension(n, f"{system}'s parameter {letter}")
     return n
 
 
 def _array(value: Any, name: str) -> Array:
     try:
         array = np.asarray(value)
-    except ValueError:
-        raise InputError(f"{name} must be an array of numbers; a ragged list came: {value!r}.") from None
+    except (ValueError, TypeError):
+        raise InputError(f"{name} must be an array of numbers; a ragged list came: {shown(value)}.") from None
     if array.dtype == object and all(isinstance(v, int | float) for v in array.flat):  # some beyond 64 bits
         try:
             array = array.astype(np.float64)
         except OverflowError:
-            raise InputError(f"{name} must be numbers that a double can hold; {str(value)[:80]}... came.") from None
+            raise InputError(f"{name} must be numbers that a double can hold; {shown(value)} came.") from None
     if array.dtype == object and all(hasattr(v, "__mul__") and not isinstance(v, str | list) for v in array.flat):
         return array
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be real numbers; {value!r} came.")
+        raise InputError(f"{name} must be real numbers; {shown(value)} came.")
     array = array.astype(np.promote_types(array.dtype, np.float64))
     if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite; {value!r} came. Look for NaN or infinity in the input.")
+        raise InputError(f"{name} must be finite; {shown(value)} came. Look for NaN or infinity in the input.")
     return array
 
 
@@ -252,6 +257,8 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
     name = f"{system}'s parameter {p.letter}"
     array = _array(value, name)
     axes = _axes(p, array)
+    if p.kind in ("vector", "symmetric") and array.ndim:
+        check_dimension(array.shape[-1], name)
     if p.kind == "symmetric" and array.ndim == 1:
         array = array[..., None] * np.eye(array.shape[-1], dtype=np.int8)
     if array.ndim < axes or array.ndim > axes + 1:

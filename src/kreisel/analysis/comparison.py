@@ -12,6 +12,7 @@ from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
 from kreisel.runs.drift import drift
 from kreisel.runs.geometry import kinds_of
+from kreisel.runs.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,6 +66,8 @@ def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
     """
     import pandas as pd
 
+    for each in (run, other):
+        a_run(each, "system", "n", "method")
     for key in ("system", "n"):
         if run.attrs[key] != other.attrs[key]:
             raise InputError(f"Runs of one system can be compared; {key} is {run.attrs[key]} and {other.attrs[key]}.")

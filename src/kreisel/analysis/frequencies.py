@@ -17,6 +17,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError
 from kreisel.runs import harmonics
+from kreisel.runs.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +73,7 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
     those of the saved states: of a map, of its interpolating flow; beyond pi/(dt every) they are folded.  Raises
     `InputError` for ensembles, for rows not evenly spaced and for fewer than 16.
     """
-    if "lane" in run.dims:
+    if "lane" in a_run(run).dims:
         raise InputError("frequencies takes one trajectory: choose a lane, run.isel(lane=0).")
     return lines_of(np.asarray(run["time"].values), series(run, quantity), lines, power=power, quantity=label(quantity))
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 from kreisel.model import Model
+from kreisel.runs.reading import a_run
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +25,7 @@ def parse(quantity: str) -> tuple[str, tuple[int, ...]]:
     """A name and its indices, counted from 0.  Raises `InputError`."""
     found = NAME.fullmatch(quantity)
     if found is None:
-        raise InputError(f'A quantity is a name such as "a[2]" or "m[0, 1]", or a function; {quantity!r} came.')
+        raise InputError(f'A quantity is a name such as "a[2]" or "m[0, 1]", or a function; {shown(quantity)} came.')
     return found[1], tuple(int(i) for i in found[2].split(",")) if found[2] else ()
 
 
@@ -33,7 +34,9 @@ def pick(value: Array, index: tuple[int, ...], name: str, lead: int) -> Array:
     shape = value.shape[lead:]
     if len(index) != len(shape) or any(i >= size for i, size in zip(index, shape, strict=True)):
         example = f"{name}[{', '.join(['0'] * len(shape))}]" if shape else name
-        raise InputError(f"{name} has the shape {shape}: one number of it is {example!r}; the indices {index} came.")
+        raise InputError(
+            f"{name} has the shape {shape}: one number of it is {shown(example)}; the indices {index} came."
+        )
     return value[(..., *index)]
 
 
@@ -44,12 +47,13 @@ def label(quantity: Quantity) -> str:
 
 def series(run: xr.Dataset, quantity: Quantity) -> Array:
     """The quantity at every row, (time,) or (time, lane); functions take the variables of the state as stored."""
+    a_run(run)
     lead = 1 + ("lane" in run.dims)
     if isinstance(quantity, str):
         name, index = parse(quantity)
         if name not in run:
             raise InputError(
-                f"The run has no {name!r}.{nearest(name, map(str, run))} It has {', '.join(map(str, run))}."
+                f"The run has no {shown(name)}.{nearest(name, map(str, run))} It has {', '.join(map(str, run))}."
             )
         return np.asarray(pick(run[name], index, name, lead).values)
     from kreisel.runs.geometry import kinds_of
@@ -69,7 +73,9 @@ def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], 
     if isinstance(quantity, str):
         name, index = parse(quantity)
         if name not in kinds:
-            raise InputError(f"{name!r} is no component of the state, {', '.join(kinds)}; a function may combine them.")
+            raise InputError(
+                f"{shown(name)} is no component of the state, {', '.join(kinds)}; a function may combine them."
+            )
         place = list(kinds).index(name)
         return lambda state: pick(stored(state)[place], index, name, 1)
     return lambda state: _called(quantity, stored(state), state[0].shape[:1])

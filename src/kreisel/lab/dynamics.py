@@ -22,7 +22,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.engines.cpu import Kernel
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, shown
 from kreisel.lab import exact
 from kreisel.lab.exact import Dual
 from kreisel.lab.fields import fraction
@@ -87,7 +87,7 @@ class Orbit:
         self.what = what
         start = np.asarray(x, dtype=np.float64)
         if start.shape != (what.dim,) or not np.isfinite(start).all():
-            raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}; {x!r} came.")
+            raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}; {shown(x)} came.")
         rows = start[None]
         if vectors is not None:
             rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 
 # p = k 2^e + 1 below 2^30, with 3 as a primitive root: products of residues fit 64 bits, and 2^e-th roots of 1 exist
 PRIMES = (998244353, 469762049, 167772161)
@@ -122,7 +122,7 @@ def fraction(x: Any) -> Fraction:
     try:
         return Fraction(x.item() if isinstance(x, np.generic) else x)
     except (ValueError, TypeError, ZeroDivisionError, OverflowError):
-        raise InputError(f"A whole number or a fraction such as 1/3 was expected; {x!r} came.") from None
+        raise InputError(f"A whole number or a fraction such as 1/3 was expected; {shown(x)} came.") from None
 
 
 def residue(x: Any, p: int) -> int:

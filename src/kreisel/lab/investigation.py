@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System, keywords
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS, Clues, Finding, verdict
 from kreisel.lab.subject import Subject, subject
@@ -155,7 +155,7 @@ def _subject(
     if not callable(what):
         raise InputError(
             "A model, a system, its name, or a function step was expected, such as kr.lab.investigate('clebsch'); "
-            f"{what!r} came."
+            f"{shown(what)} came."
         )
     extra = {k: options.pop(k) for k in ("tensor", "lax", "conjugator", "involution", "flow", "start") if k in options}
     if names:
@@ -170,7 +170,7 @@ def _subject(
 def _on_group(step: Callable[..., Any], n: int, frame: str, constants: dict[str, Any]) -> Model:
     """A function step(M, P, *, constants, eps) as a model."""
     if frame not in ("moving", "rest"):
-        raise InputError(f"frame must be 'moving' or 'rest'; {frame!r} came.")
+        raise InputError(f"frame must be 'moving' or 'rest'; {shown(frame)} came.")
     missing = keywords(step) - constants.keys() - {"eps"}
     if missing:
         raise InputError(f"The step takes {', '.join(sorted(missing))} by keyword: give their values.")

@@ -20,7 +20,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Baecklund, Frame, Map, System, call, keywords
 from kreisel.engines import layout
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.lab import exact
 from kreisel.lab.exact import along, jacobian, random_rotation, slopes
 from kreisel.lab.orders import baecklund_orders, flowed, measured_orders
@@ -634,9 +634,11 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
     """A random state and step, and random parameters unless a model is given; `numbers` is "exact" or "float"."""
     record = system.system if isinstance(system, Model) else system
     if numbers == "exact" and record.numbers != "any":
-        raise InputError(f"{record.name} takes floats only (numbers = {record.numbers!r}); use numbers=('float',).")
+        raise InputError(
+            f"{record.name} takes floats only (numbers = {shown(record.numbers)}); use numbers=('float',)."
+        )
     if numbers not in ("exact", "float"):
-        raise InputError(f"numbers must be 'exact' or 'float'; {numbers!r} came.")
+        raise InputError(f"numbers must be 'exact' or 'float'; {shown(numbers)} came.")
     rng = np.random.default_rng([seed, n])
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)

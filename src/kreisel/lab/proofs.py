@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.contract import System, call
 from kreisel.engines import layout
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.lab.subject import coordinate_names
 from kreisel.model import Model
 
@@ -83,7 +83,7 @@ def prove(what: System | Model, names: tuple[str, ...] = ("casimir", "energy"), 
     functions = {"casimir": system.space.casimirs, "energy": system.energy, **system.integrals}
     for name in names:
         if functions.get(name) is None:
-            raise InputError(f"{system.name} states no {name!r}; it states {', '.join(functions)}.")
+            raise InputError(f"{system.name} states no {shown(name)}; it states {', '.join(functions)}.")
     n = what.n if isinstance(what, Model) else n
     state, known, unknowns = _symbols(what, system, n)
     new = tuple(call(mapped.step, state, known))

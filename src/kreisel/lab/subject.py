@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import call
 from kreisel.engines import layout
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.lab import exact
 from kreisel.lab.fields import fraction, random_residues, residues
 from kreisel.model import Model
@@ -125,7 +125,7 @@ def subject(what: Any, *, eps: Any = None, names: tuple[str, ...] | None = None,
     if not callable(what) or not names:
         raise InputError(
             "Give a model with a map, such as kr.LagrangeTop(p=(0, 0, 1)), or a function step(x) with the names of its "
-            f"coordinates, names=('x', 'y'); {what!r} came."
+            f"coordinates, names=('x', 'y'); {shown(what)} came."
         )
     return Subject(getattr(what, "__name__", "step"), what, tuple(names), constants)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 from kreisel.methods.baecklund import baecklund
 from kreisel.methods.exact import exact
 from kreisel.methods.lagrangian import lagrangian
@@ -60,7 +60,7 @@ def scheme(model: Model, method: str | None, dt: float, order: int | None, orien
     """The scheme of that name.  Raises `InputError` with the nearest name."""
     name = default_method(model) if method is None else method
     if not isinstance(name, str):
-        raise InputError(f"method must be a name, one of {', '.join(METHODS)}; {name!r} came.")
+        raise InputError(f"method must be a name, one of {', '.join(METHODS)}; {shown(name)} came.")
     if name not in METHODS:
-        raise InputError(f"No method is called {name!r}.{nearest(name, METHODS)} There are: {', '.join(METHODS)}.")
+        raise InputError(f"No method is called {shown(name)}.{nearest(name, METHODS)} There are: {', '.join(METHODS)}.")
     return METHODS[name](model, dt, order, oriented)

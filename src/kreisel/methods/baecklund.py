@@ -17,7 +17,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Baecklund, Frame, call
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
 from kreisel.model import Model
@@ -76,7 +76,7 @@ def baecklund(model: Model, dt: float, order: int | None, oriented: bool) -> Sch
     record = _record(model)
     if isinstance(order, bool) or order not in range(2, MOST_ORDER + 1, 2):
         raise InputError(
-            f"method='baecklund' has the orders 2, 4, 6, ... {MOST_ORDER}; order={order!r} came. "
+            f"method='baecklund' has the orders 2, 4, 6, ... {MOST_ORDER}; order={shown(order)} came. "
             "High orders pay: order 12 with a long step is cheaper than order 4 with a short one."
         )
     points = stage_points(order, dt)

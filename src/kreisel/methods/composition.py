@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 
 SUZUKI = 4 ** (1 / 3)
 FIRST_HALVES = {  # gamma_1 ... up to the middle one
@@ -42,6 +42,8 @@ def symmetric_composition(order: int | None, method: str) -> Array:
     order = 2 if order is None else order
     if order not in ORDERS:
         told = ", ".join(map(str, ORDERS))
-        raise InputError(f"method={method!r} has the orders {told} (symmetric compositions); order={order!r} came.")
+        raise InputError(
+            f"method={shown(method)} has the orders {told} (symmetric compositions); order={shown(order)} came."
+        )
     half = FIRST_HALVES[order]
     return np.array(half + half[-2::-1])

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.methods.exact_pair import exact_pair
 from kreisel.methods.jacobi import jacobi
 from kreisel.methods.motion import UNTURNED, Motion
@@ -105,7 +105,9 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
             f"The exact flow is known for n = 3 only; n = {model.n} came. Use another method, such as method='suris'."
         )
     if order is not None:
-        raise InputError(f"method='exact' has no order, it is the flow itself; order={order!r} came. Leave order out.")
+        raise InputError(
+            f"method='exact' has no order, it is the flow itself; order={shown(order)} came. Leave order out."
+        )
     if system.moments is not None:
         return jacobi(model, oriented)
     if system.top is None:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, Function, call
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Scheme
 from kreisel.model import Model
@@ -29,7 +29,9 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
             "Use method='suris'."
         )
     if order not in (None, phi.order):
-        raise InputError(f"The map of {model.system.name} has order {phi.order}; order={order!r} came. Leave it out.")
+        raise InputError(
+            f"The map of {model.system.name} has order {phi.order}; order={shown(order)} came. Leave it out."
+        )
     if oriented and phi.generator is None:
         raise InputError(
             f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "

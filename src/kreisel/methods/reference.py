@@ -5,7 +5,7 @@ from __future__ import annotations
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Scheme
 from kreisel.model import Model
@@ -19,7 +19,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     The orientation is carried as a matrix: g' = omega g in the rest frame, g' = g Omega in the moving frame.
     """
     if order not in (None, 8):
-        raise InputError(f"method='dop853' has order 8 only; order={order!r} came. Leave order out.")
+        raise InputError(f"method='dop853' has order 8 only; order={shown(order)} came. Leave order out.")
     observe, outcomes = observer(model, None, None)
     space = model.system.space
     count = len(space.letters)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, call
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.methods.exact import iterates
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
@@ -23,7 +23,7 @@ def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     phi = model.map
     if order not in (1, 2):
         raise InputError(
-            f"method='suris' has order 1 (the paper's map) or 2 (its half-kick conjugate); order={order!r} came."
+            f"method='suris' has order 1 (the paper's map) or 2 (its half-kick conjugate); order={shown(order)} came."
         )
     if model.system.numbers != "any" or phi.to_symmetric is None:
         raise InputError(f"{model.system.name} has no map for method='suris'. Use method='lagrangian'.")

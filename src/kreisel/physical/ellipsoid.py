@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.model import Model, State
 from kreisel.physical.measures import RATE, SI, Units, check, scales_of, to_si
 from kreisel.systems import Kirchhoff
@@ -36,7 +36,7 @@ class Ellipsoid:
     def __post_init__(self) -> None:
         to_si(self, semi_axes="m", mass="kg", fluid_density="kg/m^3")
         if len(self.semi_axes) != 3:
-            raise InputError(f"semi_axes must be three lengths (a, b, c) in m; {self.semi_axes!r} came.")
+            raise InputError(f"semi_axes must be three lengths (a, b, c) in m; {shown(self.semi_axes)} came.")
         check(positive=True, mass=self.mass, **dict(zip("abc", self.semi_axes, strict=True)))
         check(positive=self.fluid_density != 0, fluid_density=self.fluid_density)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.model import Model, State
 from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, check, numbers, scales_of, to_si
 from kreisel.systems import HeavyTop
@@ -39,7 +39,7 @@ class HeavyBody:
         check(positive=True, mass=self.mass)
         check(gravity=self.gravity)
         if self.gravity < 0:
-            raise InputError(f"gravity must not be negative: it points down, along -e3; {self.gravity!r} came.")
+            raise InputError(f"gravity must not be negative: it points down, along -e3; {shown(self.gravity)} came.")
         for name, shapes in (("inertia", ((3,), (3, 3))), ("arm", ((3,),))):
             object.__setattr__(self, name, numbers(getattr(self, name), name, shapes))
         if self.inertia.ndim == 1:

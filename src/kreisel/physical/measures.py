@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.units import Scale, Scales, si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
@@ -20,7 +20,7 @@ def check(*, positive: bool = False, **values: Any) -> None:
     for name, value in values.items():
         number = isinstance(value, int | float | np.floating | np.integer) and math.isfinite(value)
         if not number or (positive and value <= 0):
-            raise InputError(f"{name} must be a finite number{' > 0' * positive} in SI units; {value!r} came.")
+            raise InputError(f"{name} must be a finite number{' > 0' * positive} in SI units; {shown(value)} came.")
 
 
 def to_si(body: Any, **units: str) -> None:
@@ -60,5 +60,5 @@ def numbers(value: Any, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> 
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
         told = " or ".join(map(str, shapes)) or "(..., 3)"
-        raise InputError(f"{name} must be finite numbers of shape {told}; {value!r} came.")
+        raise InputError(f"{name} must be finite numbers of shape {told}; {shown(value)} came.")
     return array

@@ -22,7 +22,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.reduction import linear, newton
 from kreisel.reduction.double import double, jax
 
@@ -75,7 +75,7 @@ class Group:
         object.__setattr__(self, "n", self.n or basis.shape[-1])
         _check_closed(self)
         if self.retraction not in ("", *RETRACTIONS):
-            raise InputError(f"retraction must be one of {', '.join(RETRACTIONS)}; {self.retraction!r} came.")
+            raise InputError(f"retraction must be one of {', '.join(RETRACTIONS)}; {shown(self.retraction)} came.")
         stays = self.retraction != "exponential" and _cayley_stays(self)
         if self.retraction == "cayley" and not stays:
             raise InputError(
@@ -220,7 +220,7 @@ def _cayley_stays(group: Group) -> bool:
 def SO(n: int) -> Group:
     """Rotations of R^n, n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2."""
     if not isinstance(n, int) or n < 2:
-        raise InputError(f"SO(n) needs a whole n >= 2; {n!r} came.")
+        raise InputError(f"SO(n) needs a whole n >= 2; {shown(n)} came.")
     return Group(f"SO({n})", algebra.skew(np.eye(n * (n - 1) // 2), n), n=n, skew=True)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra, invariants
 from kreisel.algebra import Array
 from kreisel.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, symmetric_rule
@@ -77,7 +77,7 @@ def _frame(frame: str | Frame) -> Frame:
     try:
         return Frame(frame)
     except ValueError:
-        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a); {frame!r} came.") from None
+        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a); {shown(frame)} came.") from None
 
 
 def constants(function: Callable[..., Any] | None) -> dict[str, Any]:
@@ -108,7 +108,7 @@ class _Record:
         for letter in stated:
             if letter not in found:
                 raise InputError(
-                    f"No Lagrangian takes the parameter {letter!r}; they take {', '.join(found) or 'none'}."
+                    f"No Lagrangian takes the parameter {shown(letter)}; they take {', '.join(found) or 'none'}."
                 )
         self.axes = [component_axes(s.kind) for s in self.spaces]
         self.keywords = {p.letter: PARAMETER_AXES.get(p.kind) for p in self.parameters}
@@ -258,7 +258,7 @@ class _Record:
         for k in kept:
             if k not in ("energy", *integrals):
                 raise InputError(
-                    f"kept names {k!r}, which is no integral; there are: {', '.join(integrals) or 'none'}."
+                    f"kept names {shown(k)}, which is no integral; there are: {', '.join(integrals) or 'none'}."
                 )
         moving = self.frame is Frame.MOVING
         flow = (
@@ -295,7 +295,7 @@ class _Record:
         mine = constants(function)
         unknown = [k for k in mine if k not in self.keywords]
         if unknown:
-            raise InputError(f"An integral takes {unknown[0]!r}, which no Lagrangian takes.")
+            raise InputError(f"An integral takes {shown(unknown[0])}, which no Lagrangian takes.")
         return lambda *state, **known: function(*state, **{k: known[k] for k in mine})
 
     def _named(self, function: Callable[..., Any]) -> Callable[..., Any]:

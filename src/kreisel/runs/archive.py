@@ -35,7 +35,7 @@ from kreisel.runs import checkpoint, manifest
 from kreisel.runs.drift import KINDS
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
-from kreisel.runs.reading import parsed
+from kreisel.runs.reading import parsed, place
 from kreisel.runs.replacing import LARGEST_METADATA, part_of, remove, require_replaceable, settled, stands, take_name
 
 if TYPE_CHECKING:
@@ -239,11 +239,8 @@ def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def target(path: str | os.PathLike[str]) -> Path:
-    """A path that can name an archive.  Raises `InputError`."""
-    where = Path(path)
-    if not where.name or "\0" in str(where) or where.name == "..":
-        raise InputError(f"The archive needs a name such as run.zarr; {str(path)!r} came.")
-    return where
+    """A path that can name an archive, with ~ for the user's own folder.  Raises `InputError`."""
+    return place(path, "The archive needs a name such as run.zarr")
 
 
 class Archive:

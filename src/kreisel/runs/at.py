@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, shown
 from kreisel.runs.plan import plan_of_times, positive
 
 if TYPE_CHECKING:
@@ -43,7 +43,9 @@ def at(
     wanted = _times(times)
     flat = np.atleast_1d(wanted)
     if (dt is None) != (method == "exact"):
-        raise InputError(f"method={method!r} {'has no step: leave dt out' if dt is not None else 'needs a step dt'}.")
+        raise InputError(
+            f"method={shown(method)} {'has no step: leave dt out' if dt is not None else 'needs a step dt'}."
+        )
     step = 1.0 if dt is None else positive(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
         raise InputError("The times of a map are its steps, whole numbers k for the time k dt; others came.")
@@ -76,5 +78,5 @@ def _times(times: Any) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         wanted = np.full(1, np.nan)
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
-        raise InputError(f"times must be a finite number or a list of them, at least one; {times!r} came.")
+        raise InputError(f"times must be a finite number or a list of them, at least one; {shown(times)} came.")
     return wanted

@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from kreisel.errors import InputError, nearest
-from kreisel.runs.reading import shallow
+from kreisel.errors import InputError, nearest, shown
+from kreisel.runs.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
@@ -76,7 +76,7 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # what is no TOML, and whole numbers of thousands of digits
         raise InputError(f"{path} is not valid TOML: {error}") from None
 
 
@@ -117,7 +117,7 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     path = _named(output.path, "path", source)
     figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
     if figure.suffix.lower() not in FIGURES:
-        raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {str(figure)!r} came.")
+        raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {shown(str(figure))} came.")
     return Config(name, file, system, state, orientation, run, path, figure)
 
 
@@ -125,7 +125,8 @@ def _check_sections(data: Mapping[str, Any], known: Sequence[str], source: str) 
     for section in data:
         if section not in known:
             raise InputError(
-                f"{source} has a section or key {section!r}; expected are {', '.join(known)}.{nearest(section, known)}"
+                f"{source} has a section or key {shown(section)}; expected are {', '.join(known)}."
+                f"{nearest(section, known)}"
             )
 
 
@@ -135,19 +136,18 @@ def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, P
     name = system.get("name")
     if not isinstance(name, str):
         raise InputError(
-            f'{source} needs `name = "..."` in [system]; {name!r} came. `kreisel systems` lists the names.'
+            f'{source} needs `name = "..."` in [system]; {shown(name)} came. `kreisel systems` lists the names.'
         )
     file = system.pop("file", None)
     if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
-        raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py"; {file!r} came.')
+        raise InputError(
+            f'{source}: file in [system] must name a Python file, such as "my_top.py"; {shown(file)} came.'
+        )
     return name, folder / file if file else None, system
 
 
 def _named(text: str, key: str, source: str) -> Path:
-    path = Path(text)
-    if not path.name or "\0" in text or path.name == "..":
-        raise InputError(f"{source}: {key} in [output] must name a file or folder to make; {text!r} came.")
-    return path
+    return place(text, f"{source}: {key} in [output] must name a file or folder to make")
 
 
 def _table(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
@@ -162,7 +162,7 @@ def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, so
     for key in table:
         if key not in names:
             raise InputError(
-                f"{source}: [{section}] has the key {key!r}; expected are {', '.join(names)}.{nearest(key, names)}"
+                f"{source}: [{section}] has the key {shown(key)}; expected are {', '.join(names)}.{nearest(key, names)}"
             )
 
 

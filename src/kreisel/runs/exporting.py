@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, shown
 from kreisel.runs.archive import open_run, target, too_large
 from kreisel.runs.replacing import require_file, written
 
@@ -39,6 +39,11 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
         raise InputError(f"The export must end in {', '.join(WRITERS)}; {str(out)!r} came.")
     require_file(where, overwrite)
     data = open_run(run) if isinstance(run, str | os.PathLike) else run
+    if not hasattr(data, "data_vars") or not data.variables:
+        raise InputError(
+            "expected the path of an archive or a Dataset such as kr.simulate returns, got "
+            f"{shown(type(run).__name__)}."
+        )
     if too_large(data):
         raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
     try:

@@ -10,11 +10,11 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 from kreisel.runs.archive import is_own, model_of
-from kreisel.runs.reading import parsed
+from kreisel.runs.reading import a_run, parsed
 from kreisel.systems import find
 
 if TYPE_CHECKING:
@@ -57,12 +57,13 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
 
 def model_for(run: xr.Dataset, system: Model | None) -> Model:
     """The model of a run; a system of the user's own must be given.  Raises `InputError`."""
+    a_run(run, "system")
     if system is None:
         if is_own(run.attrs):
             raise InputError(f"{run.attrs['system']} is a system of your own: give it as system=...")
         return model_of(run.attrs)
     if not isinstance(system, Model) or system.system.name != run.attrs["system"]:
-        raise InputError(f"The run is of {run.attrs['system']}; {system!r} came as its system.")
+        raise InputError(f"The run is of {run.attrs['system']}; {shown(system)} came as its system.")
     return system
 
 
@@ -87,6 +88,7 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
 
 def orientation_of(run: xr.Dataset) -> Array:
     """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` where it has none, or n > 3."""
+    a_run(run)
     if ORIENTATION not in run or run[ORIENTATION].shape[-1] != 4:
         raise InputError(
             "The run carries no orientation for n = 3. Run it again with orientation=(1, 0, 0, 0), or in the TOML file "

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 
 MOST_LANES = 10**7
 LARGEST_DESCRIPTION = 32 << 20  # bytes of JSON
@@ -145,12 +145,12 @@ class Lanes:
         if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in DRAWS:
             raise InputError(
                 f"{quantity.name} in [sweep.random] must be one of {{ uniform = [a, b] }}, {{ loguniform = [a, b] }}, "
-                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}; {told!r} came."
+                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}; {shown(told)} came."
             )
         ((kind, values),) = told.items()
         listed = list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
         if len(listed) != DRAWS[kind]:
-            raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values; {values!r} came.")
+            raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values; {shown(values)} came.")
         bounds = tuple(_numbers(v, quantity.name) for v in listed)
         given = self.base[quantity.section].get(quantity.letter)
         try:
@@ -164,7 +164,7 @@ class Lanes:
         if kind == "sphere" and len(shape) != 1:
             raise InputError(f"{quantity.name}: sphere draws a vector; give the vector in [{quantity.section}] too.")
         if kind == "loguniform" and not all((b > 0).all() for b in bounds):
-            raise InputError(f"{quantity.name}: loguniform needs positive bounds; {values!r} came.")
+            raise InputError(f"{quantity.name}: loguniform needs positive bounds; {shown(values)} came.")
         if quantity.index and shape:
             raise InputError(f"{quantity.name} is one number; bounds of shape {shape} came.")
         return Draw(kind, bounds, shape)
@@ -210,7 +210,7 @@ class Lanes:
 def _quantities(told: Any, where: str) -> list[tuple[Quantity, Any]]:
     """Pairs of [sweep.grid] and the others, where `system.p`, `[sweep.grid.system]` and `"system.p"` are the same."""
     if not isinstance(told, Mapping):
-        raise InputError(f"[sweep.{where}] must be a table of quantities and their values; {told!r} came.")
+        raise InputError(f"[sweep.{where}] must be a table of quantities and their values; {shown(told)} came.")
     flat: list[tuple[str, Any]] = []
     for key, value in told.items():
         if "." not in key and isinstance(value, Mapping) and key in SECTIONS:
@@ -225,8 +225,8 @@ def _quantity(key: str, where: str) -> Quantity:
     told = KEY.fullmatch(rest)
     if section not in SECTIONS or told is None:
         raise InputError(
-            f"[sweep.{where}] names {key!r}; expected are names such as system.alpha, state.m, state.m[2] or run.dt."
-            f"{nearest(section, SECTIONS)}"
+            f"[sweep.{where}] names {shown(key)}; expected are names such as system.alpha, state.m, state.m[2] or "
+            f"run.dt.{nearest(section, SECTIONS)}"
         )
     index = tuple(int(i) for i in told[2].split(",")) if told[2] else ()
     return Quantity(section, told[1], index)
@@ -237,10 +237,12 @@ def _table(quantity: Quantity, told: Any) -> Array:
     if isinstance(told, Mapping):
         return _range(quantity, told)
     if isinstance(told, str) or not isinstance(told, Sequence | np.ndarray) or len(told) == 0:
-        raise InputError(f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}; {told!r} came.")
+        raise InputError(
+            f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}; {shown(told)} came."
+        )
     if all(isinstance(v, str) for v in told):
         if quantity.section != "run" or quantity.index:
-            raise InputError(f"{quantity.name} must be numbers; {told!r} came.")
+            raise InputError(f"{quantity.name} must be numbers; {shown(told)} came.")
         return np.array(told)
     table = _numbers(told, quantity.name)
     if quantity.index and table.ndim != 1:
@@ -251,15 +253,15 @@ def _table(quantity: Quantity, told: Any) -> Array:
 def _range(quantity: Quantity, told: Mapping[str, Any]) -> Array:
     known = {"from", "to", "count", "spacing"}
     if not {"from", "to", "count"} <= set(told) <= known:
-        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'); {dict(told)!r} came.")
+        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'); {shown(told)} came.")
     count, spacing = told["count"], told.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_LANES:
-        raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}; {count!r} came.")
+        raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}; {shown(count)} came.")
     if spacing not in RANGES:
-        raise InputError(f"{quantity.name}: spacing is 'linear' or 'log'; {spacing!r} came.")
+        raise InputError(f"{quantity.name}: spacing is 'linear' or 'log'; {shown(spacing)} came.")
     low, high = _numbers(told["from"], quantity.name), _numbers(told["to"], quantity.name)
     if spacing == "log" and not ((low > 0).all() and (high > 0).all()):
-        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends; {dict(told)!r} came.")
+        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends; {shown(told)} came.")
     if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
         raise InputError(f"{quantity.name}: from and to need the same shape, and not that many numbers.")
     return np.asarray(RANGES[spacing](low, high, count))
@@ -269,24 +271,19 @@ def _numbers(value: Any, name: str) -> Array:
     try:
         array = np.asarray(value)
     except (ValueError, OverflowError):
-        raise InputError(f"{name}: all values need the same shape; {_short(value)} came.") from None
+        raise InputError(f"{name}: all values need the same shape; {shown(value)} came.") from None
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be numbers; {_short(value)} came.")
+        raise InputError(f"{name} must be numbers; {shown(value)} came.")
     if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite; {_short(value)} came.")
+        raise InputError(f"{name} must be finite; {shown(value)} came.")
     return array if array.dtype.kind != "f" else array.astype(np.float64)
-
-
-def _short(value: Any) -> str:
-    told = repr(value)
-    return told if len(told) < 200 else told[:200] + "..."
 
 
 def _seed(rng: Any, random: bool) -> int:
     if rng is None and not random:
         return 0
     if isinstance(rng, bool) or not isinstance(rng, int) or not 0 <= rng < 2**128:
-        raise InputError(f"Random draws need a seed, rng = 1 or another whole number below 2^128; {rng!r} came.")
+        raise InputError(f"Random draws need a seed, rng = 1 or another whole number below 2^128; {shown(rng)} came.")
     if not random:
         raise InputError("rng is given, but nothing is drawn in [sweep.random].")
     return rng
@@ -298,7 +295,7 @@ def _count(draws: Any, random: bool) -> int:
     if not random:
         raise InputError("draws is given, but nothing is drawn in [sweep.random].")
     if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= MOST_LANES:
-        raise InputError(f"draws must be the number of random draws, 1 to {MOST_LANES:,}; {draws!r} came.")
+        raise InputError(f"draws must be the number of random draws, 1 to {MOST_LANES:,}; {shown(draws)} came.")
     return draws
 
 
@@ -316,7 +313,7 @@ def described(value: Any) -> Any:
         return list(value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise InputError(f"A sweep is described by numbers, words and lists; {_short(value)} came.")
+    raise InputError(f"A sweep is described by numbers, words and lists; {shown(value)} came.")
 
 
 def as_json(description: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from kreisel.contract import System
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 from kreisel.systems import REGISTRY, find
 
 
@@ -25,10 +25,12 @@ def load(name: str, file: Path | None) -> System:
     own = own_systems(executed(file))
     if name in own:
         if name in REGISTRY:
-            raise InputError(f"{file} calls its system {name!r}, as one of Kreisel's is called. Choose another name.")
+            raise InputError(
+                f"{file} calls its system {shown(name)}, as one of Kreisel's is called. Choose another name."
+            )
         return own[name]
     raise InputError(
-        f"{file} defines no system called {name!r} at its top level.{nearest(name, own)} "
+        f"{file} defines no system called {shown(name)} at its top level.{nearest(name, own)} "
         f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...)."
     )
 

@@ -15,7 +15,7 @@ from kreisel.algebra import Array
 from kreisel.contract import component_axes
 from kreisel.engines import layout
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model, State
@@ -151,19 +151,17 @@ def make_plan(
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
     dt, steps, every = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
-    if steps > MOST_STEPS or not math.isfinite(dt * steps):
-        raise InputError(
-            f"{steps:,} steps of {dt:g} are out of reach: at most {MOST_STEPS:,} steps, and a finite time."
-        )
+    method, order = named(method, "method"), _order(order)
+    if not math.isfinite(dt * steps):
+        raise InputError(f"{steps:,} steps of {dt:g} are out of reach: a finite time was expected.")
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
     state = checked_state(model, x0)
     if order == "auto":
         return _chosen(model, state, dt, steps, every, method, orientation, tol, engine)
-    if isinstance(order, str):
-        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund'; {order!r} came.")
+    order = _whole_order(order)
     if tol is not None:
-        raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={order!r} came.")
+        raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={shown(order)} came.")
     plan = scheme(model, method, dt, order, orientation is not None)
     parts = _parts(model, state, orientation)
     engine = _known_engine(engine)
@@ -214,6 +212,7 @@ def choices(model: Any, x0: Any, *, dt: Any, steps: Any, every: Any, method: str
     from kreisel.methods.auto import choose_each
 
     dt, steps, every, state = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every"), checked_state(model, x0)
+    method = named(method, "method")
     _require_choices(model, steps, every, method)
     return choose_each(model, _parts(model, state, None), every * dt, steps * dt, tol)
 
@@ -244,10 +243,10 @@ def plan_of_times(
 
     check_model(model)
     state = checked_state(model, x0)
-    plan = scheme(model, method, dt, order, orientation is not None)
+    plan = scheme(model, named(method, "method"), dt, _whole_order(order), orientation is not None)
     if plan.orbit is None:
         raise InputError(
-            f"No closed form of method={method!r} for {model.system.name} is known here, with n = {model.n}"
+            f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
     parts = _parts(model, state, orientation)
@@ -261,7 +260,7 @@ def check_model(model: Any) -> None:
     """Raises `InputError` for what is not a system with its parameters."""
     if not isinstance(model, Model):
         raise InputError(
-            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {model!r} came."
+            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {shown(model)} came."
         )
 
 
@@ -276,18 +275,20 @@ def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
 
 
 def _known_engine(name: Any) -> str | None:
-    if name is not None and name not in ENGINES:
-        raise InputError(f"No engine is called {name!r}.{nearest(str(name), ENGINES)} There are: {', '.join(ENGINES)}.")
+    if named(name, "engine") is not None and name not in ENGINES:
+        raise InputError(f"No engine is called {shown(name)}.{nearest(name, ENGINES)} There are: {', '.join(ENGINES)}.")
     return name
 
 
 def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str, printer: Printer | None) -> Marcher:
     if name not in ("cpu", "large"):
         if plan.numbers != "any" or plan.step is None:
-            raise InputError(f"engine={name!r} runs maps, not method={plan.name!r} for this system. Use engine='cpu'.")
+            raise InputError(
+                f"engine={shown(name)} runs maps, not method={shown(plan.name)} for this system. Use engine='cpu'."
+            )
         if plan.guard is not None and name == "cuda-float32":
             raise InputError(
-                f"method={plan.name!r} is implicit and is solved to float64's round-off. Use engine='cuda'."
+                f"method={shown(plan.name)} is implicit and is solved to float64's round-off. Use engine='cuda'."
             )
         from kreisel.engines.cuda import Kernel as OnGpu
 
@@ -347,7 +348,7 @@ def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> t
     form = form_of(plan)
     if form is None and asked is not None:
         raise InputError(
-            f"No kernel of O(n) or O(n^2) a step of method={plan.name!r} is known for this system, n = {plan.n}: "
+            f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = {plan.n}: "
             f"engine='large' needs n >= {LEAST_N} and momenta that change along one constant vector, other than 0, or "
             "vectors alone, or one momentum and a single real stage; an orientation with the first of these and "
             "method='suris' alone. Leave engine out."
@@ -360,7 +361,8 @@ def checked_state(model: Model, x0: Any) -> State:
     if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         raise InputError(
-            f"The initial state must come from system.state({letters}), or be a dict or a row of a run; {x0!r} came."
+            f"The initial state must come from system.state({letters}), or be a dict or a row of a run; {shown(x0)} "
+            "came."
         )
     if hasattr(x0, "data_vars"):  # a row of a run, which has more than the state
         missing = [letter for letter in model.system.space.letters if letter not in x0]
@@ -375,20 +377,52 @@ def positive(value: Any, name: str) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be a positive number; {value!r} came.") from None
+        raise InputError(f"{name} must be a positive number; {shown(value)} came.") from None
     if not math.isfinite(number) or number < SHORTEST_STEP:
         raise InputError(
-            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}; {value!r} came. "
+            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}; {shown(value)} came. "
             "To go back in time, reverse the momenta."
         )
     return number
 
 
+def named(value: Any, what: str) -> str | None:
+    """A name, or None for the default.  Raises `InputError`."""
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{what}: expected a name, got {shown(value)}. Leave {what} out for the default.")
+    return value
+
+
+def _order(value: Any) -> int | str | None:
+    """An order, "auto", or None for the default; whole numbers of NumPy too.  Raises `InputError`."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise InputError(f"order: expected a whole number, or 'auto' with method='baecklund', got {shown(value)}.")
+    return int(value)
+
+
+def _whole_order(value: Any) -> int | None:
+    """The same where nothing is chosen.  Raises `InputError`."""
+    order = _order(value)
+    if isinstance(order, str):
+        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund'; {shown(order)} came.")
+    return order
+
+
 def whole(value: Any, name: str) -> int:
     """A number of steps, 1 or more.  Raises `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
-        raise InputError(f"{name} must be a whole number, 1 or more; {value!r} came.")
+        raise InputError(f"{name} must be a whole number, 1 or more; {shown(value)} came.")
+    if value > MOST_STEPS:
+        raise InputError(f"{name}: expected at most {MOST_STEPS:,}, got {shown(value)}, which is out of reach.")
     return int(value)
+
+
+def flag(value: Any, name: str) -> None:
+    """Raises `InputError` for what is neither true nor false."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}: expected True or False, got {shown(value)}.")
 
 
 def _orientation(value: Any, model: Model) -> Array:
@@ -405,7 +439,7 @@ def _orientation(value: Any, model: Model) -> Array:
         return g / length
     quaternion = " or, for n = 3, a unit quaternion (w, x, y, z)" if n == 3 else ""
     if g.ndim < 2 or g.shape[-2:] != (n, n):
-        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}; {value!r} came.")
+        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}; {shown(value)} came.")
     off = float(abs(g @ g.mT - np.eye(n)).max())
     if not off < ORTHOGONAL_TOLERANCE:
         raise InputError(f"The orientation must be orthogonal; g g^T - I is up to {off:.3g}.")

@@ -1,4 +1,4 @@
-"""JSON and TOML that somebody else may have written: data that is nested no deeper than ours ever is.
+"""What somebody else gives: paths, runs, and JSON and TOML, whose data is nested no deeper than ours ever is.
 
 A parser, a printer or a copy of nested data calls itself once a level, so that a few kilobytes of brackets end in a
 `RecursionError` somewhere.  Every text is read here, and nothing deeper gets further.
@@ -7,11 +7,14 @@ A parser, a printer or a copy of nested data calls itself once a level, so that 
 from __future__ import annotations
 
 import json
+import os
+from pathlib import Path
 from typing import Any
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 
 DEEPEST = 32  # levels; a sweep's description needs six
+MOST_BITS = 4096  # of a whole number: longer ones can neither be printed nor used
 NESTING = (dict, list, tuple)
 
 
@@ -30,10 +33,47 @@ def shallow(value: Any, what: str) -> Any:
     """The value itself.  Raises `InputError` where lists and tables are nested too deep."""
     level = [value]
     for _ in range(DEEPEST):
+        for number in level:
+            if isinstance(number, int) and number.bit_length() > MOST_BITS:
+                raise InputError(
+                    f"{what}: expected whole numbers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
+                )
         level = [inner for outer in level for inner in _inside(outer)]
     if any(isinstance(rest, NESTING) for rest in level):
         raise InputError(_too_deep(what))
     return value
+
+
+def place(path: Any, needed: str) -> Path:
+    """A path that names a file or folder to make, with ~ expanded.  Raises `InputError`, `needed` in front.
+
+    ~ alone is a home folder, and none to make: an archive there would stand in its place.
+    """
+    try:
+        given = Path(path) if isinstance(path, str | os.PathLike) else Path()
+        where = Path() if len(given.parts) == 1 and given.name.startswith("~") else given.expanduser()
+    except (TypeError, RuntimeError):  # of bytes; ~name of nobody
+        where = Path()
+    if not where.name or "\0" in str(where) or where.name == "..":
+        raise InputError(f"{needed}; {shown(str(path) if isinstance(path, os.PathLike) else path)} came.")
+    return where
+
+
+def a_run(run: Any, *attributes: str) -> Any:
+    """The Dataset of a run itself, with these attributes.  Raises `InputError` for anything else."""
+    if not hasattr(run, "data_vars") or not hasattr(run, "attrs"):
+        raise InputError(
+            f"expected a run, the Dataset of kr.simulate or kr.open_run, got {shown(type(run).__name__)}. "
+            "An archive is opened by kr.open_run(path)."
+        )
+    missing = [name for name in attributes if name not in run.attrs]
+    missing += ["time"] if "time" not in run.variables else []
+    if missing:
+        raise InputError(
+            f"expected a run with its times and attributes, got a Dataset without {', '.join(missing)}. Usual cause: "
+            "an operation of xarray, which drops attributes; xarray.set_options(keep_attrs=True) keeps them."
+        )
+    return run
 
 
 def _inside(value: Any) -> Any:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Interrupted
+from kreisel.errors import InputError, Interrupted, shown
 from kreisel.model import Model
 from kreisel.runs import blocks, manifest
 from kreisel.runs.archive import require_sound, target
@@ -178,12 +178,12 @@ def _checked(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
     told = {k: v for k, v in description["sweep"].items() if v is not None}
     saved = told.setdefault("save", [*DEFAULT_SAVE])
     if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):
-        raise InputError(f"save in [sweep] must list some of {', '.join(SAVED)}; {saved!r} came.")
+        raise InputError(f"save in [sweep] must list some of {', '.join(SAVED)}; {shown(saved)} came.")
     told["save"] = [kind for kind in SAVED if kind in saved]
     memory = told.setdefault("memory", MEMORY_MIB)
     for name, value in (("memory", memory), ("block", told.get("block", 1))):
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10**7:
-            raise InputError(f"{name} in [sweep] must be a whole number, 1 or more; {value!r} came.")
+            raise InputError(f"{name} in [sweep] must be a whole number, 1 or more; {shown(value)} came.")
     run = {k: v for k, v in description["run"].items() if v is not None}
     out = {**description, "run": run, "sweep": told}
     if file is not None:
@@ -222,7 +222,7 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
     """The lanes of a sweep that failed: a row for each, with its message and the numbers that varied."""
     import pandas as pd
 
-    if "failed" not in run:
+    if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
     told = list(blocks.failures(run))
     ids = [lane for lane, _ in told]

@@ -1,7 +1,7 @@
 """The registry: one line a system."""
 
 from kreisel.contract import System
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 from kreisel.systems.clebsch import SYSTEM as Clebsch
 from kreisel.systems.clebsch_body import SYSTEM as ClebschBody
 from kreisel.systems.clebsch_general import SYSTEM as ClebschGeneral
@@ -96,5 +96,7 @@ REGISTRY: dict[str, System] = {
 def find(name: str) -> System:
     """The system of that name.  Raises `InputError` with the nearest name."""
     if name not in REGISTRY:
-        raise InputError(f"No system is called {name!r}.{nearest(name, REGISTRY)} There are: {', '.join(REGISTRY)}.")
+        raise InputError(
+            f"No system is called {shown(name)}.{nearest(name, REGISTRY)} There are: {', '.join(REGISTRY)}."
+        )
     return REGISTRY[name]

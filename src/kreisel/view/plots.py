@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, brief
 from kreisel.runs.archive import is_own, model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series, read
 from kreisel.runs.geometry import carried_letter, kinds_of
+from kreisel.runs.reading import a_run
 from kreisel.view.style import Theme, theme_of
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ MOST_GAP = 0.3  # radii between saved states beyond which a line would be a gues
 MOST_DOTS = 4000
 STATES_SHOWN = 120
 STRETCHES = 1200
+MOST_TITLE = 120
 MOST_ROWS = 200_000  # read for the picture of the path
 
 
@@ -34,6 +36,8 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     drawn, and for states at given times (`kr.at`), which are no run.
     """
     for each in (run, compare):
+        if each is not None or each is run:
+            a_run(each, "system", "title", "method", "n")
         if each is not None and "dt" not in each.attrs:
             raise InputError("A run of kr.simulate was expected; states at given times, of kr.at, came.")
     if compare is not None and compare.attrs["system"] != run.attrs["system"]:
@@ -60,8 +64,8 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
 
 def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
     attrs = run.attrs
-    beside = "" if compare is None else f" beside {compare.attrs['method']}"
-    return f"{attrs['title']}{beside}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}"
+    beside = "" if compare is None else f" beside {brief(compare.attrs['method'], MOST_TITLE)}"
+    return f"{brief(attrs['title'], MOST_TITLE)}{beside}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}"
 
 
 def _vector_letter(run: xr.Dataset) -> str:

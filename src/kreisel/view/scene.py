@@ -26,6 +26,7 @@ from kreisel.model import Model
 from kreisel.runs.archive import is_own, model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
 from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, orientation_of, to_third_axis
+from kreisel.runs.reading import a_run
 from kreisel.view import bodies
 from kreisel.view.style import THEMES
 from kreisel.view.thinning import mixed
@@ -46,7 +47,8 @@ LONGEST_TEXT = 300
 
 def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for what is no run, lacks its state, or has no such lane."""
-    if "system" not in run.attrs or "time" not in run.dims or run.sizes["time"] < 1:
+    a_run(run, "system")
+    if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
     if "lane" in run.dims:
         if not 0 <= lane < run.sizes["lane"]:

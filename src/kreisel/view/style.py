@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 
 
 @dataclass(frozen=True)
@@ -81,5 +81,7 @@ THEMES = {
 def theme_of(name: str) -> Theme:
     """The theme "light" or "dark".  Raises `InputError`."""
     if name not in THEMES:
-        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}; {name!r} came.{nearest(str(name), THEMES)}")
+        raise InputError(
+            f"theme must be {' or '.join(map(repr, THEMES))}; {shown(name)} came.{nearest(str(name), THEMES)}"
+        )
     return THEMES[name]

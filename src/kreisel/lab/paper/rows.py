@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import System
-from kreisel.errors import InputError, nearest
+from kreisel.errors import InputError, nearest, shown
 from kreisel.lab import exact, laws
 from kreisel.lab.laws import Sides
 
@@ -241,7 +241,9 @@ def chosen(name: str | None) -> list[Row]:
         return [ROWS[name]]
     found = [row for row in ROWS.values() if row.name.startswith(name)]
     if not found:
-        raise InputError(f"No row is called {name!r}.{nearest(name, ROWS)} `kreisel verify --list` names them all.")
+        raise InputError(
+            f"No row is called {shown(name)}.{nearest(name, ROWS)} `kreisel verify --list` names them all."
+        )
     return found
 
 
