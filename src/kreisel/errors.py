@@ -88,7 +88,9 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
     return RunError(f"{path} could not {what}: {error.strerror or error}. {fix}{kept}")
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def nearest(word: object, known: Iterable[str]) -> str:
     """' Did you mean 'x'?' for the known word most like `word`, or nothing."""
+    if not isinstance(word, str):
+        return ""
     close = difflib.get_close_matches(word[:SHOWN], list(known), n=1, cutoff=0.5)
     return f" Did you mean {close[0]!r}?" if close else ""

@@ -220,8 +220,8 @@ class Model:
 
 def _whole_dimension(value: Array, letter: str, system: str) -> int:
     found = np.unique(value)
-    n = int(found[0])
-    if len(found) != 1 or n != found[0] or n < 3:
+    n = int(found[0]) if len(found) == 1 else 0
+    if n < 3 or n != found[0]:
         raise InputError(
             f"{system}'s parameter {letter} is the dimension, a whole number from 3 on; {value.tolist()} came."
         )
@@ -256,6 +256,8 @@ def _axes(p: Parameter, value: Array) -> int:
 def _parameter(p: Parameter, value: Any, system: str) -> Array:
     name = f"{system}'s parameter {p.letter}"
     array = _array(value, name)
+    if not array.size:
+        raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
     axes = _axes(p, array)
     if p.kind in ("vector", "symmetric") and array.ndim:
         check_dimension(array.shape[-1], name)

@@ -66,8 +66,9 @@ def si(value: Any, unit: str, name: str) -> Any:
 
 def quantity(variable: xr.DataArray) -> Any:
     """A variable of `measured` as a pint quantity.  Raises `InputError` where it has no units."""
-    if "units" not in variable.attrs:
-        raise InputError(f"{variable.name} has no attribute units; take it from units.measured(run, scales).")
+    if "units" not in getattr(variable, "attrs", ()):
+        told = shown(getattr(variable, "name", variable))
+        raise InputError(f"{told} has no attribute units; take it from units.measured(run, scales).")
     return registry().Quantity(variable.values, _unit(variable.attrs["units"], str(variable.name)))
 
 
@@ -78,6 +79,8 @@ def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
     units of the scaled system, "1".  The result is a plain Dataset for reading and plotting, no longer a run to go on
     with.  Raises `InputError` for variables that have no scale or are not there, and units of another dimension.
     """
+    if not hasattr(run, "data_vars") or not isinstance(scales, Mapping):
+        raise InputError(f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}.")
     for name in wanted:
         if name not in scales or name not in run.variables:
             there = ", ".join(k for k in scales if k in run.variables)

@@ -20,6 +20,7 @@ from kreisel.runs.geometry import (
     to_third_axis,
     vertical_and_axis,
 )
+from kreisel.runs.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,7 +167,7 @@ def mean_rates(run: xr.Dataset, system: Any = None) -> pd.DataFrame:
     """
     import pandas as pd
 
-    if "lane" in run.dims:
+    if "lane" in a_run(run, "system").dims:
         raise InputError("mean_rates takes one trajectory: choose a lane, run.isel(lane=0).")
     model = model_for(run, system)
     height, climb = _height(model)

@@ -14,6 +14,7 @@ from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
+from kreisel.runs.plan import flag, number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,7 +47,9 @@ def events(
     """
     import xarray as xr
 
-    model = model_for(run, system)
+    model, value = model_for(run, system), number(value, "value")
+    if rising is not None:
+        flag(rising, "rising")
     measure = of_state(quantity, model)
     oriented = ORIENTATION in run and model.n == 3
     rows = _rows(run, model, oriented)

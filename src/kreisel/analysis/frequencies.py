@@ -15,8 +15,9 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.runs import harmonics
+from kreisel.runs.plan import whole
 from kreisel.runs.reading import a_run
 
 if TYPE_CHECKING:
@@ -81,8 +82,9 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
 def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quantity: str = "f") -> Lines:
     """The same for any evenly spaced samples `values` (time,) at `time`."""
     time, values = _even(time, values)
-    if lines < 1 or not 0 <= power <= 8:
-        raise InputError(f"lines must be 1 or more and power 0 to 8; {lines} and {power} came.")
+    lines = whole(lines, "lines")
+    if not (isinstance(power, int) and power == 0) and whole(power, "power") > 8:
+        raise InputError(f"power: expected 0 to 8, got {shown(power)}.")
     real = values.dtype.kind != "c"
     centre = (time[0] + time[-1]) / 2
     finder = _Finder(time - centre, power)

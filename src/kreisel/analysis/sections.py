@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.analysis.events import events
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.errors import InputError
+from kreisel.runs.plan import whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,8 +43,7 @@ def return_map(
     """
     import xarray as xr
 
-    if returns < 1:
-        raise InputError(f"returns must be 1 or more; {returns} came.")
+    returns = whole(returns, "returns")
     cut = section(run, quantity, value, rising=rising, system=system)
     lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)
     found = _series(cut, seen)

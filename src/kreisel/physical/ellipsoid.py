@@ -35,7 +35,8 @@ class Ellipsoid:
 
     def __post_init__(self) -> None:
         to_si(self, semi_axes="m", mass="kg", fluid_density="kg/m^3")
-        if len(self.semi_axes) != 3:
+        listed = isinstance(self.semi_axes, list | tuple) or getattr(self.semi_axes, "ndim", 0) == 1
+        if not listed or len(self.semi_axes) != 3:
             raise InputError(f"semi_axes must be three lengths (a, b, c) in m; {shown(self.semi_axes)} came.")
         check(positive=True, mass=self.mass, **dict(zip("abc", self.semi_axes, strict=True)))
         check(positive=self.fluid_density != 0, fluid_density=self.fluid_density)

@@ -18,7 +18,10 @@ STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 def check(*, positive: bool = False, **values: Any) -> None:
     """Raises `InputError` for what is not a finite number, positive if asked."""
     for name, value in values.items():
-        number = isinstance(value, int | float | np.floating | np.integer) and math.isfinite(value)
+        try:
+            number = isinstance(value, int | float | np.floating | np.integer) and math.isfinite(value)
+        except OverflowError:  # a whole number beyond the doubles
+            number = False
         if not number or (positive and value <= 0):
             raise InputError(f"{name} must be a finite number{' > 0' * positive} in SI units; {shown(value)} came.")
 

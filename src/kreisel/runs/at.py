@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, RunError, shown
-from kreisel.runs.plan import plan_of_times, positive
+from kreisel.runs.plan import named, plan_of_times, positive
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,7 @@ def at(
     """
     wanted = _times(times)
     flat = np.atleast_1d(wanted)
-    if (dt is None) != (method == "exact"):
+    if (dt is None) != (named(method, "method") == "exact"):
         raise InputError(
             f"method={shown(method)} {'has no step: leave dt out' if dt is not None else 'needs a step dt'}."
         )

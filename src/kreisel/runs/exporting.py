@@ -14,6 +14,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.runs.archive import open_run, target, too_large
+from kreisel.runs.plan import flag
 from kreisel.runs.replacing import require_file, written
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
     written.
     """
     where = target(out)
+    flag(overwrite, "overwrite")
     write = WRITERS.get(where.suffix.lower())
     if write is None:
         raise InputError(f"The export must end in {', '.join(WRITERS)}; {str(out)!r} came.")

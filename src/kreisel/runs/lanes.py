@@ -303,10 +303,9 @@ def described(value: Any) -> Any:
     """The description as plain data, which JSON gives back bit for bit.  Raises `InputError`."""
     if isinstance(value, Mapping):
         return {str(k): described(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
+    if isinstance(value, np.ndarray | np.generic):
+        plain = (value.astype(np.float64) if value.dtype.kind == "f" else value).tolist()
+        return plain if value.dtype.kind in "biufU" else described(plain)
     if isinstance(value, list | tuple):
         return [described(v) for v in value]
     if isinstance(value, range):

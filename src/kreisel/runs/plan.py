@@ -419,6 +419,17 @@ def whole(value: Any, name: str) -> int:
     return int(value)
 
 
+def number(value: Any, name: str) -> float:
+    """A finite number.  Raises `InputError`."""
+    try:
+        found = float(value) if np.ndim(value) == 0 and not isinstance(value, str | bytes) else math.nan
+    except (TypeError, ValueError, OverflowError):
+        found = math.nan
+    if not math.isfinite(found):
+        raise InputError(f"{name}: expected a finite number, got {shown(value)}.")
+    return found
+
+
 def flag(value: Any, name: str) -> None:
     """Raises `InputError` for what is neither true nor false."""
     if not isinstance(value, bool | np.bool_):

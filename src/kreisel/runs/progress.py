@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import Any
 
+from kreisel.errors import InputError, shown
+
 SHOW_AFTER_SECONDS = 0.5
 
 
@@ -14,6 +16,8 @@ class Progress:
     """Counts steps, or lanes; a bar on stderr appears once the run has taken half a second."""
 
     def __init__(self, total: int, show: bool | None, done: int = 0, unit: str = "steps"):
+        if show is not None and not isinstance(show, bool):
+            raise InputError(f"progress: expected True, False or None for the default, got {shown(show)}.")
         self._unit = unit
         self.total, self.done, self._before = total, done, done
         self._show = sys.stderr.isatty() if show is None else show

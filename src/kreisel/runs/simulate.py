@@ -11,7 +11,7 @@ from kreisel.errors import InputError, Stopped
 from kreisel.runs.checkpoint import Lock, signals_wait
 from kreisel.runs.drift import watched
 from kreisel.runs.march import March
-from kreisel.runs.plan import Plan, make_plan, whole
+from kreisel.runs.plan import Plan, flag, make_plan, whole
 from kreisel.runs.progress import Progress
 from kreisel.runs.replacing import settle
 
@@ -69,6 +69,7 @@ def simulate(
     a state is no longer finite, an implicit step is not solved or the archive cannot be written.  Warns with
     `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken).
     """
+    flag(overwrite, "overwrite")
     plan = make_plan(
         system,
         x0,

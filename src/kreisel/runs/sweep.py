@@ -19,7 +19,7 @@ from kreisel.runs.blocks import TRAJECTORIES, Sweep
 from kreisel.runs.broken_lanes import watched_lanes
 from kreisel.runs.checkpoint import Lock, signals_wait
 from kreisel.runs.lanes import described
-from kreisel.runs.plan import check_model, checked_state
+from kreisel.runs.plan import check_model, checked_state, flag
 from kreisel.runs.progress import Progress
 from kreisel.runs.reading import shallow
 from kreisel.runs.store import Store, read_attributes
@@ -98,6 +98,7 @@ def sweep(
     `ConservationWarning` where a lane loses what the method conserves, as `kr.simulate` does.
     """
     check_model(system)
+    flag(overwrite, "overwrite")
     _only_known(system)
     state = checked_state(system, x0).axial
     description = {
@@ -105,9 +106,9 @@ def sweep(
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
         "run": {"dt": dt, "steps": steps, "every": every, "method": method, "order": order, "tol": tol},
         "sweep": {
-            "grid": grid or {},
-            "list": list or {},
-            "random": random or {},
+            "grid": {} if grid is None else grid,
+            "list": {} if list is None else list,
+            "random": {} if random is None else random,
             "draws": draws,
             "rng": rng,
             "save": save,

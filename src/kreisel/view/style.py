@@ -80,8 +80,6 @@ THEMES = {
 
 def theme_of(name: str) -> Theme:
     """The theme "light" or "dark".  Raises `InputError`."""
-    if name not in THEMES:
-        raise InputError(
-            f"theme must be {' or '.join(map(repr, THEMES))}; {shown(name)} came.{nearest(str(name), THEMES)}"
-        )
+    if not isinstance(name, str) or name not in THEMES:
+        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}; {shown(name)} came.{nearest(name, THEMES)}")
     return THEMES[name]
