@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate dist release-check clean help
+.PHONY: demo test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate trial trial-short dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -17,6 +17,7 @@ help:
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
 	@echo "make investigate  is it integrable: every map and the negative controls, into docs/integrability-registry.md"
 	@echo "make docs      the documentation site, in out/docs"
+	@echo "make trial     kills, corruptions, configurations and calls in a place of their own; 30 minutes, MINUTES=10 for fewer"
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
 	@echo "make lint      ruff and mypy --strict"
 	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
@@ -104,6 +105,15 @@ release-check: dist
 
 soak: $(STAMP)
 	$(BIN)/python benchmarks/soak.py
+
+MINUTES := 30
+
+trial: $(STAMP)
+	$(BIN)/python benchmarks/trial --minutes $(MINUTES)
+
+trial-short: $(STAMP)
+	@mkdir -p out
+	$(BIN)/python benchmarks/trial --minutes 2 --out out/trial.json
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py

@@ -1,0 +1,409 @@
+"""Runs and sweeps that are killed, at random moments and at named ones, and what is there afterwards.
+
+Named moments are the events at which files change: before the k-th opening for writing, renaming, removing, making of a
+folder, or fsync, counted by an audit hook in the process that is killed; or with the file just emptied that it opened
+to write.  After each kill what is there is opened, checked and drawn; in the end the store must have the bytes of a run
+that was never killed, and nothing else be in its folder.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import stores
+from forks import apart, begun, ended
+from pool import note
+
+NAME, PART = "run.zarr", "run.zarr.part"
+MOST_KILLS = 3  # of one run
+EVENTS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "shutil.rmtree", "os.truncate")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What is killed: a folder is prepared, then `act` is called in it; `again` goes on until it is done."""
+
+    prepare: Callable[[Path], None]
+    act: Callable[[Path], None]
+    again: Callable[[Path], None]
+    sharded: bool = True
+    weight: int = 4
+
+
+def _nothing(folder: Path) -> None:
+    pass
+
+
+def go_on(act: Callable[[Path], None]) -> Callable[[Path], None]:
+    """Resume what can be resumed; what never began is begun."""
+
+    def again(folder: Path) -> None:
+        import kreisel as kr
+
+        part = folder / PART
+        if (
+            not part.exists()
+            and (folder / NAME).exists()
+            and stores.attributes(folder / NAME)["attributes"]["complete"]
+        ):
+            return
+        try:
+            kr.resume(folder / NAME, progress=False)
+        except kr.InputError:
+            if (part / "engine" / "checkpoint.npz").exists():
+                raise
+            act(folder)
+
+    return again
+
+
+def single(name: str, sharded: bool = True, weight: int = 4, **options: Any) -> Scenario:
+    """A run that begins with an empty folder."""
+
+    def act(folder: Path) -> None:
+        stores.run(folder / NAME, name, **options)
+
+    return Scenario(_nothing, act, go_on(act), sharded, weight)
+
+
+def overwriting() -> Scenario:
+    """A run in the place of another one."""
+
+    def prepare(folder: Path) -> None:
+        stores.run(folder / NAME, "lagrange-top", seed=2)
+
+    def act(folder: Path) -> None:
+        stores.run(folder / NAME, "lagrange-top", overwrite=True)
+
+    def again(folder: Path) -> None:
+        import kreisel as kr
+
+        if (folder / PART / "engine" / "checkpoint.npz").exists() and os.getpid() % 2:
+            kr.resume(folder / NAME, progress=False)
+        else:
+            act(folder)
+
+    return Scenario(prepare, act, again, weight=10)
+
+
+def resuming(**options: Any) -> Scenario:
+    """A run that was interrupted goes on."""
+
+    def whole(path: Path) -> None:
+        stores.run(path, "lagrange-top", **options)
+
+    def prepare(folder: Path) -> None:
+        stores.interrupted(folder / NAME, whole, 9)
+
+    def act(folder: Path) -> None:
+        import kreisel as kr
+
+        kr.resume(folder / NAME, progress=False)
+
+    return Scenario(prepare, act, go_on(act), weight=6)
+
+
+def extending() -> Scenario:
+    """A finished run is lengthened."""
+
+    def prepare(folder: Path) -> None:
+        stores.run(folder / NAME, "lagrange-top", orientation="some", steps=43)
+
+    def act(folder: Path) -> None:
+        import kreisel as kr
+
+        kr.resume(folder / NAME, extend=85, progress=False)
+
+    def again(folder: Path) -> None:
+        if (folder / PART).exists():
+            go_on(act)(folder)
+        elif stores.attributes(folder / NAME)["attributes"]["steps"] != 85:
+            act(folder)
+
+    return Scenario(prepare, act, again, weight=8)
+
+
+def swept(over: bool = False, weight: int = 6, **options: Any) -> Scenario:
+    """A sweep; the same call goes on."""
+
+    def prepare(folder: Path) -> None:
+        if over:
+            stores.sweep(folder / NAME, seed=2)
+
+    def act(folder: Path) -> None:
+        stores.sweep(folder / NAME, **options, overwrite=over)
+
+    def again(folder: Path) -> None:
+        fresh = over and not (folder / PART).exists()
+        stores.sweep(folder / NAME, **options, overwrite=fresh)
+
+    return Scenario(prepare, act, again, weight=weight)
+
+
+def own() -> Scenario:
+    """A Lagrangian of one's own: it cannot be resumed, as the archive holds no code; it is run again."""
+
+    def prepare(folder: Path) -> None:
+        (folder / "own.py").write_text(stores.OWN, encoding="utf-8")
+        (folder / "run.toml").write_text(stores.OWN_TOML.format(steps=85), encoding="utf-8")
+
+    def act(folder: Path) -> None:
+        from corruptions import command
+
+        code, out, err = command("run", "run.toml", "--overwrite", "--no-figure")
+        if code:
+            raise RuntimeError(out + err)
+
+    return Scenario(prepare, act, act, weight=2)
+
+
+SCENARIOS = {
+    "single": single("lagrange-top", orientation="some"),
+    "chunks that are blocks": single("lagrange-top", sharded=False),
+    "ensemble": single("lagrange-top", lanes=3),
+    "64 lanes": single("lagrange-top", lanes=64),
+    "ensemble with orientations": single("lagrange-top", lanes=2, orientation="some"),
+    "n = 4": single("lagrange-top", n=4, orientation="some"),
+    "order 4": single("clebsch", order=4),
+    "suris": single("lagrange-top", method="suris", order=1),
+    "veselov": single("euler-top", method="veselov"),
+    "variational": single("heavy-top", lanes=2),
+    "exact": single("lagrange-top", method="exact"),
+    "exact, Euler": single("euler-top", method="exact"),
+    "dop853": single("heavy-top", method="dop853", lanes=2),
+    "large": single("lagrange-top", n=9, engine="large", weight=2),
+    "large ensemble": single("neumann", n=9, lanes=3, engine="large", weight=2),
+    "own Lagrangian": own(),
+    "overwrite": overwriting(),
+    "resume": resuming(),
+    "resume an ensemble": resuming(lanes=3, orientation="some"),
+    "extend": extending(),
+    "sweep": swept(),
+    "sweep, n = 4": swept(n=4, save=["drift", "extremes"], weight=3),
+    "sweep that overwrites": swept(over=True),
+}
+
+
+def ready(base: Path, name: str) -> Path:
+    """The folder of a scenario as it is before, and what is there after it, made once."""
+    place = base / "scenarios" / name.replace(" ", "_")
+    place.mkdir(parents=True, exist_ok=True)
+    with (place / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (place / "told.json").exists():
+            shutil.rmtree(place / "before", ignore_errors=True)
+            (place / "before").mkdir()
+            apart(_prepared, name, str(place / "before"))
+            shutil.copytree(place / "before", place / "after", dirs_exist_ok=True)
+            (place / "told.json.new").write_text(json.dumps(apart(_uninterrupted, name, str(place / "after"))))
+            (place / "told.json.new").rename(place / "told.json")
+    return place
+
+
+def _prepared(name: str, folder: str) -> None:
+    os.chdir(folder)
+    stores.settle(sharded=SCENARIOS[name].sharded)
+    SCENARIOS[name].prepare(Path(folder))
+
+
+def _uninterrupted(name: str, folder: str) -> dict[str, Any]:
+    os.chdir(folder)
+    stores.settle(sharded=SCENARIOS[name].sharded)
+    SCENARIOS[name].act(Path(folder))  # once more, for the kernels are compiled now
+    after = stores.contents(Path(folder))
+    shutil.rmtree(folder)
+    shutil.copytree(Path(folder).with_name("before"), folder)
+    os.chdir(folder)
+    count = watched(None, False)
+    begun = time.monotonic()
+    SCENARIOS[name].act(Path(folder))
+    took, events = time.monotonic() - begun, count()
+    if after != stores.contents(Path(folder)):
+        raise AssertionError(f"{name}: two runs differ in {stores.differences(after, stores.contents(Path(folder)))}")
+    return {"contents": after, "events": events, "seconds": took}
+
+
+def watched(last: int | None, torn: bool) -> Callable[[], int]:
+    """Count the events at which files change; kill this process at the event number `last`."""
+    count = 0
+
+    def event(path: Any = None, emptied: bool = False) -> None:
+        nonlocal count
+        if count == last:
+            if emptied and torn:
+                os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644))
+            os.kill(os.getpid(), signal.SIGKILL)
+            time.sleep(60)
+        count += 1
+
+    def hook(name: str, args: tuple[Any, ...]) -> None:
+        if name in EVENTS:
+            event()
+        elif name == "open" and isinstance(args[0], str | os.PathLike):
+            path, mode, flags = args
+            writes = any(c in (mode or "") for c in "wax+") if mode else flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+            if writes and str(os.path.abspath(path)).startswith(here) and count_of_opening.take():
+                event(path, mode is not None and "w" in mode)
+                count_of_opening.give()
+
+    class _Once:
+        """Opening within the hook is no event."""
+
+        free = True
+
+        def take(self) -> bool:
+            was, self.free = self.free, False
+            return was
+
+        def give(self) -> None:
+            self.free = True
+
+    here, count_of_opening, fsync = os.getcwd(), _Once(), os.fsync
+
+    def fsynced(handle: int) -> None:
+        event()
+        fsync(handle)
+
+    os.fsync = fsynced
+    sys.addaudithook(hook)
+    return lambda: count
+
+
+def _killed(name: str, again: bool, last: int | None, torn: bool) -> None:
+    """In the process that is killed."""
+    scenario = SCENARIOS[name]
+    stores.settle(sharded=scenario.sharded)
+    watched(last, torn)
+    (scenario.again if again else scenario.act)(Path.cwd())
+
+
+def case(rng: random.Random, folder: Path) -> str:
+    """One scenario killed, looked at, gone on with, perhaps killed again, and finished."""
+    name = rng.choices(list(SCENARIOS), [s.weight for s in SCENARIOS.values()])[0]
+    place = ready(folder.parent.parent, name)
+    told = json.loads((place / "told.json").read_text())
+    shutil.copytree(place / "before", folder, dirs_exist_ok=True)
+    os.chdir(folder)
+    kills, moments, faults = 0, [], []
+    for trial in range(rng.choice([1, 1, 2, MOST_KILLS])):
+        aimed, torn = rng.random() < 0.8, rng.random() < 0.2
+        last = rng.randrange(told["events"]) if aimed else None
+        pid = begun(_killed, name, trial > 0, last, torn)
+        if aimed:
+            status = ended(pid)
+        else:
+            moments.append(rng.uniform(0, 1.2 * told["seconds"]))
+            time.sleep(moments[-1])
+            status = ended(pid, signal.SIGKILL)
+        moments[len(moments) - (not aimed) :] = [f"event {last}{' torn' * torn}" if aimed else f"{moments[-1]:.3f} s"]
+        note(f"{name}, {', '.join(moments)}")
+        if status not in (0, -signal.SIGKILL):
+            raise AssertionError("it ends in an error, which is on stderr")
+        kills += status != 0
+        faults += apart(_looked_at, name, str(place), str(folder))
+        if status == 0:
+            break
+    apart(_finished, name, str(folder))
+    wrong = stores.differences(stores.contents(folder), told["contents"])
+    if wrong:
+        faults.append(f"in the end it differs in {', '.join(wrong[:6])}")
+    if faults:
+        raise AssertionError("; ".join(dict.fromkeys(faults)))
+    return f"killed: {name}" if kills else "ended before the kill"
+
+
+def _finished(name: str, folder: str) -> None:
+    os.chdir(folder)
+    stores.settle(sharded=SCENARIOS[name].sharded)
+    SCENARIOS[name].again(Path(folder))
+
+
+def _looked_at(name: str, place: str, folder: str) -> list[str]:
+    """What is wrong with what a kill left."""
+    os.chdir(folder)
+    stores.settle(sharded=SCENARIOS[name].sharded)
+    faults, whole = [], 0
+    known = [stores.values(p) for p in (Path(place) / "before" / NAME, Path(place) / "after" / NAME) if p.exists()]
+    for path in (Path(folder) / NAME, Path(folder) / PART):
+        if path.exists():
+            before = stores.contents(path)
+            faults += [f"{path.name}: {fault}" for fault in _wrong(path, known)]
+            whole += _complete(path)
+            if stores.contents(path) != before:
+                faults.append(f"{path.name}: looking at it changed it")
+    if (Path(place) / "before" / NAME).exists() and not whole:
+        faults.append(f"neither {NAME} nor {PART} holds a whole archive: {sorted(os.listdir(folder))}")
+    return faults
+
+
+def _complete(path: Path) -> bool:
+    try:
+        return bool(stores.attributes(path)["attributes"]["complete"])
+    except (OSError, ValueError, KeyError):
+        return False
+
+
+def _wrong(path: Path, known: list[dict[str, np.ndarray]]) -> list[str]:
+    """Open, check and draw an archive, whole or in part."""
+    from corruptions import command
+
+    import kreisel as kr
+
+    complete, sweep = _complete(path), False
+    try:
+        run = kr.open_run(path)
+        sweep = "kreisel_sweep" in run.attrs
+        found = {str(k): np.asarray(v.values) for k, v in run.load().variables.items()}
+    except kr.InputError as error:
+        checkpoint = (path / "engine" / "checkpoint.npz").exists()
+        return [f"open_run: {error}"[:300]] if complete or checkpoint else []
+    except Exception as error:
+        return [f"open_run raises {type(error).__name__}: {str(error)[:200]}"]
+    wrong = []
+    if not any(_belongs(found, values, complete, sweep) for values in known):
+        wrong.append("open_run gives other values")
+    if not complete and not sweep and "time" in found:
+        with np.load(path / "engine" / "checkpoint.npz") as saved:
+            rows = int(saved["flushed"]) + len(saved["rows"])
+        if len(found["time"]) < rows and "my-" not in str(run.attrs["system"]):
+            wrong.append(f"open_run gives {len(found['time'])} of {rows} rows")
+    for words in [("check",)] + ([] if sweep else [("plot", "--out", "../figure.png")]):
+        code, out, err = command(words[0], path.name, *words[1:])
+        said = [line for line in out.splitlines() if line.startswith("FAULT") and "interrupted" not in line]
+        good = code == 0 if complete or words[0] == "plot" else code == 1 and not said
+        if not good and not ("no row" in err or "time" not in found):
+            wrong.append(f"{words[0]} ends with {code}: {(' '.join(said) + err)[:300]}")
+    Path("../figure.png").unlink(missing_ok=True)
+    return wrong
+
+
+def _belongs(found: dict[str, np.ndarray], known: dict[str, np.ndarray], complete: bool, sweep: bool) -> bool:
+    """Whether values are those known, or of an interrupted run the first of them, of a sweep those that are done."""
+    if set(found) != set(known):
+        return not found or (not complete and set(found) < {*known})
+    if complete or not sweep:
+        rows = len(found["time"]) if "time" in found and not sweep else 0
+        cut = {k: v[:rows] if rows and k != "lane" else v for k, v in known.items()}
+        return all(np.array_equal(found[k], cut[k], equal_nan=cut[k].dtype.kind == "f") for k in cut)
+    done = found["failed"] != 255
+    for name, value in found.items():
+        lanes = {len(done)} & set(value.shape)
+        if not lanes:
+            continue
+        axis = 1 if name in ("time",) or (value.ndim > 1 and value.shape[0] != len(done)) else 0
+        mine, theirs = np.moveaxis(value, axis, 0)[done], np.moveaxis(known[name], axis, 0)[done]
+        if not np.array_equal(mine, theirs, equal_nan=value.dtype.kind == "f"):
+            return False
+    return True

@@ -1,0 +1,26 @@
+"""The parts of the trial, imported before any process is forked: what they use is then shared, and no thread runs."""
+
+from __future__ import annotations
+
+import warnings
+
+import corruptions
+import kills
+import matplotlib.figure  # noqa: F401
+import numba  # noqa: F401
+import pandas  # noqa: F401
+import scipy.integrate  # noqa: F401
+import xarray  # noqa: F401
+import zarr  # noqa: F401
+from pool import Part
+
+import kreisel.cli
+import kreisel.lab.exact
+import kreisel.runs.sweep
+import kreisel.view.plots  # noqa: F401
+
+PARTS = [
+    Part("kills", kills.case, 800, 0.35, seconds=60),
+    Part("corruptions", corruptions.case, 1000, 0.25, before=corruptions.make),
+]
+warnings.simplefilter("ignore")

@@ -1,0 +1,118 @@
+"""A place of its own for what may go wrong: processes, devices and files that nothing else shares.
+
+As root: a namespace of mounts and of processes.  Every file system there is read-only but one in memory, and /dev holds
+null, zero, urandom and full alone, made anew, so that nothing of the machine's can be written, whatever is called.
+Elsewhere a temporary folder, and paths of devices are not tried; the result says which of the two it was.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+DEVICES = {"null": (1, 3), "zero": (1, 5), "full": (1, 7), "urandom": (1, 9)}
+LARGEST = "3g"  # of the file system in memory
+NOT_PERMITTED = "a temporary folder; no namespace of mounts was permitted, and paths of devices were not tried"
+PRIVATE = "a namespace of its own: all file systems read-only but one in memory, private devices"
+UNPRIVILEGED = 65534  # nobody
+
+
+def command(inner: list[str]) -> list[str]:
+    """The command in a namespace of its own where that is permitted, else as it is."""
+    outer = ["unshare", "--mount", "--pid", "--fork", "--mount-proc", "--kill-child"]
+    try:
+        permitted = (
+            os.geteuid() == 0
+            and not subprocess.run([*outer, "true"], capture_output=True, timeout=20, check=False).returncode
+        )
+    except OSError:
+        permitted = False
+    return [*outer, *inner, "--private"] if permitted else inner
+
+
+def enter(folder: Path, private: bool) -> str:
+    """Make `folder` the only place where anything can be written, with an environment inside it; what it is.
+
+    Raises `OSError` or `subprocess.CalledProcessError` where a namespace was made and does not hold.
+    """
+    if private:
+        _mount("-t", "tmpfs", "-o", f"size={LARGEST},mode=755", "tmpfs", str(folder))
+        _devices()
+        for line in Path("/proc/self/mountinfo").read_text(encoding="utf-8").splitlines():
+            place = line.split()[4].encode().decode("unicode_escape")
+            if Path(place) != folder and not place.startswith("/dev"):
+                _mount("-o", "remount,bind,ro", place, check=place == "/")
+        _require_read_only(folder)
+    home = folder / "home"
+    for name in ("home", "cache", "tmp", "cases"):
+        (folder / name).mkdir(exist_ok=True)
+    folders = {"HOME": home, "KREISEL_CACHE": folder / "cache", "NUMBA_CACHE_DIR": folder / "cache" / "numba"}
+    folders |= {"XDG_CACHE_HOME": home, "XDG_CONFIG_HOME": home, "MPLCONFIGDIR": home, "TMPDIR": folder / "tmp"}
+    os.environ.update({name: str(path) for name, path in folders.items()})
+    (folder / "cache").chmod(0o700)
+    tempfile.tempdir = None
+    os.environ.update(MPLBACKEND="agg", PYTHONDONTWRITEBYTECODE="1", JAX_PLATFORMS="cpu")
+    sys.dont_write_bytecode = True
+    return PRIVATE if private else NOT_PERMITTED
+
+
+def _mount(*options: str, check: bool = True) -> None:
+    subprocess.run(["mount", *options], check=check, capture_output=True, timeout=20)
+
+
+def _devices() -> None:
+    """An empty /dev with four devices, and the shared memory that semaphores need."""
+    _mount("-t", "tmpfs", "-o", "size=64m,mode=755", "tmpfs", "/dev")
+    for name, numbers in DEVICES.items():
+        os.mknod(f"/dev/{name}", 0o666 | stat.S_IFCHR, os.makedev(*numbers))
+        os.chmod(f"/dev/{name}", 0o666)
+    os.mkdir("/dev/shm", 0o1777)
+    os.symlink("/proc/self/fd", "/dev/fd")
+
+
+def _require_read_only(folder: Path) -> None:
+    for place in (folder.parent, Path(__file__).parent, Path("/")):
+        try:
+            with tempfile.TemporaryFile(dir=place):
+                pass
+        except OSError:
+            continue
+        raise OSError(f"{place} can be written from the namespace of the trial")
+
+
+def die_with_parent() -> None:
+    """Ask the kernel to end this process when its parent ends; Linux only."""
+    ctypes.CDLL(None).prctl(1, 9, 0, 0, 0)
+
+
+def sentinel(folder: Path) -> Path:
+    """Files beside the cases that must never change."""
+    place = folder / "sentinel"
+    (place / "thesis" / "figures").mkdir(parents=True)
+    for name in ("thesis/chapter.tex", "thesis/figures/one.csv", "run.zarr", "data.csv"):
+        (place / name).write_text(f"{name}: years of work\n", encoding="utf-8")
+    return place
+
+
+def listing(place: Path) -> list[tuple[str, int, int, int]]:
+    """Names, kinds, sizes and times of all below a folder, links not followed."""
+    out = []
+    for where, folders, files in os.walk(place):
+        for name in (*folders, *files):
+            told = os.lstat(os.path.join(where, name))
+            size = 0 if stat.S_ISDIR(told.st_mode) else told.st_size
+            out.append((os.path.join(where, name), stat.S_IFMT(told.st_mode), size, told.st_mtime_ns))
+    return sorted(out)
+
+
+def drop() -> None:
+    """Go on as nobody, for whom modes of files count; without effect where this is not root."""
+    if os.geteuid() == 0:
+        os.setgroups([])
+        os.setgid(UNPRIVILEGED)
+        os.setuid(UNPRIVILEGED)
