@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 
+import calls
+import configurations
 import corruptions
 import kills
 import matplotlib.figure  # noqa: F401
@@ -22,5 +24,7 @@ import kreisel.view.plots  # noqa: F401
 PARTS = [
     Part("kills", kills.case, 800, 0.35, seconds=60),
     Part("corruptions", corruptions.case, 1000, 0.25, before=corruptions.make),
+    Part("calls", calls.case, 40_000, 0.2, before=calls.make),
+    Part("configurations", configurations.case, 10_000, 0.2, before=configurations.make),
 ]
 warnings.simplefilter("ignore")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import resource
 import selectors
 import shutil
@@ -104,7 +105,7 @@ def carried_out(part: Part, number: int, seed: int, folder: Path) -> dict[str, A
         with limit(part.seconds):
             told: dict[str, Any] = {"outcome": part.case(rng, folder)}
     except BaseException as error:
-        told = {"outcome": "fault", "what": f"{type(error).__name__}: {error}"[:3000], "where": _where(error)}
+        told = {"outcome": "fault", "what": f"{type(error).__name__}: {error}"[:1000], "where": _where(error)}
     if sandbox.listing(sentinel) != before:
         told = {"outcome": "fault", "what": f"a file outside the folder of the case was touched; {told}", "where": ""}
     os.chdir("/")
@@ -239,7 +240,7 @@ def _look_at(hand: _Worker, told: Told, part: Part) -> None:
             hand.current, hand.about = line["begins"], ""
             continue
         if line["outcome"] == "fault" and hand.about:
-            line["what"] = f"{hand.about}: {line['what']}"
+            line["about"] = brief(hand.about)
         hand.left.remove(line["case"])
         hand.current = None
         _count(told, line)
@@ -251,11 +252,15 @@ def _look_at(hand: _Worker, told: Told, part: Part) -> None:
         os.close(hand.pipe)
         if hand.current is not None or status:
             number = hand.current if hand.current is not None else hand.left[0]
-            how = f"{hand.about}: "
-            how += "hangs, and obeys no signal" if stuck else f"the process died: status {status}"
+            how = "hangs, and obeys no signal" if stuck else f"the process died: status {status}"
             hand.left.remove(number)
-            _count(told, {"case": number, "outcome": "fault", "what": how, "where": ""})
+            _count(told, {"case": number, "outcome": "fault", "what": how, "where": "", "about": brief(hand.about)})
         hand.start()
+
+
+def brief(text: str) -> str:
+    """Without what is repeated, and not too long."""
+    return re.sub(r"(.)\1{40,}", r"\1\1\1...", text)[:1500]
 
 
 def _count(told: Told, line: dict[str, Any]) -> None:

@@ -1,0 +1,237 @@
+"""The public functions that are called, with the kinds of their arguments and how often."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from arguments import Around, Call, Function, value
+from calls import ignored
+
+
+def _of(path: str) -> Function:
+    """A function by its name, looked up when it is called."""
+
+    def get(here: Around) -> Function:
+        import kreisel
+
+        found: Any = kreisel
+        for part in path.split("."):
+            found = getattr(found, part)
+        return found
+
+    return get
+
+
+def call(name: str, *given: str, **told: Any) -> Call:
+    """A call; keywords that end in _ say more of it, the others are kinds of keyword arguments."""
+    more = {k[:-1]: v for k, v in told.items() if k.endswith("_")}
+    keywords = {k: v for k, v in told.items() if not k.endswith("_")}
+    function = more.pop("function", None) or _of(name)
+    optional = tuple(more.pop("optional", "").split())
+    return Call(name, function, given, keywords, optional, **more)
+
+
+RUN = {"dt": "dt", "steps": "steps", "every": "every", "method": "method", "order": "order", "tol": "tol"}
+MORE = {"orientation": "orientation", "engine": "engine", "progress": "progress"}
+MAY = "every method order tol orientation engine path overwrite"
+
+
+def _made(here: Around) -> Function:
+    """A system by name, with parameters of which some are odd."""
+    from kreisel.systems import find
+
+    return lambda name, parameters: find(name)(**parameters)
+
+
+def _state_of(here: Around) -> Function:
+    return lambda model, parts: model.state(**parts)
+
+
+def _flow(here: Around) -> Function:
+    return lambda model, parts: model.flow(*model.state(**parts).values())
+
+
+def _shown(here: Around) -> Function:
+    return lambda model, parts: [
+        repr(model),
+        model._repr_html_(),
+        (x := model.state(**parts)).axial,
+        repr(x),
+        x._repr_html_(),
+    ]
+
+
+def _component(here: Around) -> Function:
+    return lambda model, parts, name: getattr(model.state(**parts), name)
+
+
+def _accessor(name: str) -> Function:
+    return lambda here: lambda run, **more: getattr(run.kreisel, name)(**more)
+
+
+def _text(here: Around) -> Function:
+    return lambda run: [repr(run.kreisel), run.kreisel._repr_html_(), run.kreisel.cite()]
+
+
+def _ensemble(here: Around) -> Function:
+    import kreisel as kr
+
+    return lambda model, parts, **told: kr.sweep(model, parts, path=here.folder / "s.zarr", workers=0, **told).load()
+
+
+def _gyroscope(name: str) -> Function:
+    from kreisel import physical
+
+    wheel = physical.Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
+    return lambda here: getattr(wheel, name)
+
+
+def _body(name: str) -> Function:
+    from kreisel import physical
+
+    return lambda here: getattr(physical.HeavyBody(1.0, (1.0, 2.0, 2.5), (0.0, 0.1, 0.2)), name)
+
+
+def _ellipsoid(name: str) -> Function:
+    from kreisel import physical
+
+    return lambda here: getattr(physical.Ellipsoid((1.0, 2.0, 3.0), 10.0, 1.0), name)
+
+
+def _numbers_of(body: Any) -> list[Any]:
+    """All that a body tells of itself."""
+    names = [n for n in dir(type(body)) if isinstance(getattr(type(body), n), property)]
+    return [getattr(body, n) for n in names] + [ignored(body.model()), ignored(body.scales())]
+
+
+def _measured(here: Around) -> Function:
+    from kreisel import physical, units
+
+    wheel = physical.Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
+    return lambda run, **wanted: units.measured(run, wheel.scales(), **wanted)
+
+
+def _chart(name: str, analysis: str) -> Function:
+    def get(here: Around) -> Function:
+        from kreisel import analysis as of
+        from kreisel.view import charts
+
+        def draw(run: Any, *given: Any, theme: str = "light") -> None:
+            getattr(charts, name)(getattr(of, analysis)(run, *given), theme=theme)
+
+        return draw
+
+    return get
+
+
+def _law(here: Around) -> Function:
+    from kreisel.lab import laws
+
+    return lambda model, seed: laws.check(model, dimensions=(model.n,), numbers=("float",), seeds=(seed,))
+
+
+def _parameters(here: Around, rng: Any, told: dict[str, Any]) -> Any:
+    import grammar
+
+    from kreisel.systems import REGISTRY
+
+    name = told.get("name") or "lagrange-top"
+    system = REGISTRY.get(name, REGISTRY["lagrange-top"])
+    good = grammar.parameters(system, grammar.dimension(system, rng), rng)
+    out = {k: grammar.maybe_python(v, rng, 0.3) for k, v in good.items()}
+    if rng.random() < 0.05:
+        out[rng.choice(["x", "P", "alpha", "b"])] = grammar.odd(rng, True)
+    return out
+
+
+def _system_name(here: Around, rng: Any, told: dict[str, Any]) -> Any:
+    from kreisel.systems import REGISTRY
+
+    told["name"] = rng.choice(list(REGISTRY))
+    return told["name"]
+
+
+def kinds() -> None:
+    """Kinds that are only needed here."""
+    from arguments import KINDS
+
+    KINDS.update({"system name": _system_name, "parameters": _parameters})
+
+
+def calls() -> list[Call]:
+    """Every function that is called."""
+    cut = {"value": "level", "rising": "rising", "system": "system"}
+    return [
+        call("model", "system name", "parameters", function_=_made, then_=ignored, weight_=14),
+        call("model.state", "model", "state", function_=_state_of, weight_=14),
+        call("model.flow", "model", "state", function_=_flow, weight_=4, infinite_=True),
+        call("model.repr", "model", "state", function_=_shown, then_=ignored, weight_=2),
+        call("model.component", "model", "state", "name", function_=_component, weight_=1, attribute_=True),
+        call("simulate", "model", "state", **RUN, **MORE, optional_=MAY, weight_=10),
+        call("simulate", "model", "state", **RUN, **MORE, path="path", overwrite="flag", optional_=MAY, weight_=2),
+        call("at", "model", "state", "times", method="method", dt="dt", order="order", orientation="orientation",
+             optional_="method dt order orientation", weight_=6),
+        call("nutation", "model", "state", weight_=4, infinite_=True),
+        call("drift", "run", weight_=3, infinite_=True),
+        call("cite", "run"),
+        call("cite", "anything"),
+        call("plot", "run", compare="run", theme="theme", optional_="compare theme", then_=ignored, weight_=0.3),
+        call("open_run", "store", then_=lambda run: run.load(), weight_=2, infinite_=True),
+        call("open_run", "anything", then_=ignored, weight_=2),
+        call("resume", "copy", extend="extend", progress="progress", weight_=0.6),
+        call("resume", "anything", extend="extend", progress="progress", weight_=1),
+        call("export", "run", "file", overwrite="flag", optional_="overwrite", weight_=0.7),
+        call("export", "store", "file", overwrite="flag", optional_="overwrite", weight_=0.5),
+        call("failures", "run"),
+        call("systems"),
+        call("view", "run", lane="lane", optional_="lane", then_=ignored, weight_=0.5),
+        call("sweep", "model", "state", dt="dt", steps="steps", every="every", grid="grid", list="listed",
+             random="random", draws="count", rng="seed", save="save", function_=_ensemble, weight_=0.8,
+             infinite_=True, optional_="every grid list random draws rng save"),
+        call("accessor.plot", "run", function_=_accessor("plot"), then_=ignored, weight_=0.1),
+        call("accessor.view", "run", function_=_accessor("view"), then_=ignored, weight_=0.2),
+        call("accessor.drift", "run", function_=_accessor("drift"), infinite_=True),
+        call("accessor.text", "run", function_=_text, then_=ignored, weight_=0.5),
+        call("analysis.rotations", "run", then_=ignored),
+        call("analysis.quaternions", "run", weight_=2),
+        call("analysis.euler_angles", "run", system="system", optional_="system", weight_=2),
+        call("analysis.rates", "run", system="system", optional_="system", weight_=2, infinite_=True),
+        call("analysis.mean_rates", "run", system="system", optional_="system", weight_=2, infinite_=True),
+        call("analysis.events", "run", "quantity", **cut, optional_="value rising system", weight_=2),
+        call("analysis.section", "run", "quantity", **cut, optional_="value rising system", weight_=2),
+        call("analysis.return_map", "run", "quantity", "quantity", **cut, returns="returns",
+             optional_="value rising system returns", weight_=2),
+        call("analysis.frequencies", "run", "quantity", "lines", power="power", optional_="power",
+             then_=lambda lines: [lines.frequency, lines.amplitude], weight_=2),
+        call("analysis.power_spectrum", "run", "quantity", weight_=2),
+        call("analysis.compare", "run", "run", then_=lambda two: two.distance, weight_=2),
+        call("charts.series", "run", theme="theme", function_=_chart("plot_series", "euler_angles"), weight_=0.1),
+        call("charts.lines", "run", "quantity", function_=_chart("plot_lines", "frequencies"), weight_=0.1),
+        call("charts.comparison", "run", "run", function_=_chart("plot_comparison", "compare"), weight_=0.1),
+        call("units.si", "mass", "unit", "name", weight_=3, infinite_=True),
+        call("units.measured", "run", function_=_measured, time="unit", energy="unit", optional_="time energy"),
+        call("physical.Gyroscope", "mass", "moment", "moment", "lever", "rate", then_=_numbers_of, weight_=4),
+        call("physical.Gyroscope.flat", "mass", "moment", "lever", then_=_numbers_of, weight_=4),
+        call("physical.gyroscope.state", "angle", "rate", "rate", "rate", function_=_gyroscope("state"), weight_=4),
+        call("physical.gyroscope.orientation", "angle", function_=_gyroscope("orientation")),
+        call("physical.gyroscope.motion", "vector", "vector", function_=_gyroscope("motion"), infinite_=True),
+        call("physical.gyroscope.dt", "rate", function_=_gyroscope("dt"), weight_=2),
+        call("physical.gyroscope.slow", "rate", function_=_gyroscope("slow_precession"), weight_=2),
+        call("physical.gyroscope.steady", "angle", "rate", function_=_gyroscope("steady_precession"), weight_=2,
+             infinite_=True),
+        call("physical.gyroscope.nutation", "rate", function_=_gyroscope("nutation_rate"), weight_=2),
+        call("physical.HeavyBody", "mass", "vector", "vector", "rate", then_=_numbers_of, weight_=4),
+        call("physical.HeavyBody.about_centre", "mass", "vector", "vector", then_=_numbers_of, weight_=2),
+        call("physical.body.state", "vector", "vector", function_=_body("state"), weight_=3),
+        call("physical.body.angular_velocity", "vector", function_=_body("angular_velocity"), weight_=2),
+        call("physical.Ellipsoid", "vector", "mass", "density", then_=_numbers_of, weight_=4),
+        call("physical.Ellipsoid.of_density", "vector", "density", "density", then_=_numbers_of, weight_=3),
+        call("physical.ellipsoid.state", "vector", "vector", function_=_ellipsoid("state"), weight_=3),
+        call("physical.Units", "mass", "lever", "rate", then_=ignored, weight_=2),
+        call("lab.laws.check", "model", "seed", function_=_law, weight_=0.05, then_=ignored),
+        call("lab.investigate", "anything", n="count", eps="eps", degree="count", iterates="count", steps="count",
+             optional_="n eps degree iterates steps", then_=ignored, weight_=0.5),
+    ]  # fmt: skip
+
+
+__all__ = ["calls", "kinds", "value"]
