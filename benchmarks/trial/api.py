@@ -163,10 +163,10 @@ def calls() -> list[Call]:
     cut = {"value": "level", "rising": "rising", "system": "system"}
     return [
         call("model", "system name", "parameters", function_=_made, then_=ignored, weight_=14),
-        call("model.state", "model", "state", function_=_state_of, weight_=14),
-        call("model.flow", "model", "state", function_=_flow, weight_=4, infinite_=True),
-        call("model.repr", "model", "state", function_=_shown, then_=ignored, weight_=2),
-        call("model.component", "model", "state", "name", function_=_component, weight_=1, attribute_=True),
+        call("model.state", "model", "parts", function_=_state_of, weight_=14),
+        call("model.flow", "model", "parts", function_=_flow, weight_=4, infinite_=True),
+        call("model.repr", "model", "parts", function_=_shown, then_=ignored, weight_=2),
+        call("model.component", "model", "parts", "name", function_=_component, weight_=1, attribute_=True),
         call("simulate", "model", "state", **RUN, **MORE, optional_=MAY, weight_=10),
         call("simulate", "model", "state", **RUN, **MORE, path="path", overwrite="flag", optional_=MAY, weight_=2),
         call("at", "model", "state", "times", method="method", dt="dt", order="order", orientation="orientation",

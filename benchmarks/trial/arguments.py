@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -49,25 +48,27 @@ class Around:
 _made: dict[str, Any] = {}
 
 
-def around(folder: Path) -> Around:
-    """The runs of this process, made at the first call."""
+def make(base: Path) -> None:
+    """The runs of this process."""
     import kreisel as kr
 
-    base = folder.parent.parent
-    if not _made:
-        runs = [
-            _run("lagrange-top", 3, orientation=(1, 0, 0, 0), steps=300),
-            _run("lagrange-top", 3, lanes=2, steps=60),
-            _run("lagrange-top-moving", 3, orientation=(1, 0, 0, 0), steps=120),
-            _run("clebsch", 3, steps=200),
-            _run("clebsch", 4, steps=60),
-            _run("heavy-top", 3, lanes=2, steps=60, orientation=(1, 0, 0, 0)),
-            _run("euler-top", 3, steps=60),
-            _run("lagrange-top", 3, steps=3, every=2),
-        ]
-        stores = sorted((base / "stores" / "true").iterdir())
-        _made.update(runs=runs, stores=stores, sweep=kr.open_run(base / "stores" / "true" / "sweep.zarr"))
-    return Around(base, folder, _made["runs"], _made["stores"])
+    _made["runs"] = [
+        _run("lagrange-top", 3, orientation=(1, 0, 0, 0), steps=300),
+        _run("lagrange-top", 3, lanes=2, steps=60),
+        _run("lagrange-top-moving", 3, orientation=(1, 0, 0, 0), steps=120),
+        _run("clebsch", 3, steps=200),
+        _run("clebsch", 4, steps=60),
+        _run("heavy-top", 3, lanes=2, steps=60, orientation=(1, 0, 0, 0)),
+        _run("euler-top", 3, steps=60),
+        _run("lagrange-top", 3, steps=3, every=2),
+    ]
+    _made["stores"] = sorted((base / "stores" / "true").iterdir())
+    _made["sweep"] = kr.open_run(base / "stores" / "true" / "sweep.zarr")
+
+
+def around(folder: Path) -> Around:
+    """What the calls of a case are about."""
+    return Around(folder.parent.parent, folder, _made["runs"], _made["stores"])
 
 
 def _run(name: str, n: int, lanes: int = 0, **options: Any) -> Any:
@@ -97,7 +98,7 @@ def drawn(call: Call, here: Around, rng: random.Random) -> tuple[list[Any], dict
 
 def value(kind: str, here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     """A value of a kind, or not quite."""
-    if rng.random() < grammar.ODD and kind not in ("model", "folder"):
+    if rng.random() < grammar.ODD and kind not in ALWAYS:
         return odd(rng, True)
     return KINDS[kind](here, rng, told)
 
@@ -129,6 +130,11 @@ def _state(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     elif share < 0.4:
         parts = {k: np.array(v, dtype=rng.choice(["f8", "f4", "O"])) for k, v in parts.items()}
     return parts
+
+
+def _parts(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+    found = _state(here, rng, told)
+    return {str(k): v for k, v in dict(found).items()}
 
 
 def _orientation(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
@@ -289,25 +295,11 @@ def _choice(*words: Any) -> Function:
     return lambda here, rng, told: rng.choice(words)
 
 
-@cache
-def _subject(name: str) -> Any:
-    import kreisel as kr
-    from kreisel.lab import subject
-
-    models = {
-        "clebsch": lambda: kr.Clebsch(b=(1, 2, 4)),
-        "lagrange": lambda: kr.LagrangeTop(p=(0, 0, 1)),
-    }
-    if name in models:
-        return subject.subject(models[name](), eps=1)
-    return subject.subject(
-        lambda x: np.stack([x[1], x[0] + x[1] * x[1]]) if hasattr(x, "dtype") else x, names=("x", "y")
-    )
-
-
+ALWAYS = ("model", "parts", "parameters", "system name", "name")  # what Python itself would refuse otherwise
 KINDS: dict[str, Function] = {
     "model": _model,
     "state": _state,
+    "parts": _parts,
     "orientation": _orientation,
     "dt": _number(0.05, 0.1, 0.1, 0.1, 1.0, 1e4, 1e-12),
     "steps": _steps,

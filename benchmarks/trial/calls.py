@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import arguments
+import corruptions
 import numpy as np
+from forks import apart
 from pool import note
 
 LONGEST = 2000
@@ -29,10 +31,9 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f\x80-\x9f]")
 
 
 def make(base: Path) -> None:
-    """The archives that are opened, made once."""
-    from corruptions import make as make_stores
-
-    make_stores(base)
+    """The archives that are opened, and the kernels of the runs, made once."""
+    corruptions.make(base)
+    apart(arguments.make, base)
 
 
 def case(rng: random.Random, folder: Path) -> str:

@@ -17,7 +17,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,175 +24,11 @@ import numpy as np
 import stores
 from forks import apart, begun, ended
 from pool import note
+from scenarios import NAME, PART, SCENARIOS, complete
+from speaking import said
 
-NAME, PART = "run.zarr", "run.zarr.part"
 MOST_KILLS = 3  # of one run
 EVENTS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "shutil.rmtree", "os.truncate")
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """What is killed: a folder is prepared, then `act` is called in it; `again` goes on until it is done."""
-
-    prepare: Callable[[Path], None]
-    act: Callable[[Path], None]
-    again: Callable[[Path], None]
-    sharded: bool = True
-    weight: int = 4
-
-
-def _nothing(folder: Path) -> None:
-    pass
-
-
-def go_on(act: Callable[[Path], None]) -> Callable[[Path], None]:
-    """Resume what can be resumed; what never began is begun."""
-
-    def again(folder: Path) -> None:
-        import kreisel as kr
-
-        part = folder / PART
-        if (
-            not part.exists()
-            and (folder / NAME).exists()
-            and stores.attributes(folder / NAME)["attributes"]["complete"]
-        ):
-            return
-        try:
-            kr.resume(folder / NAME, progress=False)
-        except kr.InputError:
-            if (part / "engine" / "checkpoint.npz").exists():
-                raise
-            act(folder)
-
-    return again
-
-
-def single(name: str, sharded: bool = True, weight: int = 4, **options: Any) -> Scenario:
-    """A run that begins with an empty folder."""
-
-    def act(folder: Path) -> None:
-        stores.run(folder / NAME, name, **options)
-
-    return Scenario(_nothing, act, go_on(act), sharded, weight)
-
-
-def overwriting() -> Scenario:
-    """A run in the place of another one."""
-
-    def prepare(folder: Path) -> None:
-        stores.run(folder / NAME, "lagrange-top", seed=2)
-
-    def act(folder: Path) -> None:
-        stores.run(folder / NAME, "lagrange-top", overwrite=True)
-
-    def again(folder: Path) -> None:
-        import kreisel as kr
-
-        if (folder / PART / "engine" / "checkpoint.npz").exists() and os.getpid() % 2:
-            kr.resume(folder / NAME, progress=False)
-        else:
-            act(folder)
-
-    return Scenario(prepare, act, again, weight=10)
-
-
-def resuming(**options: Any) -> Scenario:
-    """A run that was interrupted goes on."""
-
-    def whole(path: Path) -> None:
-        stores.run(path, "lagrange-top", **options)
-
-    def prepare(folder: Path) -> None:
-        stores.interrupted(folder / NAME, whole, 9)
-
-    def act(folder: Path) -> None:
-        import kreisel as kr
-
-        kr.resume(folder / NAME, progress=False)
-
-    return Scenario(prepare, act, go_on(act), weight=6)
-
-
-def extending() -> Scenario:
-    """A finished run is lengthened."""
-
-    def prepare(folder: Path) -> None:
-        stores.run(folder / NAME, "lagrange-top", orientation="some", steps=43)
-
-    def act(folder: Path) -> None:
-        import kreisel as kr
-
-        kr.resume(folder / NAME, extend=85, progress=False)
-
-    def again(folder: Path) -> None:
-        if (folder / PART).exists():
-            go_on(act)(folder)
-        elif stores.attributes(folder / NAME)["attributes"]["steps"] != 85:
-            act(folder)
-
-    return Scenario(prepare, act, again, weight=8)
-
-
-def swept(over: bool = False, weight: int = 6, **options: Any) -> Scenario:
-    """A sweep; the same call goes on."""
-
-    def prepare(folder: Path) -> None:
-        if over:
-            stores.sweep(folder / NAME, seed=2)
-
-    def act(folder: Path) -> None:
-        stores.sweep(folder / NAME, **options, overwrite=over)
-
-    def again(folder: Path) -> None:
-        fresh = over and not (folder / PART).exists()
-        stores.sweep(folder / NAME, **options, overwrite=fresh)
-
-    return Scenario(prepare, act, again, weight=weight)
-
-
-def own() -> Scenario:
-    """A Lagrangian of one's own: it cannot be resumed, as the archive holds no code; it is run again."""
-
-    def prepare(folder: Path) -> None:
-        (folder / "own.py").write_text(stores.OWN, encoding="utf-8")
-        (folder / "run.toml").write_text(stores.OWN_TOML.format(steps=85), encoding="utf-8")
-
-    def act(folder: Path) -> None:
-        from corruptions import command
-
-        code, out, err = command("run", "run.toml", "--overwrite", "--no-figure")
-        if code:
-            raise RuntimeError(out + err)
-
-    return Scenario(prepare, act, act, weight=2)
-
-
-SCENARIOS = {
-    "single": single("lagrange-top", orientation="some"),
-    "chunks that are blocks": single("lagrange-top", sharded=False),
-    "ensemble": single("lagrange-top", lanes=3),
-    "64 lanes": single("lagrange-top", lanes=64),
-    "ensemble with orientations": single("lagrange-top", lanes=2, orientation="some"),
-    "n = 4": single("lagrange-top", n=4, orientation="some"),
-    "order 4": single("clebsch", order=4),
-    "suris": single("lagrange-top", method="suris", order=1),
-    "veselov": single("euler-top", method="veselov"),
-    "variational": single("heavy-top", lanes=2),
-    "exact": single("lagrange-top", method="exact"),
-    "exact, Euler": single("euler-top", method="exact"),
-    "dop853": single("heavy-top", method="dop853", lanes=2),
-    "large": single("lagrange-top", n=9, engine="large", weight=2),
-    "large ensemble": single("neumann", n=9, lanes=3, engine="large", weight=2),
-    "own Lagrangian": own(),
-    "overwrite": overwriting(),
-    "resume": resuming(),
-    "resume an ensemble": resuming(lanes=3, orientation="some"),
-    "extend": extending(),
-    "sweep": swept(),
-    "sweep, n = 4": swept(n=4, save=["drift", "extremes"], weight=3),
-    "sweep that overwrites": swept(over=True),
-}
 
 
 def ready(base: Path, name: str) -> Path:
@@ -340,7 +175,7 @@ def _looked_at(name: str, place: str, folder: str) -> list[str]:
         if path.exists():
             before = stores.contents(path)
             faults += [f"{path.name}: {fault}" for fault in _wrong(path, known)]
-            whole += _complete(path)
+            whole += complete(path)
             if stores.contents(path) != before:
                 faults.append(f"{path.name}: looking at it changed it")
     if (Path(place) / "before" / NAME).exists() and not whole:
@@ -348,43 +183,34 @@ def _looked_at(name: str, place: str, folder: str) -> list[str]:
     return faults
 
 
-def _complete(path: Path) -> bool:
-    try:
-        return bool(stores.attributes(path)["attributes"]["complete"])
-    except (OSError, ValueError, KeyError):
-        return False
-
-
 def _wrong(path: Path, known: list[dict[str, np.ndarray]]) -> list[str]:
     """Open, check and draw an archive, whole or in part."""
-    from corruptions import command
-
     import kreisel as kr
 
-    complete, sweep = _complete(path), False
+    whole, sweep = complete(path), False
     try:
         run = kr.open_run(path)
         sweep = "kreisel_sweep" in run.attrs
         found = {str(k): np.asarray(v.values) for k, v in run.load().variables.items()}
     except kr.InputError as error:
         checkpoint = (path / "engine" / "checkpoint.npz").exists()
-        return [f"open_run: {error}"[:300]] if complete or checkpoint else []
+        return [f"open_run: {error}"[:300]] if whole or checkpoint else []
     except Exception as error:
         return [f"open_run raises {type(error).__name__}: {str(error)[:200]}"]
     wrong = []
-    if not any(_belongs(found, values, complete, sweep) for values in known):
+    if not any(_belongs(found, values, whole, sweep) for values in known):
         wrong.append("open_run gives other values")
-    if not complete and not sweep and "time" in found:
+    if not whole and not sweep and "time" in found:
         with np.load(path / "engine" / "checkpoint.npz") as saved:
             rows = int(saved["flushed"]) + len(saved["rows"])
         if len(found["time"]) < rows and "my-" not in str(run.attrs["system"]):
             wrong.append(f"open_run gives {len(found['time'])} of {rows} rows")
     for words in [("check",)] + ([] if sweep else [("plot", "--out", "../figure.png")]):
-        code, out, err = command(words[0], path.name, *words[1:])
-        said = [line for line in out.splitlines() if line.startswith("FAULT") and "interrupted" not in line]
-        good = code == 0 if complete or words[0] == "plot" else code == 1 and not said
+        code, out, err = said([words[0], path.name, *words[1:]])
+        told = [line for line in out.splitlines() if line.startswith("FAULT") and "interrupted" not in line]
+        good = code == 0 if whole or words[0] == "plot" else code == 1 and not told
         if not good and not ("no row" in err or "time" not in found):
-            wrong.append(f"{words[0]} ends with {code}: {(' '.join(said) + err)[:300]}")
+            wrong.append(f"{words[0]} ends with {code}: {(' '.join(told) + err)[:300]}")
     Path("../figure.png").unlink(missing_ok=True)
     return wrong
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import warnings
 
+import arguments
 import calls
+import clusters
 import configurations
 import corruptions
 import kills
 import matplotlib.figure  # noqa: F401
+import modes
 import numba  # noqa: F401
 import pandas  # noqa: F401
 import scipy.integrate  # noqa: F401
@@ -22,9 +25,11 @@ import kreisel.runs.sweep
 import kreisel.view.plots  # noqa: F401
 
 PARTS = [
-    Part("kills", kills.case, 800, 0.35, seconds=60),
-    Part("corruptions", corruptions.case, 1000, 0.25, before=corruptions.make),
-    Part("calls", calls.case, 40_000, 0.2, before=calls.make),
-    Part("configurations", configurations.case, 10_000, 0.2, before=configurations.make),
+    Part("kills", kills.case, 800, 0.33, seconds=60),
+    Part("clusters", clusters.case, 12, 0.06, seconds=200, before=clusters.make),
+    Part("modes", modes.case, 100, 0.03, before=corruptions.make),
+    Part("corruptions", corruptions.case, 1000, 0.18, before=corruptions.make),
+    Part("configurations", configurations.case, 10_000, 0.2, before=corruptions.make),
+    Part("calls", calls.case, 40_000, 0.2, before=calls.make, warm=arguments.make),
 ]
 warnings.simplefilter("ignore")

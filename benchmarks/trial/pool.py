@@ -59,7 +59,7 @@ class Part:
     share: float
     seconds: int = SECONDS
     before: Callable[[Path], Any] = lambda folder: None
-    limited: bool = True
+    warm: Callable[[Path], Any] = lambda base: None  # in each process, before its cases
 
 
 @dataclass
@@ -142,11 +142,11 @@ def work(part: Part, numbers: list[int], seed: int, base: Path, pipe: int) -> No
         null = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1):
             os.dup2(null, number)
-        if part.limited:
-            resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+        resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         with os.fdopen(pipe, "w") as out:
             _listening.append(out)
+            part.warm(base)
             for number in numbers[:RECYCLED]:
                 print(json.dumps({"begins": number}), file=out, flush=True)
                 told = carried_out(part, number, seed, base / "cases" / f"{os.getpid()}-{number}")
@@ -244,7 +244,7 @@ def _look_at(hand: _Worker, told: Told, part: Part) -> None:
         hand.left.remove(line["case"])
         hand.current = None
         _count(told, line)
-    stuck = time.monotonic() - hand.since > part.seconds + GRACE
+    stuck = hand.current is not None and time.monotonic() - hand.since > part.seconds + GRACE
     if stuck:
         hand.kill()
     if (ended or stuck) and hand.left:

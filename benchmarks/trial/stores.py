@@ -49,25 +49,30 @@ class _Clock(clock.datetime):
 
 def settle(rows: int = ROWS, sharded: bool = True) -> None:
     """Blocks of a few rows, a checkpoint whenever one may be made, and a clock that stands, in this process."""
-    import kreisel.runs.sweep  # noqa: F401
     from kreisel.runs import march
     from kreisel.runs import simulate as runs
 
+    stand_still()
     runs.CHECKPOINT_SECONDS = 0.0
-    march.block_rows.__globals__["BLOCK_BYTES"] = 1
-    original = march.block_rows
     if sharded:
         march.SHARDED, march.CHUNKS = rows, rows
+    original = march.block_rows
 
     def block_rows(plan: Any) -> int:
         return max(1, min(plan.rows, rows))
 
     for name, module in list(sys.modules.items()):
-        if name.startswith("kreisel"):
-            if getattr(module, "datetime", None) is clock.datetime:
-                module.datetime = _Clock  # type: ignore[attr-defined]
-            if getattr(module, "block_rows", None) is original:
-                module.block_rows = block_rows  # type: ignore[attr-defined]
+        if name.startswith("kreisel") and getattr(module, "block_rows", None) is original:
+            module.block_rows = block_rows  # type: ignore[attr-defined]
+
+
+def stand_still() -> None:
+    """Archives that this process makes are created at one time."""
+    import kreisel.runs.sweep  # noqa: F401
+
+    for name, module in list(sys.modules.items()):
+        if name.startswith("kreisel") and getattr(module, "datetime", None) is clock.datetime:
+            module.datetime = _Clock  # type: ignore[attr-defined]
 
 
 def model(name: str, n: int, lanes: int = 0, seed: int = 1) -> tuple[Any, Any]:
