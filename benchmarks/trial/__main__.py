@@ -2,8 +2,9 @@
 
     python benchmarks/trial [--minutes 30] [--workers 2] [--seed 1] [--part NAME ...] [--case N] [--out FILE]
 
-Writes benchmarks/results/trial.json where all parts were asked for, prints a table, and ends with 1 if anything did not
-hold.  --minutes scales the counts and the time of every part.  --part NAME --case N repeats one case of a seed.
+Writes benchmarks/results/trial.json, and its table on docs/promises.md, where all parts were asked for; prints a table,
+and ends with 1 if anything did not hold.  --minutes scales the counts and the time of every part.  --part NAME --case N
+repeats one case of a seed.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import sandbox
+import telling
 
 RESULT = Path(__file__).parents[1] / "results" / "trial.json"
+PAGE = Path(__file__).parents[2] / "docs" / "promises.md"
 FULL = 30.0  # minutes
 PACKAGES = ("kreisel", "numpy", "scipy", "numba", "xarray", "zarr", "jax", "distributed")
 
@@ -113,13 +116,9 @@ def main() -> int:
     out = asked.out or (None if asked.part else RESULT)
     if out is not None:
         out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    print(f"{'part':<16}{'asked':>8}{'done':>8}{'hold':>8}{'do not':>8}{'seconds':>9}")
-    for name, part in told["parts"].items():
-        holding = part["done"] - part["do_not_hold"]
-        print(
-            f"{name:<16}{part['asked']:>8}{part['done']:>8}{holding:>8}{part['do_not_hold']:>8}{part['seconds']:>9.0f}"
-        )
-    print(f"in {told['place']}")
+    if out == RESULT:
+        PAGE.write_text(telling.entered(PAGE.read_text(encoding="utf-8"), result), encoding="utf-8")
+    print(f"{telling.text(told['parts'])}\nin {told['place']}")
     return int(any(part["do_not_hold"] for part in told["parts"].values()))
 
 

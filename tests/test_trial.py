@@ -1,0 +1,102 @@
+"""The trial: its harness sees what it should see, and what the page says of it is what the result says."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TRIAL, RESULT = ROOT / "benchmarks" / "trial", ROOT / "benchmarks" / "results" / "trial.json"
+FAULTS = """
+import json, os, signal, sys, time
+from pathlib import Path
+sys.path.insert(0, {trial!r})
+import pool, sandbox
+
+def case(rng, folder):
+    number = int(folder.name.split("-")[1])
+    pool.note(f"number {{number}}")
+    if number == 1:
+        raise ValueError("a fault")
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if number == 3:
+        time.sleep(60)
+    if number == 4:
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        time.sleep(60)
+    if number == 5:
+        (folder.parent.parent / "sentinel" / "data.csv").write_text("lost")
+    if number == 6:
+        bytearray(9 << 30)
+    return "fine"
+
+pool.GRACE = 1.0
+base = Path({base!r})
+sandbox.enter(base, False)
+sandbox.sentinel(base)
+told = pool.carry_out(pool.Part("some", case, 9, 1.0, seconds=1), 9, 60, 1, base, 2)
+print(json.dumps([told.done, dict(told.outcomes), told.faults]))
+"""
+
+
+def test_the_pool_sees_faults_deaths_hangs_and_files_that_are_touched(tmp_path: Path) -> None:
+    code = FAULTS.format(trial=str(TRIAL), base=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    count, outcomes, faults = json.loads(done.stdout)
+    assert (count, outcomes) == (9, {"fine": 3, "fault": 6})
+    words = {fault["case"]: fault["what"] for fault in faults}
+    for case, expected in enumerate(("a fault", "died", "Hang", "obeys no signal", "touched", "MemoryError"), start=1):
+        assert expected in words[case], words[case]
+
+
+def parts_of(tmp_path: Path, minutes: float, *words: str) -> tuple[int, dict[str, Any]]:
+    out = tmp_path / "trial.json"
+    command = [sys.executable, str(TRIAL), "--minutes", str(minutes), "--workers", "1", "--out", str(out), *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, cwd=tmp_path)
+    assert out.exists(), done.stderr
+    return done.returncode, json.loads(out.read_text())["parts"]
+
+
+def test_a_short_trial(tmp_path: Path) -> None:
+    code, parts = parts_of(tmp_path, 0.5, "--part", "kills", "--part", "calls", "--part", "configurations")
+    faults = [fault for part in parts.values() for fault in part["faults"]]
+    assert code == 0, faults
+    assert all(part["done"] > 0 for part in parts.values())
+
+
+def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
+    """The mutant: `check_archive` finds no fault."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "from kreisel.runs import checking\n"
+        "original = checking.check_archive\n"
+        "checking.check_archive = lambda path: (original(path)[0], [])\n"
+    )
+    before = os.environ.get("PYTHONPATH", "")
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *filter(None, [before])])
+    try:
+        code, parts = parts_of(tmp_path, 0.5, "--part", "corruptions")
+    finally:
+        os.environ["PYTHONPATH"] = before
+    assert code == 1
+    assert any("check accepts it" in fault["what"] for fault in parts["corruptions"]["faults"])
+
+
+def test_the_page_says_what_the_result_says() -> None:
+    spec = importlib.util.spec_from_file_location("telling", TRIAL / "telling.py")
+    assert spec is not None and spec.loader is not None
+    telling = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(telling)
+    if not RESULT.exists():
+        pytest.skip("no trial was made yet")
+    result = json.loads(RESULT.read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
+    assert telling.entered(page, result) == page
+    assert not any(part["do_not_hold"] for part in result["parts"].values())
