@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.physical import SI, Ellipsoid, Gyroscope, Units
+from kreisel.physical import SI, Ellipsoid, Gyroscope, HeavyBody, Units
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 WHEEL = Gyroscope(mass=2.0, axial_moment=0.11, transverse_moment=0.16, lever=0.2, gravity=9.8)
@@ -348,3 +348,41 @@ def test_numbers_of_the_kirchhoff_example() -> None:
     assert np.allclose(np.diag(data["system"]["B"]), model.params["B"], rtol=1e-14)
     assert np.allclose(data["state"]["M"], state.M, rtol=1e-14)
     assert np.allclose(data["state"]["P"], state.P, rtol=1e-14)
+
+
+HUGE = 10**5000
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: Ellipsoid(1e300, 1.0, 1.0),
+        lambda: Ellipsoid((1.0, 2.0, HUGE), 1.0, 1.0),
+        lambda: Ellipsoid((1e-160, 1.0, 1.0), 1.0, 500.0),
+        lambda: Ellipsoid.of_density((1.0, 2.0, 3.0), [], 500.0),
+        lambda: Ellipsoid.of_density(7, 500.0, 1000.0),
+        lambda: Ellipsoid((1, 2, 3), 1, 1).state({"x": 1}, (0, 0, 1)),
+        lambda: Ellipsoid((1, 2, 3), 1, 1).state((0, 0, 1), (0, 0, HUGE)),
+        lambda: Gyroscope.flat(1.0, 0.17, 1e300),
+        lambda: Gyroscope.flat(HUGE, 0.17, 0.1),
+        lambda: Gyroscope(1.0, 1e-320, 1e300, 1e-100),
+        lambda: WHEEL.motion((1.0, 2.0, 3.0), 7),
+        lambda: WHEEL.motion(np.ones((2, 3)), np.ones((5, 3))),
+        lambda: WHEEL.dt({"s": 1}),
+        lambda: WHEEL.dt(1.7e308),
+        lambda: WHEEL.steady_precession(0.5, 1.7e308),
+        lambda: WHEEL.slow_precession(5e-324),
+        lambda: WHEEL.nutation_rate([]),
+        lambda: Gyroscope(1.0, 1.5, 1.0, 1e-3).nutation_rate(1.7e308),
+        lambda: HeavyBody(5e-324, (1.0, 1.2, 1.5), (1.0, 1.0, 1.0)),
+        lambda: HeavyBody(1.0, (1.0, 1.2, 1.5), (1e300, 1e300, 1e300)),
+        lambda: HeavyBody.about_centre(1.0, (1.0, 1.2, 1.5), (1e200, 0.0, 0.0)),
+        lambda: HeavyBody(1.0, (1.0, 1.2, 1.5), (0.0, 0.1, 0.2)).angular_velocity([[[1.0]]]),
+        lambda: HeavyBody(1.0, (0.0, 1.0, 1.0), (0.1, 0.0, 0.0)).angular_velocity((1.0, 0.0, 0.0)),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_numbers_of_no_body_are_refused(call: object) -> None:
+    """What is no number, or leads out of the range of doubles: one error, no warning, nothing infinite."""
+    with pytest.raises(kr.InputError, match=r"must|leaves the range|fit|not determined"):
+        call()

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError
 from kreisel.model import Model, State
-from kreisel.physical.measures import RATE, SI, Units, check, scales_of, to_si
+from kreisel.physical.measures import RATE, SI, Units, in_range, number, numbers, scales_of, settle, three
 from kreisel.systems import Kirchhoff
-from kreisel.units import Scales, si
+from kreisel.units import Scales
 
 
 def _cyclic(v: Any) -> tuple[Array, Array, Array]:
@@ -34,18 +34,23 @@ class Ellipsoid:
     fluid_density: float
 
     def __post_init__(self) -> None:
-        to_si(self, semi_axes="m", mass="kg", fluid_density="kg/m^3")
-        listed = isinstance(self.semi_axes, list | tuple) or getattr(self.semi_axes, "ndim", 0) == 1
-        if not listed or len(self.semi_axes) != 3:
-            raise InputError(f"semi_axes must be three lengths (a, b, c) in m; {shown(self.semi_axes)} came.")
-        check(positive=True, mass=self.mass, **dict(zip("abc", self.semi_axes, strict=True)))
-        check(positive=self.fluid_density != 0, fluid_density=self.fluid_density)
+        axes = three(self.semi_axes, "m", "semi_axes (a, b, c)")
+        lengths = tuple(number(a, "m", k, positive=True) for k, a in zip("abc", axes, strict=True))
+        object.__setattr__(self, "semi_axes", lengths)
+        settle(self, positive=True, mass="kg")
+        settle(self, fluid_density="kg/m^3")
+        if self.fluid_density < 0:
+            raise InputError(f"fluid_density: expected 0 or more kg/m^3, got {self.fluid_density!r}.")
+        for name in ("displaced_mass", "added_masses", "added_moments", "moments"):
+            in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
+        in_range("1/mass and 1/moment", lambda: 1 / np.concatenate([self.mass + self.added_masses, self._inertia]))
 
     @classmethod
     def of_density(cls, semi_axes: tuple[float, float, float], density: float, fluid_density: float) -> Ellipsoid:
         """The same from the density of the body, kg/m^3.  Raises `InputError`."""
-        semi_axes, density = si(semi_axes, "m", "semi_axes"), si(density, "kg/m^3", "density")
-        return cls(semi_axes, density * 4 / 3 * math.pi * math.prod(semi_axes), fluid_density)
+        axes, density = three(semi_axes, "m", "semi_axes (a, b, c)"), number(density, "kg/m^3", "density")
+        mass = in_range("The mass", lambda: density * 4 / 3 * math.pi * math.prod(axes))
+        return cls(axes, mass, fluid_density)
 
     @property
     def displaced_mass(self) -> float:
@@ -82,9 +87,13 @@ class Ellipsoid:
         _, b2, c2 = _cyclic(np.square(self.semi_axes))
         return self.mass / 5 * (b2 + c2)
 
+    @property
+    def _inertia(self) -> Array:
+        return self.moments + self.added_moments
+
     def model(self, units: Units = SI) -> Model:
         """`Kirchhoff`: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass))."""
-        x, y, z = units.mass * units.length**2 / (self.moments + self.added_moments)
+        x, y, z = units.mass * units.length**2 / self._inertia
         return Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-units.mass / (self.mass + self.added_masses))
 
     def state(self, velocity: Any, angular_velocity: Any, units: Units = SI) -> State:
@@ -92,10 +101,10 @@ class Ellipsoid:
 
         U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  Raises `InputError`.
         """
-        velocity, angular_velocity = si(velocity, "m/s", "velocity"), si(angular_velocity, RATE, "angular_velocity")
+        U, Omega = numbers(velocity, "m/s", "velocity"), numbers(angular_velocity, RATE, "angular_velocity")
         momentum = units.mass * units.length / units.time
-        P = np.asarray(velocity) * (self.mass + self.added_masses) / momentum
-        M = np.asarray(angular_velocity) * (self.moments + self.added_moments) / (momentum * units.length)
+        P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
+        M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))
         return self.model(units).state(M=M, P=P)
 
     def scales(self, units: Units = SI) -> Scales:

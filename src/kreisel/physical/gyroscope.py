@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,9 +11,9 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.model import Model, State
-from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, check, scales_of, to_si
+from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
 from kreisel.systems import LagrangeTop
-from kreisel.units import Scales, si
+from kreisel.units import Scales
 
 
 class Motion(NamedTuple):
@@ -45,22 +45,24 @@ class Gyroscope:
     gravity: float = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        to_si(self, mass="kg", axial_moment=MOMENT, transverse_moment=MOMENT, lever="m", gravity="m/s^2")
-        check(positive=True, **asdict(self))
-        central = self.transverse_moment - self.mass * self.lever**2
+        units = {"mass": "kg", "axial_moment": MOMENT, "transverse_moment": MOMENT, "lever": "m", "gravity": "m/s^2"}
+        settle(self, positive=True, **units)
+        central = in_range("mass lever^2", lambda: self.transverse_moment - self.mass * self.lever**2)
         if self.axial_moment > 2 * central + 1e-12 * self.transverse_moment:  # equal for a flat body, but for rounding
             raise InputError(
                 f"No body has these moments: axial_moment = {self.axial_moment:.6g} exceeds twice transverse_moment - "
                 f"mass lever^2 = {central:.6g}. Usual cause: transverse_moment not about the pivot: add mass lever^2."
             )
+        for name in ("alpha", "torque", "time_unit", "momentum_unit", "sleeping_spin"):
+            in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
     def flat(cls, mass: float, axial_moment: float, lever: float, gravity: float = STANDARD_GRAVITY) -> Gyroscope:
         """A flat wheel on a light axle: I1 = I3/2 + m l^2 (perpendicular axes, Steiner).  Raises `InputError`."""
-        mass, lever = si(mass, "kg", "mass"), si(lever, "m", "lever")
-        axial_moment = si(axial_moment, MOMENT, "axial_moment")
-        check(positive=True, mass=mass, axial_moment=axial_moment, lever=lever)
-        return cls(mass, axial_moment, axial_moment / 2 + mass * lever**2, lever, gravity)
+        mass, lever = number(mass, "kg", "mass", positive=True), number(lever, "m", "lever", positive=True)
+        axial_moment = number(axial_moment, MOMENT, "axial_moment", positive=True)
+        transverse = in_range("mass lever^2", lambda: axial_moment / 2 + mass * lever**2)
+        return cls(mass, axial_moment, transverse, lever, gravity)
 
     @property
     def alpha(self) -> float:
@@ -88,7 +90,8 @@ class Gyroscope:
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        return float(self.scales()["time"].scaled(duration, "dt"))
+        seconds = number(duration, "s", "dt")
+        return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
@@ -100,35 +103,39 @@ class Gyroscope:
         Tilt theta in rad from the upward vertical; spin w3 (the total axial angular velocity), precession
         phi' and nutation theta' in rad/s: with neither, the axis is released from rest.  Raises `InputError`.
         """
-        tilt, spin = si(tilt, "rad", "tilt"), si(spin, RATE, "spin")
-        precession, nutation = si(precession, RATE, "precession"), si(nutation, RATE, "nutation")
-        check(tilt=tilt, spin=spin, precession=precession, nutation=nutation)
+        tilt, spin = number(tilt, "rad", "tilt"), number(spin, RATE, "spin")
+        precession, nutation = number(precession, RATE, "precession"), number(nutation, RATE, "nutation")
         sin, cos = math.sin(tilt), math.cos(tilt)
         a, swing = np.array([sin, 0.0, cos]), np.array([-precession * sin * cos, nutation, precession * sin**2])
-        return self.model().state(m=self.time_unit * (swing + self.alpha * spin * a), a=a)
+        m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * spin * a))
+        return self.model().state(m=m, a=a)
 
     @staticmethod
     def orientation(tilt: float) -> Array:
         """The unit quaternion (w, x, y, z) that takes the third body axis to the `a` of `state(tilt, ...)`."""
-        tilt = si(tilt, "rad", "tilt")
-        check(tilt=tilt)
+        tilt = number(tilt, "rad", "tilt")
         return np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
 
     def motion(self, m: Any, a: Any) -> Motion:
         """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN."""
-        m, a = np.asarray(m, dtype=np.float64), np.asarray(a, dtype=np.float64)
-        x, y, z = np.moveaxis(a, -1, 0)
-        dx, dy, dz = np.moveaxis(np.cross(m, a), -1, 0) / self.time_unit  # a' = m x a
-        rho = np.where((x == 0) & (y == 0), np.nan, np.hypot(x, y))
-        spin = np.sum(m * a, axis=-1) / (self.alpha * self.time_unit)
-        return Motion(np.arctan2(np.hypot(x, y), z), np.arctan2(y, x), spin, (x * dy - y * dx) / rho**2, -dz / rho)
+        m, a = numbers(m, "1", "m"), numbers(a, "1", "a")
+        try:
+            m, a = np.broadcast_arrays(m, a)
+        except ValueError:
+            raise InputError(f"m and a: expected shapes that fit, got {m.shape} and {a.shape}.") from None
+        with np.errstate(all="ignore"):
+            x, y, z = np.moveaxis(a, -1, 0)
+            dx, dy, dz = np.moveaxis(np.cross(m, a), -1, 0) / self.time_unit  # a' = m x a
+            rho = np.where((x == 0) & (y == 0), np.nan, np.hypot(x, y))
+            spin = np.sum(m * a, axis=-1) / (self.alpha * self.time_unit)
+            turn, nod = (x * dy - y * dx) / rho**2, -dz / rho
+            return Motion(np.arctan2(np.hypot(x, y), z), np.arctan2(y, x), spin, turn, nod)
 
     def slow_precession(self, spin: float) -> float:
         """The textbook rate of a fast top, m g l/(I3 w3), rad/s.  Raises `InputError` for no spin."""
-        spin = si(spin, RATE, "spin")
-        check(spin=spin)
-        check(positive=True, spin=abs(spin))
-        return self.torque / (self.axial_moment * spin)
+        spin = number(spin, RATE, "spin")
+        number(abs(spin), RATE, "|spin|", positive=True)
+        return float(in_range("The precession", lambda: self.torque / (self.axial_moment * spin)))
 
     def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
         """The slow and the fast root W of I1 cos(theta) W^2 - I3 w3 W + m g l = 0, rad/s.
@@ -136,10 +143,9 @@ class Gyroscope:
         Free of cancellation: W = 2 m g l/q and q/(2 I1 cos(theta)), where q = I3 w3 +- sqrt(discriminant) with
         the sign of w3; the fast root of a horizontal axis is at infinity.  Raises `InputError` for no real root.
         """
-        tilt, spin = si(tilt, "rad", "tilt"), si(spin, RATE, "spin")
-        check(tilt=tilt, spin=spin)
+        tilt, spin = number(tilt, "rad", "tilt"), number(spin, RATE, "spin")
         momentum, rise = self.axial_moment * spin, self.transverse_moment * math.cos(tilt)
-        discriminant = momentum**2 - 4 * rise * self.torque
+        discriminant = in_range("(I3 w3)^2", lambda: momentum**2 - 4 * rise * self.torque)
         q = momentum + math.copysign(math.sqrt(max(discriminant, 0.0)), momentum)
         if discriminant < 0 or q == 0:
             raise InputError(
@@ -150,7 +156,8 @@ class Gyroscope:
 
     def nutation_rate(self, spin: float) -> float:
         """The nutation frequency of a fast top, I3 w3/I1, rad/s."""
-        return self.alpha * float(si(spin, RATE, "spin"))
+        spin = number(spin, RATE, "spin")
+        return float(in_range("The nutation", lambda: self.alpha * spin))
 
     @property
     def sleeping_spin(self) -> float:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError
 from kreisel.model import Model, State
-from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, check, numbers, scales_of, to_si
+from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
 from kreisel.systems import HeavyTop
-from kreisel.units import Scales, si
+from kreisel.units import Scales
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +35,17 @@ class HeavyBody:
     gravity: float = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        to_si(self, mass="kg", inertia=MOMENT, arm="m", gravity="m/s^2")
-        check(positive=True, mass=self.mass)
-        check(gravity=self.gravity)
+        settle(self, positive=True, mass="kg")
+        settle(self, gravity="m/s^2")
         if self.gravity < 0:
-            raise InputError(f"gravity must not be negative: it points down, along -e3; {shown(self.gravity)} came.")
-        for name, shapes in (("inertia", ((3,), (3, 3))), ("arm", ((3,),))):
-            object.__setattr__(self, name, numbers(getattr(self, name), name, shapes))
+            raise InputError(f"gravity must not be negative: it points down, along -e3; {self.gravity!r} came.")
+        for name, unit, shapes in (("inertia", MOMENT, ((3,), (3, 3))), ("arm", "m", ((3,),))):
+            object.__setattr__(self, name, numbers(getattr(self, name), unit, name, shapes))
         if self.inertia.ndim == 1:
             object.__setattr__(self, "inertia", np.diag(self.inertia))
         if abs(self.inertia - self.inertia.T).max() > 1e-12 * abs(self.inertia).max():
             raise InputError(f"inertia must be symmetric; {self.inertia.tolist()} came.")
+        in_range("The inertia tensor", lambda: self.mass_tensor)
         least = np.linalg.eigvalsh(self.mass_tensor).min()
         if least < -1e-12 * np.trace(self.inertia) or self.unit_moment <= 0:
             told = np.linalg.eigvalsh(self.inertia)
@@ -53,12 +53,14 @@ class HeavyBody:
                 f"No body has the principal moments {told.tolist()}: each must be at most the sum of the other two. "
                 "Usual cause: moments about different points, or a mass tensor for an inertia tensor."
             )
+        for name in ("torque", "time_unit", "momentum_unit"):
+            in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
     def about_centre(cls, mass: float, inertia: Any, arm: Any, gravity: float = STANDARD_GRAVITY) -> HeavyBody:
         """The same from the inertia tensor about the centre of mass: I + m (|l|^2 - l l^T) (Steiner)."""
         free = cls(mass, inertia, arm, 0.0)
-        shift = free.mass * (free.arm @ free.arm * np.eye(3) - np.outer(free.arm, free.arm))
+        shift = in_range("m l^2", lambda: free.mass * (free.arm @ free.arm * np.eye(3) - np.outer(free.arm, free.arm)))
         return cls(free.mass, free.inertia + shift, free.arm, gravity)
 
     @property
@@ -81,6 +83,11 @@ class HeavyBody:
         """sqrt(I0/(m g l)), or 1, s."""
         return math.sqrt(self.unit_moment / self.torque) if self.torque else 1.0
 
+    @property
+    def momentum_unit(self) -> float:
+        """sqrt(I0 m g l), or I0/s, kg m^2/s."""
+        return self.unit_moment / self.time_unit
+
     def model(self) -> Model:
         """The scaled system: `HeavyTop(J, A)`."""
         A = self.arm / np.linalg.norm(self.arm) if self.torque else np.zeros(3)
@@ -92,22 +99,33 @@ class HeavyBody:
         Omega (..., 3) in rad/s and the upward vertical `up` (..., 3), both along the body axes: for a body turned by
         the rotation matrix g (body to space), up = g[2].  Raises `InputError`.
         """
-        Omega = numbers(si(angular_velocity, RATE, "angular_velocity"), "angular_velocity")
-        up = numbers(up, "up")
-        length = np.linalg.norm(up, axis=-1, keepdims=True)
+        Omega = numbers(angular_velocity, RATE, "angular_velocity")
+        up = numbers(up, "1", "up")
+        length = in_range("The length of up", lambda: np.linalg.norm(up, axis=-1, keepdims=True))
         if (length == 0).any():
             raise InputError("up must not be the zero vector: it is the upward vertical along the body axes.")
-        return self.model().state(M=Omega @ self.inertia * (self.time_unit / self.unit_moment), P=up / length)
+        M = in_range("The momentum", lambda: Omega @ self.inertia / self.momentum_unit)
+        return self.model().state(M=M, P=up / length)
 
     def angular_velocity(self, M: Any) -> Array:
-        """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial."""
-        return np.linalg.solve(self.inertia, np.asarray(M)[..., None])[..., 0] * (self.unit_moment / self.time_unit)
+        """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
+
+        Raises `InputError`, also where a moment of inertia is 0.
+        """
+        momentum = numbers(M, "1", "M")[..., None]
+        try:
+            return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0] * self.momentum_unit)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "The angular velocity is not determined by the momentum: expected three moments > 0, got one of 0."
+            ) from None
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        return float(self.scales()["time"].scaled(duration, "dt"))
+        seconds = number(duration, "s", "dt")
+        return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
-        momentum = self.unit_moment / self.time_unit
+        momentum = self.momentum_unit
         return scales_of(self.time_unit, M=("kg m^2/s", momentum), energy=("J", momentum / self.time_unit))

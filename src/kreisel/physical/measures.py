@@ -3,33 +3,86 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError
 from kreisel.units import Scale, Scales, si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
 
-def check(*, positive: bool = False, **values: Any) -> None:
-    """Raises `InputError` for what is not a finite number, positive if asked."""
-    for name, value in values.items():
-        try:
-            number = isinstance(value, int | float | np.floating | np.integer) and math.isfinite(value)
-        except OverflowError:  # a whole number beyond the doubles
-            number = False
-        if not number or (positive and value <= 0):
-            raise InputError(f"{name} must be a finite number{' > 0' * positive} in SI units; {shown(value)} came.")
+def number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
+    """A finite number in SI, positive if asked, or a quantity with units.  Raises `InputError`."""
+    array = _floats(si(value, unit, name))
+    if array.shape != () or not np.isfinite(array) or (positive and array <= 0):
+        raise InputError(
+            f"{name} must be a finite number{' > 0' * positive} in SI units ({unit}), or a quantity such as "
+            f"'1 {unit}'; {_shown(value)} came."
+        )
+    return float(array)
 
 
-def to_si(body: Any, **units: str) -> None:
-    """Fields of a frozen record, from quantities to numbers in SI."""
+def numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:
+    """Finite floats of one of the shapes, or (..., 3), in SI or with units.  Raises `InputError`."""
+    array = _floats(si(value, unit, name))
+    fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
+    if not fits or not np.isfinite(array).all():
+        told = " or ".join(map(str, shapes)) or "(..., 3)"
+        raise InputError(f"{name} must be finite numbers of shape {told}; {_shown(value)} came.")
+    return array
+
+
+def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
+    """Three real numbers, in SI or with units.  Raises `InputError`."""
+    array = _floats(si(value, unit, name))
+    if array.shape != (3,):
+        raise InputError(f"{name} must be three numbers in SI units ({unit}); {_shown(value)} came.")
+    a, b, c = array.tolist()
+    return a, b, c
+
+
+def _floats(value: Any) -> Array:
+    """Real numbers as floats; NaN for what is none."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "iufO":
+            return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    return np.asarray(np.nan)
+
+
+def _shown(value: Any) -> str:
+    try:
+        return repr(value)[:80]
+    except ValueError:
+        return "a whole number of too many digits"
+
+
+def settle(body: Any, *, positive: bool = False, **units: str) -> None:
+    """Fields of a frozen record, from quantities to numbers in SI.  Raises `InputError`."""
     for name, unit in units.items():
-        object.__setattr__(body, name, si(getattr(body, name), unit, name))
+        object.__setattr__(body, name, number(getattr(body, name), unit, name, positive=positive))
+
+
+def in_range(what: str, value: Callable[[], Any]) -> Any:
+    """A computed value.  Raises `InputError` where it leaves the range of doubles."""
+    try:
+        with np.errstate(all="ignore"):
+            got = value()
+    except (OverflowError, ZeroDivisionError):
+        got = math.nan
+    if not np.isfinite(got).all():
+        raise InputError(
+            f"{what} leaves the range of doubles: expected data whose products lie between 1e-300 and 1e300 in SI "
+            "units, got smaller or larger ones. Usual cause: a wrong unit."
+        )
+    return got
 
 
 @dataclass(frozen=True)
@@ -41,8 +94,7 @@ class Units:
     time: float = 1.0
 
     def __post_init__(self) -> None:
-        to_si(self, mass="kg", length="m", time="s")
-        check(positive=True, **asdict(self))
+        settle(self, positive=True, mass="kg", length="m", time="s")
 
 
 SI = Units()
@@ -52,16 +104,3 @@ MOMENT, RATE = "kg m^2", "rad/s"
 def scales_of(time: float, **others: tuple[str, float]) -> Scales:
     """Scales of the time and of other variables, each (SI unit, size)."""
     return {"time": Scale("s", time), **{name: Scale(unit, size) for name, (unit, size) in others.items()}}
-
-
-def numbers(value: Any, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:
-    """Finite floats of one of the shapes, or (..., 3).  Raises `InputError`."""
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.full(0, np.nan)
-    fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
-    if not fits or not np.isfinite(array).all():
-        told = " or ".join(map(str, shapes)) or "(..., 3)"
-        raise InputError(f"{name} must be finite numbers of shape {told}; {shown(value)} came.")
-    return array
