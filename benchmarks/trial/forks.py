@@ -50,7 +50,7 @@ def begun(function: Callable[..., Any], *args: Any) -> int:
         return pid
     code = 1
     try:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)  # of the processor's time a child has none
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         function(*args)
         code = 0

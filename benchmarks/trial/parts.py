@@ -25,7 +25,7 @@ import kreisel.runs.sweep
 import kreisel.view.plots  # noqa: F401
 
 PARTS = [
-    Part("kills", kills.case, 800, 0.33, seconds=60),
+    Part("kills", kills.case, 800, 0.33, seconds=60, warm=kills.warm),
     Part("clusters", clusters.case, 12, 0.06, seconds=200, before=clusters.make),
     Part("modes", modes.case, 100, 0.03, before=corruptions.make),
     Part("corruptions", corruptions.case, 1000, 0.18, before=corruptions.make),

@@ -26,8 +26,9 @@ from typing import Any
 
 import sandbox
 
-SECONDS = 20  # of a case
-GRACE = 5.0  # beyond, before a process that obeys no signal is killed
+SECONDS = 20  # of a case, of processor time: a busy machine is no fault
+PATIENCE = 3  # times as long on the clock
+GRACE = 5.0  # seconds beyond, before a process that obeys no signal is killed
 ADDRESS_SPACE = 8 << 30
 RECYCLED = 1500  # cases of a process: memory and open files do not add up
 TELL = 10.0  # seconds between two lines of progress
@@ -80,17 +81,21 @@ class Told:
 
 @contextmanager
 def limit(seconds: float) -> Iterator[None]:
-    """Raises `Hang` after so many seconds."""
+    """Raises `Hang` after so many seconds of the processor, or three times as many on the clock."""
 
-    def ring(*_: object) -> None:
-        raise Hang(f"more than {seconds:g} s")
+    def ring(number: int, _: object) -> None:
+        clock = number == signal.SIGALRM
+        raise Hang(f"more than {PATIENCE * seconds if clock else seconds:g} s {'' if clock else 'of the processor'}")
 
-    signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    timers = ((signal.SIGALRM, signal.ITIMER_REAL, PATIENCE * seconds), (signal.SIGPROF, signal.ITIMER_PROF, seconds))
+    for number, timer, span in timers:
+        signal.signal(number, ring)
+        signal.setitimer(timer, span)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        for _, timer, _ in timers:
+            signal.setitimer(timer, 0)
 
 
 def carried_out(part: Part, number: int, seed: int, folder: Path) -> dict[str, Any]:
@@ -244,7 +249,7 @@ def _look_at(hand: _Worker, told: Told, part: Part) -> None:
         hand.left.remove(line["case"])
         hand.current = None
         _count(told, line)
-    stuck = hand.current is not None and time.monotonic() - hand.since > part.seconds + GRACE
+    stuck = hand.current is not None and time.monotonic() - hand.since > PATIENCE * part.seconds + GRACE
     if stuck:
         hand.kill()
     if (ended or stuck) and hand.left:

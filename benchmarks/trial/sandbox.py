@@ -51,10 +51,15 @@ def enter(folder: Path, private: bool) -> str:
     home = folder / "home"
     for name in ("home", "cache", "tmp", "cases"):
         (folder / name).mkdir(exist_ok=True)
-    folders = {"HOME": home, "KREISEL_CACHE": folder / "cache", "NUMBA_CACHE_DIR": folder / "cache" / "numba"}
+    folders: dict[str, object] = {
+        "HOME": home,
+        "KREISEL_CACHE": folder / "cache",
+        "NUMBA_CACHE_DIR": folder / "cache" / "numba",
+    }
     folders |= {"XDG_CACHE_HOME": home, "XDG_CONFIG_HOME": home, "MPLCONFIGDIR": home, "TMPDIR": folder / "tmp"}
-    os.environ.update({name: str(path) for name, path in folders.items()})
-    (folder / "cache").chmod(0o700)
+    folders |= dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), 1)
+    os.environ.update({name: str(value) for name, value in folders.items()})
+    cache.chmod(0o700)
     tempfile.tempdir = None
     os.environ.update(MPLBACKEND="agg", PYTHONDONTWRITEBYTECODE="1", JAX_PLATFORMS="cpu")
     sys.dont_write_bytecode = True

@@ -23,6 +23,7 @@ class Scenario:
     again: Callable[[Path], None]
     sharded: bool = True
     weight: int = 4
+    memory: Callable[[], None] = lambda: None  # the same without a disk: its kernels are then at hand
 
 
 def _nothing(folder: Path) -> None:
@@ -58,7 +59,7 @@ def single(name: str, sharded: bool = True, weight: int = 4, **options: Any) -> 
     def act(folder: Path) -> None:
         stores.run(folder / NAME, name, **options)
 
-    return Scenario(_nothing, act, go_on(act), sharded, weight)
+    return Scenario(_nothing, act, go_on(act), sharded, weight, lambda: stores.run(None, name, **options))
 
 
 def overwriting() -> Scenario:

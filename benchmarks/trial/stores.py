@@ -88,8 +88,8 @@ def model(name: str, n: int, lanes: int = 0, seed: int = 1) -> tuple[Any, Any]:
     return system, system.state(**values)
 
 
-def run(path: Path, name: str, n: int = 3, lanes: int = 0, seed: int = 1, **options: Any) -> None:
-    """A run on disk."""
+def run(path: Path | None, name: str, n: int = 3, lanes: int = 0, seed: int = 1, **options: Any) -> None:
+    """A run on disk, or in memory."""
     import kreisel as kr
 
     system, state = model(name, n, lanes, seed)
