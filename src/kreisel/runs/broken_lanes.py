@@ -64,7 +64,7 @@ def watched_lanes(result: xr.Dataset) -> xr.Dataset:
 def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
     """Start and largest change (lanes, parts) of what is kept."""
     out = {}
-    for name, variable in result.data_vars.items():
+    for name, variable in sorted(result.data_vars.items(), key=lambda item: str(item[0])):  # folders have no order
         if variable.attrs.get("kind") != "drift" or not str(name).endswith("_drift"):
             continue
         if str(variable.attrs.get("long_name", "")).endswith("not kept"):
