@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import pytest
 
 import kreisel as kr
-from kreisel.runs import checking, replacing
+from kreisel.runs import checking, config, replacing
 from kreisel.runs.checkpoint import Lock
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 30}
@@ -251,3 +252,24 @@ def test_a_reader_does_not_settle_what_a_writer_does(top: Any, x0: Any, tmp_path
     with Lock(path), pytest.raises(kr.InputError, match="no archive"):
         kr.open_run(path)
     assert kr.open_run(path).sizes["time"] == 31
+
+
+def test_an_archive_holds_one_run_and_nothing_else(top: Any, x0: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.zarr"
+    run = kr.simulate(top, x0, path=path, **OPTIONS)
+    acts = (
+        lambda inner: kr.simulate(top, x0, path=inner / "b.zarr", overwrite=True, **OPTIONS),
+        lambda inner: kr.sweep(top, x0, path=inner / "b.zarr", **SWEPT),
+        lambda inner: kr.export(run, inner / "run.nc"),
+        lambda inner: kr.view(run).save(inner / "run.html"),
+        lambda inner: checking.recover(path, inner / "rest.zarr"),
+    )
+    for inner in (path, path / "a"):
+        for act in acts:
+            with pytest.raises(kr.InputError, match="within the archive"):
+                act(inner)
+    for figure in ("run.zarr", "run.zarr/top.png", "run.zarr/a/top.png"):
+        with pytest.raises(kr.InputError, match=r"beside the archive|must end in"):
+            config.parse(tomllib.loads(TOML.format(path="run.zarr", figure=figure)))
+    assert checking.check_archive(path)[1] == []
+    assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]

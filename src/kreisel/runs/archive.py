@@ -278,12 +278,12 @@ class Archive:
         return self
 
     def _make_room(self) -> None:
+        require_replaceable(self.path)
         if stands(self.path) and not self._overwrite:
             raise InputError(
                 f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
                 "(overwrite=True)."
             )
-        require_replaceable(self.path)
         require_replaceable(self.part)
         if stands(self.part):
             if not self._overwrite and (self.part / checkpoint.NAME).exists():

@@ -32,7 +32,7 @@ from kreisel.runs.blocks import COMPUTED, MISSING
 from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.runs.reading import parsed
 from kreisel.runs.recomputing import lanes_again, steps_again
-from kreisel.runs.replacing import settled, stands
+from kreisel.runs.replacing import require_replaceable, settled, stands
 from kreisel.runs.sweep import open_sweep
 from kreisel.runs.verified import Damaged
 
@@ -196,6 +196,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     """
     if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
+    require_replaceable(out)
     attrs = read_attributes(path)
     require_sound(path)
     known = manifest.read(path) if manifest.begun(path) else None

@@ -118,6 +118,11 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
     if figure.suffix.lower() not in FIGURES:
         raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {shown(str(figure))} came.")
+    if path.absolute() in (figure.absolute(), *figure.absolute().parents):
+        raise InputError(
+            f"{source}: expected a figure beside the archive, got {shown(str(figure))} in or instead of "
+            f"{shown(str(path))}. Choose another figure in [output]."
+        )
     return Config(name, file, system, state, orientation, run, path, figure)
 
 

@@ -18,7 +18,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kreisel.errors import InputError, RunError, disk_trouble
-from kreisel.runs.manifest import listed
+from kreisel.runs.manifest import BLOCKS, listed
+from kreisel.runs.manifest import NAME as CHECKSUMS
 
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
 PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # what a kill leaves of a file that Zarr was writing
@@ -72,13 +73,21 @@ def why_not(path: Path) -> str | None:
 
 
 def require_replaceable(path: Path) -> None:
-    """Raises `InputError` where something stands that is no archive of Kreisel."""
+    """Raises `InputError` where something stands that is no archive of Kreisel, and within another archive."""
+    _require_outside(path)
     why = why_not(path) if stands(path) else None
     if why is not None:
         raise InputError(
             f"{path} is left as it is: expected nothing there or an archive of Kreisel, but it {why}. Choose another "
             "path, or move it away."
         )
+
+
+def _require_outside(path: Path) -> None:
+    """Raises `InputError` for a place within an archive, which holds one run and nothing else."""
+    for folder in path.absolute().parents:
+        if stands(folder / CHECKSUMS) or stands(folder / BLOCKS):
+            raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
 
 
 def _says_so(store: Path) -> bool:
@@ -180,6 +189,7 @@ def require_file(path: Path, overwrite: bool = True) -> None:
     """
     if not path.name or path.name == "..":
         raise InputError(f"A name for the file was expected, such as top.png; got {str(path)!r}.")
+    _require_outside(path)
     if not stands(path):
         return
     if not overwrite:
