@@ -273,3 +273,38 @@ def test_an_archive_holds_one_run_and_nothing_else(top: Any, x0: Any, tmp_path: 
             config.parse(tomllib.loads(TOML.format(path="run.zarr", figure=figure)))
     assert checking.check_archive(path)[1] == []
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+
+
+@pytest.mark.parametrize("swept", [False, True])
+def test_a_replacement_that_was_interrupted_goes_on(
+    swept: bool, top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the consent of --overwrite, and for the archive that stood there then alone."""
+    path, longer = tmp_path / "run.zarr", {**(SWEPT if swept else OPTIONS), "steps": 60}
+    make = kr.sweep if swept else kr.simulate
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    sealed = "kreisel.runs.manifest.seal"
+    for _ in range(2):
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            patch.setattr(sealed, lambda *_: (_ for _ in ()).throw(Killed))
+            make(top, x0, path=path, overwrite=True, **longer)
+        path.with_name("run.zarr.lock").unlink(missing_ok=True)
+        assert "failed" not in kr.open_run(path)
+        if swept:
+            made = len(list((path.with_name("run.zarr.part") / "engine" / "blocks").iterdir()))
+            assert made == 3  # metadata and two; and a second time none of them is computed again
+            monkeypatch.setattr("kreisel.runs.workers.compute", None)
+    if swept:
+        kr.sweep(top, x0, path=path, overwrite=True, **longer)
+        assert kr.open_run(path).sizes["lane"] == 3
+    else:
+        kept = path.rename(tmp_path / "kept.zarr")
+        kr.simulate(top, x0, path=tmp_path / "other.zarr", dt=0.2, steps=10)
+        (tmp_path / "other.zarr").rename(path)
+        with pytest.raises(kr.InputError, match="was not to be replaced"):
+            kr.resume(path)
+        shutil.rmtree(path)
+        kept.rename(path)
+        assert kr.resume(path).attrs["steps"] == 60
+    assert checking.check_archive(path)[1] == []
+    assert not path.with_name("run.zarr.part").exists()

@@ -36,7 +36,17 @@ from kreisel.runs.drift import KINDS
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.reading import parsed, place
-from kreisel.runs.replacing import LARGEST_METADATA, part_of, remove, require_replaceable, settled, stands, take_name
+from kreisel.runs.replacing import (
+    LARGEST_METADATA,
+    agree,
+    agreed,
+    part_of,
+    remove,
+    require_replaceable,
+    settled,
+    stands,
+    take_name,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -267,6 +277,8 @@ class Archive:
                 told = {**describe(self.plan), "complete": False}
                 group = zarr.create_group(str(self.part), zarr_format=3, attributes=told)
                 group.create_group(checkpoint.NAME.split("/")[0])
+                if self._overwrite:
+                    agree(self.path)
                 manifest.begin(self.part)
             try:
                 self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
@@ -378,7 +390,7 @@ class Archive:
             consolidated(self.part, complete=True)
             manifest.seal(self.part, [checkpoint.NAME])
             self._require_there()
-            take_name(self.path, self._overwrite)
+            take_name(self.path)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -397,6 +409,8 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     store = part if stands(part) else path
     attrs = read_attributes(store)
     require_sound(store)
+    if store == part and stands(path) and not agreed(path):
+        raise InputError(f"{path} stands where {part} is to go, and was not to be replaced. Move one of them away.")
     if store == path and extend is None:
         raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
     steps = attrs["steps"] if extend is None else extend

@@ -62,7 +62,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     except InputError as error:
         return None, [*cut, *(([] if cut else _unreadable(path)) or [str(error)])]
     faults, sizes = changed, _size_faults(run)
-    if sizes:
+    if sizes or "time" not in run.variables:
         return None, [*cut, *faults, *sizes]
     damaged = damaged_rows(run)
     for name, (first, last, why) in damaged:
@@ -226,8 +226,6 @@ def _numbers(run: xr.Dataset) -> list[str]:
 
     And whether some rows follow from the row before.
     """
-    if "time" not in run.variables:
-        return [] if is_cut(run.attrs) else ["time is missing"]  # no row of a system of the user's own is written yet
     again = None if is_own(run.attrs) else _definition(run)
     if again is not None:
         missing = [f"{name} is missing" for name in again.outcomes if name not in run]

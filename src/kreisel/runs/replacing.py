@@ -2,8 +2,10 @@
 
 A new archive is made as NAME.part.  To take the name of an old one it goes through two renames: NAME becomes
 .NAME.replaced, NAME.part becomes NAME, and the old one is removed.  A kill in between leaves one of these states;
-`settle` ends it.  A folder is removed file by file, only files that Kreisel or Zarr makes: what somebody else has put
-there stays, and so does the folder around it.
+`settle` ends it.  NAME.part says which archive it may replace, so that a run that is resumed may do so too.
+
+A folder is removed file by file, only files that Kreisel or Zarr makes: what somebody else has put there stays, and so
+does the folder around it.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kreisel.errors import InputError, RunError, disk_trouble
-from kreisel.runs.manifest import BLOCKS, listed
+from kreisel.runs.manifest import BLOCKS, REPLACES, digest, listed, replace_file
 from kreisel.runs.manifest import NAME as CHECKSUMS
 
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
@@ -26,7 +28,7 @@ PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # what a kill leaves of a file that Zar
 CHUNK = re.compile(rf"[^/]+/c(/\d+)*{PARTIAL}")
 MADE = re.compile(
     rf"([^/]+/)?zarr(\.json|\.[0-9a-f]{{32}}\.partial)|{CHUNK.pattern}"
-    r"|engine/(checkpoint\.npz|checksums\.sha256|blocks/(\.new-[0-9a-f]{16}|\w+\.sha256))|([^/]+/)?\.new-[0-9a-f]{16}"
+    r"|engine/(checkpoint\.npz|checksums\.sha256|replaces|blocks/(\.new-[0-9a-f]{16}|\w+\.sha256))|([^/]+/)?\.new-[0-9a-f]{16}"
 )
 FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
@@ -85,7 +87,7 @@ def require_replaceable(path: Path) -> None:
 
 def _require_outside(path: Path) -> None:
     """Raises `InputError` for a place within an archive, which holds one run and nothing else."""
-    for folder in path.absolute().parents:
+    for folder in Path(os.path.abspath(path)).parents:
         if stands(folder / CHECKSUMS) or stands(folder / BLOCKS):
             raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
 
@@ -133,14 +135,35 @@ def remove(store: Path) -> None:
     os.rmdir(store)
 
 
-def take_name(path: Path, overwrite: bool) -> None:
-    """Give NAME.part its name; an archive that has it is replaced with `overwrite` only.
+def agree(path: Path) -> None:
+    """Write down in NAME.part that it may replace what has its name now, with --overwrite."""
+    replace_file(part_of(path) / REPLACES, _mark(path).encode())
+
+
+def agreed(path: Path) -> bool:
+    """Whether NAME.part may replace what has its name."""
+    try:
+        return (part_of(path) / REPLACES).read_text() == _mark(path)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _mark(path: Path) -> str:
+    """What tells one archive from another: the SHA-256 of its manifest, or of its attributes where it has none."""
+    for name in (CHECKSUMS, "zarr.json"):
+        with contextlib.suppress(OSError):
+            return digest(path / name)
+    return "something" if stands(path) else "nothing"
+
+
+def take_name(path: Path) -> None:
+    """Give NAME.part its name; an archive that has it is replaced where that was agreed.
 
     Raises `RunError` where something else has come to stand there: what is done stays in NAME.part.
     """
     part, old = part_of(path), replaced(path)
     if stands(path):
-        why = why_not(path) if overwrite else "came to stand there during the run"
+        why = why_not(path) if agreed(path) else "came to stand there during the run"
         if why is not None:
             raise RunError(
                 f"{path} is left as it is: it {why}. The run is whole and kept in {part}. Move {path} away, then "
@@ -149,6 +172,7 @@ def take_name(path: Path, overwrite: bool) -> None:
         if stands(old):
             remove(old)
         os.replace(path, old)
+    (part / REPLACES).unlink(missing_ok=True)
     os.replace(part, path)
     if stands(old):
         remove(old)
@@ -160,7 +184,10 @@ def settle(path: Path) -> None:
     if not stands(old) or why_not(old) is not None:
         return
     if not stands(path):
-        os.replace(part if _complete(part) else old, path)
+        if _complete(part):
+            take_name(path)
+            return
+        os.replace(old, path)
     if stands(old):
         remove(old)
 

@@ -21,7 +21,7 @@ from kreisel.runs.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJEC
 from kreisel.runs.lanes import Quantity, as_json
 from kreisel.runs.plan import Plan
 from kreisel.runs.reading import parsed
-from kreisel.runs.replacing import part_of, remove, require_replaceable, settle, stands, take_name
+from kreisel.runs.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
 from kreisel.runs.summaries import FEWEST_ROWS, PARTS
 from kreisel.runs.workers import LOST
 
@@ -38,7 +38,6 @@ class Store:
 
     def __init__(self, path: Path, sweep: Sweep):
         self.path, self.part, self.sweep = path, part_of(path), sweep
-        self._overwrite = False
         self._text = as_json(sweep.description)
         self.digest = hashlib.sha256(self._text.encode()).hexdigest()
         self._plans = list(_templates(sweep))
@@ -63,24 +62,31 @@ class Store:
 
     def open(self, overwrite: bool) -> list[int]:
         """Make the store or go on with it; the blocks to do.  Raises `InputError` where another one is in the way."""
-        self._overwrite = overwrite
         try:
             settle(self.path)
-            if stands(self.path) and not overwrite:
+            going_on = agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
+            if stands(self.path) and not (overwrite or going_on):
                 self._same(self.path)
                 return []
             require_replaceable(self.path)
             require_replaceable(self.part)
             if stands(self.part):
-                if not overwrite and manifest.begun(self.part):
+                if going_on or (not overwrite and manifest.begun(self.part)):
                     self._same(self.part)
                     self._fit()
                     return self.missing()
                 remove(self.part)
-            self._create()
+            self._create(overwrite)
         except OSError as error:
             raise disk_trouble(error, self.path, "be created", "") from error
         return self.missing()
+
+    def _is_same(self, where: Path) -> bool:
+        try:
+            self._same(where)
+        except InputError:
+            return False
+        return manifest.begun(where)
 
     def _same(self, where: Path) -> None:
         attrs = read_attributes(where)
@@ -136,7 +142,7 @@ class Store:
         add("failed", (), (), {"long_name": "whether a lane failed", **flags}, dtype=np.dtype("u1"), fill_value=MISSING)
         return out
 
-    def _create(self) -> None:
+    def _create(self, overwrite: bool) -> None:
         import zarr
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
@@ -172,6 +178,8 @@ class Store:
             group.create_array(name, compressors=codecs, **more)
         group.create_group("engine")
         (self.part / manifest.BLOCKS).mkdir()
+        if overwrite:
+            agree(self.path)
         if TRAJECTORIES in self.sweep.save:
             manifest.add_block(self.part, "before", ["time/c/0"])
         manifest.begin(self.part)
@@ -189,7 +197,7 @@ class Store:
                 consolidated(self.part, failed_lanes=self._failed(), complete=True)
                 manifest.seal(self.part, [])
             manifest.clear(self.part)
-            take_name(self.path, self._overwrite)
+            take_name(self.path)
         except OSError as error:
             raise disk_trouble(error, self.path, "be finished", f" {LOST}") from error
 
