@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import platform
 import random
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -169,6 +172,36 @@ def test_resumed_on_another_processor(
     there = kr.simulate(type(model)(model.system, model.params), x0, **options)
     whole = kr.open_run(tmp_path / "whole.zarr")
     assert any((there[key].values != whole[key].values).any() for key in there.data_vars)  # the stand-in does something
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the names are those of x86-64")
+def test_resumed_by_the_code_of_another_processor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenBLAS's for Prescott and for Haswell, whose eigenvectors have other last bits."""
+    model, x0 = random_start("heavy-top", 4)
+    options = {"dt": 0.02, "steps": 60, "every": 2, "method": "variational", "progress": False}
+    kr.simulate(model, x0, path=tmp_path / "whole.zarr", **options)
+    with monkeypatch.context() as patch:
+        stop_after(3, patch)
+        for core in ("Prescott", "Haswell"):
+            with pytest.raises(kr.RunError, match="stopped by SIGTERM"):
+                kr.simulate(model, x0, path=tmp_path / f"{core}.zarr", **options)
+            stop_after(3, patch)
+    code = (
+        "import sys, numpy, kreisel as kr\n"
+        "run = kr.resume(sys.argv[1], progress=False)\n"
+        "known = kr.runs.archive.model_of(run.attrs).constants\n"
+        "print(known['R'].tobytes().hex(), known['c'].tobytes().hex())"
+    )
+    found = set()
+    for core in ("Prescott", "Haswell"):
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / f"{core}.zarr")],
+            env={**os.environ, "OPENBLAS_CORETYPE": core}, capture_output=True, text=True, check=False, timeout=120,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        found.add(done.stdout)
+        assert contents(tmp_path / f"{core}.zarr") == contents(tmp_path / "whole.zarr")
+    assert len(found) == 2  # the constants would have been others
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
