@@ -110,10 +110,10 @@ def test_one_doubling_less_is_told_by_the_defect(monkeypatch: pytest.MonkeyPatch
     assert defect > LIMIT**2
 
 
-# The mean rounding error of a step, in eps times the sensitivity of the integral.  For n = 3 there is none.  For n = 4
-# there is one that depends on the constants of the body: of the worst of six bodies 0.02 in 3e5 steps of 0.99 of the
-# longest, 0.006 in those of 0.9.
-MEAN = {3: 0.0, 4: 0.1}
+# The mean rounding error of a step, in eps times the sensitivity of the integral, depends on the constants of the body.
+# Measured: n = 3, of forty bodies at 0.95 of the longest step 0.0012 at most; n = 4, of six bodies 0.02 at 0.99, 0.006
+# at 0.9.  What these bounds let pass is five times as much.
+MEAN = {3: 0.005, 4: 0.1}
 
 
 def close_to_the_longest_step(n: int, share: float, steps: int) -> xr.Dataset:
@@ -130,15 +130,34 @@ def test_integrals_stand_still_close_to_the_longest_step(n: int, steps: int, sha
     walks.assert_still(run, mean=MEAN[n])
 
 
-@pytest.mark.parametrize("share", [0.9, 0.99])
-def test_differences_of_moments_let_the_integrals_drift(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For n = 3 with (I_j - I_k) u_j u_k in the place of d u x u: by its rounding alone."""
+def many_close_to_the_longest_step() -> xr.Dataset:
+    """All bodies at once: momenta so large that the same step is the same share of the longest for each."""
+    each = list(bodies("euler-top", 3))
+    momenta = np.stack([0.95 * largest / 0.1 * M for _, (M,), largest in each])
+    top = kr.EulerTop(J=np.stack([model.params["J"] for model, *_ in each]))
+    return kr.simulate(top, {"M": momenta}, dt=0.1, steps=250_000, every=625, method="veselov", progress=False)
+
+
+def test_many_bodies_stand_still() -> None:
+    walks.assert_still(many_close_to_the_longest_step(), mean=MEAN[3])
+
+
+def test_differences_of_moments_let_the_integrals_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With (I_j - I_k) u_j u_k in the place of d u x u: by its rounding alone, of two bodies in five."""
     system = import_module("kreisel.systems.euler_top")
-    (model, (M,), _), *_ = bodies("euler-top", 3)
-    moments = system.quartic(M, model.params["J"], 0.1)[0]
-    j, k = list(system.SECOND), list(system.THIRD)
-    monkeypatch.setattr(system, "cross", lambda du, u: (moments[j] - moments[k]) * u[..., j] * u[..., k])
-    assert walks.troubles(close_to_the_longest_step(3, share, 1_000_000))
+    right, given = system.turn_in_space, {}
+
+    def turn(M: Any, J: Any, *rest: Any) -> Any:
+        given["I"] = system.quartic(M, J, 0.1)[0]
+        return right(M, J, *rest)
+
+    def cross(du: Any, u: Any) -> Any:
+        j, k = list(system.SECOND), list(system.THIRD)
+        return (given["I"][..., j] - given["I"][..., k]) * u[..., j] * u[..., k]
+
+    monkeypatch.setattr(system, "turn_in_space", turn)
+    monkeypatch.setattr(system, "cross", cross)
+    assert walks.troubles(many_close_to_the_longest_step(), mean=MEAN[3])
 
 
 def test_an_equation_solved_to_fifty_ulps_lets_the_integrals_drift(monkeypatch: pytest.MonkeyPatch) -> None:
