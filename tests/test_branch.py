@@ -111,9 +111,9 @@ def test_one_doubling_less_is_told_by_the_defect(monkeypatch: pytest.MonkeyPatch
 
 
 # The mean rounding error of a step, in eps times the sensitivity of the integral, depends on the constants of the body.
-# Measured: n = 3, of forty bodies at 0.95 of the longest step 0.0012 at most; n = 4, of six bodies 0.02 at 0.99, 0.006
+# Measured: n = 3, of forty bodies at 0.95 of the longest step 0.0022 at most; n = 4, of six bodies 0.02 at 0.99, 0.006
 # at 0.9.  What these bounds let pass is five times as much.
-MEAN = {3: 0.005, 4: 0.1}
+MEAN = {3: 0.01, 4: 0.1}
 
 
 def close_to_the_longest_step(n: int, share: float, steps: int) -> xr.Dataset:
