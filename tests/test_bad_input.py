@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -408,3 +409,45 @@ def test_what_is_no_run(kind: str, act: str) -> None:
 def test_what_cannot_be_exported(what: object, tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="expected the path of an archive or a Dataset"):
         kr.export(what, tmp_path / "run.nc")
+
+
+@pytest.mark.parametrize("command", [["check"], ["view"], ["plot"], ["resume"], ["run"], ["plot", "run.zarr", "-o"]])
+def test_a_name_that_no_file_system_takes(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from kreisel import cli
+
+    monkeypatch.chdir(tmp_path)
+    kr.simulate(TOP, STATE, path="run.zarr", **OPTIONS)
+    monkeypatch.setattr(sys, "argv", ["kreisel", *command, "x" * 5000])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    message = capsys.readouterr().err
+    assert (stopped.value.code, message.startswith("kreisel: ")) == (2, True)
+    assert len(message) < 1600
+    assert os.listdir(tmp_path) == ["run.zarr"]
+
+
+@pytest.mark.parametrize("name", ["n", "degree", "iterates", "steps", "seed"])
+@pytest.mark.parametrize(
+    "value",
+    [-1, 1.5, "auto", [1], np.array([1, 2]), 10**5000, float("nan"), Unprintable()],
+    ids=lambda v: type(v).__name__,
+)
+def test_an_investigation_of_anything(name: str, value: object) -> None:
+    with pytest.raises(kr.InputError, match=f"{name}: expected a whole number from"):
+        kr.lab.investigate("lagrange-top", **{name: value})
+
+
+def test_analysis_of_anything() -> None:
+    run, analysis = kr.simulate(TOP, STATE, dt=0.1, steps=50), kr.analysis
+    for value in ("x", [1, 2], np.array([1.0, 2.0]), float("nan"), 10**5000, {}):
+        for act in (
+            lambda v: analysis.events(run, "a[2]", v),
+            lambda v: analysis.events(run, "a[2]", rising=v),
+            lambda v: analysis.frequencies(run, "a[2]", lines=v),
+            lambda v: analysis.frequencies(run, "a[2]", power=v),
+            lambda v: analysis.return_map(run, "a[2]", "a[0]", 0.1, returns=v),
+        ):
+            with pytest.raises(kr.InputError):
+                act(value)

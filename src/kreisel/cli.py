@@ -19,7 +19,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import ConservationWarning, InputError, Interrupted, RunError, Stopped, brief, printable, shown
+from kreisel.errors import (
+    ConservationWarning,
+    InputError,
+    Interrupted,
+    RunError,
+    Stopped,
+    brief,
+    disk_trouble,
+    printable,
+    shown,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -567,3 +577,6 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        say(f"kreisel: {disk_trouble(error, error.filename or 'a file', 'be used', '')}", file=sys.stderr)
+        sys.exit(2)

@@ -18,6 +18,7 @@ from kreisel.lab.questions import QUESTIONS, Clues, Finding, verdict
 from kreisel.lab.subject import Subject, subject
 from kreisel.model import Model
 from kreisel.runs.own import executed, own_systems
+from kreisel.runs.plan import within
 
 OF_A_FILE = ("names", "n", "frame", "eps", "tensor", "lax", "conjugator", "involution", "flow", "start")
 
@@ -60,6 +61,9 @@ class Investigation:
         save(self, path)
 
 
+RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10**9), "seed": (0, 2**63)}
+
+
 def investigate(
     what: Any,
     *,
@@ -87,6 +91,9 @@ def investigate(
 
     Raises `InputError` for what is no map, or not one of rational functions.
     """
+    for name, value in {"n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}.items():
+        if value is not None or name in ("steps", "seed"):
+            within(value, name, *RANGES[name])
     x = _subject(what, n, frame, eps, names, options)
     clues = Clues(x, degree, iterates, steps, seed)
     findings = tuple(question(clues) for question in QUESTIONS)

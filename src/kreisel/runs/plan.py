@@ -419,6 +419,13 @@ def whole(value: Any, name: str) -> int:
     return int(value)
 
 
+def within(value: Any, name: str, least: int, most: int) -> int:
+    """A whole number from `least` to `most`.  Raises `InputError`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        raise InputError(f"{name}: expected a whole number from {least:,} to {most:,}, got {shown(value)}.")
+    return int(value)
+
+
 def number(value: Any, name: str) -> float:
     """A finite number.  Raises `InputError`."""
     try:
