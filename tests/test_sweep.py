@@ -556,7 +556,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
         ({"list": {"system.alpha": [object()]}}, "described by numbers"),
         ({"grid": 3}, "must be a table"),
         ({**vary, "memory": 0}, "memory in"),
-        ({**vary, "method": ["suris"]}, "method must be a name"),
+        ({**vary, "method": ["suris"]}, "method: expected a name"),
     ]
     for wrong, words in wrongs:
         with pytest.raises(kr.InputError, match=words):
