@@ -169,11 +169,16 @@ def _run_of(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
         lambda: run[rng.choice([str(k) for k in run.data_vars])],
         lambda: run.assign_coords(time=run.time * rng.choice([0, -1, np.inf])),
         lambda: run.astype("f4", keep_attrs=True),
-        lambda: run.transpose(*reversed(run.dims)),
+        lambda: run.transpose(*reversed(list(run.sizes))),
         lambda: xr.Dataset(),
         lambda: xr.Dataset({"a": ("x", [1, 2])}),
     ]
     return rng.choice(changes)()
+
+
+def _dataset(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+    found = _run_of(here, rng, told)
+    return found if hasattr(found, "data_vars") else here.runs[0]
 
 
 def _quantity(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
@@ -196,7 +201,6 @@ def _quantity(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     functions: list[Any] = [
         lambda *x: x[0][..., 0],
         lambda *x: x[0] * 0,
-        lambda *x: 1 / 0,
         lambda *x: np.nan,
         lambda *x: "text",
         lambda: 1,
@@ -295,7 +299,7 @@ def _choice(*words: Any) -> Function:
     return lambda here, rng, told: rng.choice(words)
 
 
-ALWAYS = ("model", "parts", "parameters", "system name", "name")  # what Python itself would refuse otherwise
+ALWAYS = ("model", "parts", "parameters", "system name", "name", "dataset")  # what Python itself would refuse otherwise
 KINDS: dict[str, Function] = {
     "model": _model,
     "state": _state,
@@ -309,6 +313,7 @@ KINDS: dict[str, Function] = {
     "tol": _choice(None, 1e-3, 1e-9, 1e-14, 1e-300, 0, 1.0),
     "engine": _choice(None, "cpu", "cpu", "large", *ENGINES),
     "run": _run_of,
+    "dataset": _dataset,
     "quantity": _quantity,
     "path": _path_out,
     "file": _file_out,
