@@ -11,7 +11,7 @@ help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
 	@echo "make test      the whole test suite"
 	@echo "make test-full the same with the cases that take minutes"
-	@echo "make test-machines  what depends on the processor, under the code that the libraries have for others; an hour"
+	@echo "make test-machines  what depends on the processor, under the code that the libraries have for others; two hours"
 	@echo "make examples  run every example, outputs in out/"
 	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
