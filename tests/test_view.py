@@ -111,7 +111,7 @@ def test_particle_projection_lane_and_own_system():
         scene(run, lane=2)
     own = run.isel(lane=0).assign_attrs(system="a-top-of-ones-own", frame="moving")
     assert scene(own)["kind"] == "body"
-    with pytest.raises(kr.InputError, match="A run of"):
+    with pytest.raises(kr.InputError, match="expected a run"):
         scene(run.drop_attrs())
     with pytest.raises(kr.InputError, match="lacks a"):
         scene(run.drop_vars("a"))
