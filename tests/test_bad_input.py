@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -389,10 +390,13 @@ def no_runs() -> dict[str, object]:
 
 
 @pytest.mark.parametrize("kind", ["None", "a list", "a path", "an empty Dataset", "no time"])
-@pytest.mark.parametrize("act", ["plot", "view", "failures", "events", "frequencies", "euler_angles", "compare"])
+@pytest.mark.parametrize(
+    "act", ["drift", "plot", "view", "failures", "events", "frequencies", "euler_angles", "compare"]
+)
 def test_what_is_no_run(kind: str, act: str) -> None:
     what, run = no_runs()[kind], kr.simulate(TOP, STATE, **OPTIONS)
     acts = {
+        "drift": kr.drift,
         "plot": kr.plot,
         "view": kr.view,
         "failures": kr.failures,
@@ -451,3 +455,24 @@ def test_analysis_of_anything() -> None:
         ):
             with pytest.raises(kr.InputError):
                 act(value)
+
+
+@pytest.mark.parametrize(
+    "path", [[], 3, None, b"run.zarr", "x" * 5000, "~", "", "/", "a\0b", "..", {"a": 1}, np.arange(3)]
+)
+def test_paths_of_any_kind(path: Any, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = kr.simulate(top, x0, dt=0.1, steps=3)
+    for act in (
+        lambda: kr.open_run(path),
+        lambda: kr.resume(path),
+        lambda: None if path is None else kr.simulate(top, x0, dt=0.1, steps=3, path=path, overwrite=True),
+        lambda: kr.sweep(top, x0, dt=0.1, steps=3, path=path, overwrite=True, workers=0, list={"system.alpha": [1.0]}),
+        lambda: kr.export(run, path),
+        lambda: kr.view(run).save(path),
+    ):
+        try:
+            assert act() is None
+        except (kr.InputError, kr.RunError) as error:
+            assert 20 < len(str(error)) < 1600
+    assert list(tmp_path.iterdir()) == []

@@ -264,9 +264,10 @@ def view(
     if serve:
         _serve(archive, host, port, lane)
         return
+    result = open_archive(settled(archive))
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     require_file(target)
-    page_of(open_archive(settled(archive)), lane=lane).save(target)
+    page_of(result, lane=lane).save(target)
     say(f"page: {target}")
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import math
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kreisel.runs.reading import place
 from kreisel.runs.replacing import written
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def save(told: Investigation, path: Any) -> None:
 
     Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
     """
-    with written(Path(path)) as scratch:
+    with written(place(path, "The page needs a name such as map.html")) as scratch:
         scratch.write_text(page(told), encoding="utf-8")
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 from kreisel.engines.layout import Floats
 from kreisel.errors import ConservationWarning, InputError
+from kreisel.runs.reading import a_run
 
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 KINDS = ("casimir", "integral", "relation")
@@ -68,8 +69,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    if "kreisel_sweep" in run.attrs:
+    if "kreisel_sweep" in getattr(run, "attrs", {}):
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
+    a_run(run)
     return pd.DataFrame.from_dict(_rows(run, _watched(run)), orient="index")
 
 

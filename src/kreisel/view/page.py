@@ -20,6 +20,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError
+from kreisel.runs.reading import place
 from kreisel.runs.replacing import written
 from kreisel.view.scene import scene
 
@@ -38,7 +39,7 @@ class View:
 
         Raises `InputError` where anything else has that name, and `RunError` where the disk refuses.
         """
-        target = Path(path)
+        target = place(path, "The page needs a name such as top.html")
         with written(target) as scratch:
             scratch.write_text(self.html, encoding="utf-8")
         return target
