@@ -210,7 +210,7 @@ def check(
             say(f"FAULT: {fault}")
         if table is not None and result is not None and is_own(result.attrs):
             say(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
-        say(f"{archive}: {'damaged' if faults else 'whole'}")
+        say(f"{archive}: {_state(faults)}")
     if faults:
         raise typer.Exit(1)
 
@@ -430,6 +430,12 @@ def investigate(
         print(report.text(found, _width()))
         if html is not None:
             say(f"page: {html}")
+
+
+def _state(faults: list[str]) -> str:
+    """One word for an archive with these faults."""
+    cut = [fault for fault in faults if "was interrupted" in fault]
+    return "whole" if not faults else "interrupted" if cut == faults else "damaged"
 
 
 def say(text: str, file: Any = None) -> None:

@@ -42,6 +42,8 @@ def read(variable: xr.DataArray) -> np.ndarray:
     """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
     try:
         return np.asarray(variable.values)
+    except InputError:
+        raise
     except Exception as error:  # whatever a damaged chunk makes the libraries raise
         raise InputError(
             f"{variable.name} cannot be read: {error or type(error).__name__}. `kreisel check` says what is damaged."
