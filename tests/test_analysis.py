@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
@@ -281,3 +284,36 @@ def test_comparison_complains(mapped):
         analysis.compare(mapped, other)
     with pytest.raises(kr.InputError, match="in common"):
         analysis.compare(mapped.isel(time=slice(0, 10)), mapped.isel(time=slice(20, 30)))
+
+
+@pytest.fixture(scope="module")
+def short() -> Any:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    return kr.simulate(top, x0, dt=0.1, steps=40, orientation=(1, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda run: analysis.rates(run.isel(time=-1)),
+        lambda run: analysis.quaternions(run.isel(time=-1)),
+        lambda run: analysis.compare(run.isel(time=-1), run),
+        lambda run: analysis.compare(run.rename(m="other"), run),
+        lambda run: analysis.compare(run * 1e200, run),
+        lambda run: analysis.rates(run.transpose("axis", ...)),
+        lambda run: analysis.power_spectrum(run.isel(time=slice(0, 0)), "a[0]"),
+        lambda run: analysis.frequencies(run.map(lambda v: v * 1e200, keep_attrs=True), "a[0]"),
+        lambda run: analysis.rotations(run.assign(g=0 * run.g)),
+        lambda run: analysis.euler_angles(run.assign_coords(time=run.time * np.inf)),
+        lambda run: analysis.events(run, lambda m, a: a[..., 0] + 1j * a[..., 1]),
+        lambda run: analysis.events(run.assign_attrs(kreisel_sweep=1).drop_attrs(), "a[0]"),
+        lambda run: analysis.section(xr.Dataset(attrs={"system": "lagrange-top"}, coords={"time": [0.0, 1.0]}), "a[0]"),
+        lambda run: kr.drift(run.isel(time=slice(0, 0))),
+        lambda run: kr.drift(1.5),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_rows_that_are_no_rows_of_a_run(call: Any, short: Any) -> None:
+    with xr.set_options(keep_attrs=True), np.errstate(all="ignore"), pytest.raises(kr.InputError, match="xpected"):
+        call(short)

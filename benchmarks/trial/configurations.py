@@ -176,6 +176,8 @@ def configuration(rng: random.Random, folder: Path, sweeping: bool) -> dict[str,
         start["orientation"] = maybe(orientation(n, rng), rng, 0.4)
     data = {"system": table, "state": start, "run": settings(rng), "output": output(rng, folder)}
     if sweeping:
+        if rng.random() < 0.9:
+            data["output"].pop("figure", None)
         data["sweep"] = sweep(data, rng)
     for section in list(data):
         if rng.random() < 0.015:
@@ -239,19 +241,21 @@ def sweep(data: dict[str, Any], rng: random.Random) -> dict[str, Any]:
     for _ in range(rng.choice([1, 1, 2])):
         name = rng.choice(good) if rng.random() < 0.7 else rng.choice(names)
         kind = rng.choice(["grid", "list", "random"])
+        if kind == "random" and name.startswith("run.") and rng.random() < 0.9:
+            kind = "grid"
         values: Any = [round(rng.uniform(0.05, 0.3), 3) for _ in range(rng.choice([1, 2, 3]))]
         if name in ("run.steps", "run.every"):
             values = [rng.choice([1, 2, 5]) for _ in values]
         if kind == "grid" and rng.random() < 0.4:
-            values = {"start": 0.1, "stop": 0.3, "count": maybe(rng.choice([2, 3]), rng)}
+            values = {"from": 0.1, "to": 0.3, "count": maybe(rng.choice([2, 3]), rng)}
         if kind == "random":
-            law = rng.choice(["uniform", "loguniform", "normal", "sphere"])
+            law = rng.choice(["uniform", "loguniform", "normal", "normal", "sphere"])
             values = {law: maybe(1.0 if law == "sphere" else [0.1, 0.4], rng)}
         out.setdefault(kind, {})[name] = maybe(values, rng)
-    if "random" in out or rng.random() < 0.1:
+    if "random" in out or rng.random() < 0.03:
         out |= {"draws": maybe(rng.choice([1, 2, 3]), rng, 0.05), "rng": maybe(1, rng)}
     if rng.random() < 0.3:
-        out["save"] = maybe([rng.choice(["drift", "extremes", "frequencies", "trajectories", "all"])], rng)
+        out["save"] = maybe([rng.choice(["drift", "drift", "extremes", "trajectories", "frequencies"])], rng)
     if rng.random() < 0.3:
         out["block"] = maybe(rng.choice([1, 2, 100]), rng)
     if isinstance(out.get("draws"), int) and 100 < out["draws"] < 10**9:

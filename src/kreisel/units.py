@@ -61,7 +61,12 @@ def si(value: Any, unit: str, name: str) -> Any:
         value = _parsed(value, unit, name)
     elif isinstance(value, list | tuple) and any(isinstance(v, str) or _quantity(v) for v in value):
         return np.array([si(v, unit, name) for v in value])
-    return _converted(value, unit, name).magnitude * 1.0 if _quantity(value) else value
+    if not _quantity(value):
+        return value
+    try:
+        return _converted(value, unit, name).magnitude * 1.0
+    except OverflowError:
+        raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
 
 
 def quantity(variable: xr.DataArray) -> Any:

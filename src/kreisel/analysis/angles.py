@@ -46,7 +46,7 @@ def quaternions(run: xr.Dataset) -> Array:
     g and the next one are taken from the same half of the sphere, so that the four numbers are smooth in time.
     Raises `InputError` for a run without an orientation.
     """
-    q = orientation_of(run)
+    q = orientation_of(a_run(run))
     flips = np.where(dot(q[1:], q[:-1]) < 0, -1.0, 1.0)
     signs = np.concatenate([np.ones_like(flips[:1]), np.cumprod(flips, axis=0)])
     return q * signs[..., None]
@@ -70,7 +70,7 @@ def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-    q = orientation_of(run)
+    q = orientation_of(a_run(run))
     S, B = _alignment(run, system)
     turned = Rotation.from_matrix(S) * rotations(run) * Rotation.from_matrix(B).inv()
     with warnings.catch_warnings():

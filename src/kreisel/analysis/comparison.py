@@ -105,10 +105,16 @@ def _distances(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     data: dict[str, Any] = {}
     dims: tuple[Any, ...] = ()
     for letter in kinds_of(run.attrs):
+        if letter not in run or letter not in other:
+            raise InputError(f"expected two runs with {letter} of their state, got one without.")
         one, two = (np.asarray(each[letter].values).reshape((*each[letter].shape[:lead], -1)) for each in (run, other))
-        size = np.linalg.norm(one, axis=-1).max() or 1.0
+        with np.errstate(all="ignore"):
+            size = np.linalg.norm(one, axis=-1).max() or 1.0
+            apart = np.linalg.norm(one - two, axis=-1) / size
+        if not np.isfinite(apart).all():
+            raise InputError(f"expected {letter} with finite squares in both runs, got numbers beyond that.")
         dims = run[letter].dims[:lead]
-        data[letter] = (dims, np.linalg.norm(one - two, axis=-1) / size, {"long_name": f"distance of {letter}"})
+        data[letter] = (dims, apart, {"long_name": f"distance of {letter}"})
     if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, other)):
         q, r = run[ORIENTATION].values, other[ORIENTATION].values
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))

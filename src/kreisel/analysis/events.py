@@ -56,6 +56,8 @@ def events(
     time, lanes = np.asarray(run["time"].values), rows[0].shape[1]
     flat = tuple(v.reshape(-1, *v.shape[2:]) for v in rows)
     f = np.asarray(measure(flat[: len(model.system.space.letters)]) - value).reshape(len(time), lanes)
+    if f.dtype.kind == "c" or not np.isfinite(f).all():
+        raise InputError("expected a quantity that is a finite real number at every row, got others.")
     place, lane = np.nonzero(_crossed(f, rising))
     upward = f[place + 1, lane] > f[place, lane]
     h = np.zeros(len(place))

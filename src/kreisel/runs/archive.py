@@ -714,7 +714,12 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
 
 
 def _object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """An attribute that holds a JSON object."""
+    """An attribute that holds a JSON object.  Raises `InputError`."""
+    if name not in attrs:
+        raise InputError(
+            f"expected the attributes of a run, got none that is called {name}. Usual cause: a sweep, whose lanes are "
+            "no runs, or an operation of xarray, which drops attributes."
+        )
     told = parsed(attrs[name], f"The attribute {name}")
     if not isinstance(told, dict):
         raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")

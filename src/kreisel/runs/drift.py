@@ -73,7 +73,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
     if "kreisel_sweep" in getattr(run, "attrs", {}):
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
-    a_run(run)
+    if not a_run(run, rows=False)["time"].size:
+        raise InputError("expected a run with at least one row, got none.")
     return pd.DataFrame.from_dict(_rows(run, _watched(run)), orient="index")
 
 
@@ -140,7 +141,8 @@ class _Clock:
         self.rows = run.sizes["time"]
         ends = read(self._time[[0, -1]])
         # those that are there: a run may be cut short; `kr.at` makes none
-        self.steps = float(ends[1] - ends[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
+        dt = run.attrs.get("dt")
+        self.steps = abs(float(ends[1] - ends[0])) / dt if isinstance(dt, int | float) and dt > 0 else 0.0
         self.first = float(ends[0])
 
     def blocks(self, width: int) -> Iterator[slice]:

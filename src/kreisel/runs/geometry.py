@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+UNIT = 1e-6  # how far a quaternion may be from length 1
+
+
 def kinds_of(attrs: Mapping[str, Any]) -> dict[str, str]:
     """The kinds of the components of the state, by letter.  Raises `InputError` for damaged attributes."""
     if not is_own(attrs):
@@ -88,13 +91,18 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
 
 def orientation_of(run: xr.Dataset) -> Array:
     """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` where it has none, or n > 3."""
-    a_run(run)
-    if ORIENTATION not in run or run[ORIENTATION].shape[-1] != 4:
+    a_run(run, rows=False)
+    if ORIENTATION not in run or run[ORIENTATION].shape[-1:] != (4,):
         raise InputError(
             "The run carries no orientation for n = 3. Run it again with orientation=(1, 0, 0, 0), or in the TOML file "
             "orientation = [1, 0, 0, 0] under [state]."
         )
-    return np.asarray(run[ORIENTATION].values, dtype=np.float64)
+    q = np.asarray(run[ORIENTATION].values, dtype=np.float64)
+    with np.errstate(all="ignore"):
+        off = abs(np.linalg.norm(q, axis=-1) - 1)
+    if not (off < UNIT).all():
+        raise InputError("expected unit quaternions (w, x, y, z) as the orientation, got some of other lengths.")
+    return q
 
 
 def to_third_axis(v: Array) -> Array:

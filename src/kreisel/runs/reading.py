@@ -7,6 +7,7 @@ A parser, a printer or a copy of nested data calls itself once a level, so that 
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -59,8 +60,11 @@ def place(path: Any, needed: str) -> Path:
     return where
 
 
-def a_run(run: Any, *attributes: str) -> Any:
-    """The Dataset of a run itself, with these attributes.  Raises `InputError` for anything else."""
+def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
+    """The Dataset of a run itself, with these attributes and, unless `rows` is false, its rows along time in front.
+
+    Raises `InputError` for anything else.
+    """
     if not hasattr(run, "data_vars") or not hasattr(run, "attrs"):
         raise InputError(
             f"expected a run, the Dataset of kr.simulate or kr.open_run, got {shown(type(run).__name__)}. "
@@ -73,6 +77,14 @@ def a_run(run: Any, *attributes: str) -> Any:
             f"expected a run with its times and attributes, got a Dataset without {', '.join(missing)}. Usual cause: "
             "an operation of xarray, which drops attributes; xarray.set_options(keep_attrs=True) keeps them."
         )
+    last = [str(name) for name, v in run.variables.items() if "time" in v.dims[1:]]
+    if rows and (run["time"].dims != ("time",) or not run.sizes["time"] or (last and "kreisel_sweep" not in run.attrs)):
+        raise InputError(
+            f"expected a run with at least one row, and time as the first axis, got one with the times "
+            f"{run['time'].shape}{' and ' + shown(last) if last else ''}. run.isel(time=[-1]) keeps the axis."
+        )
+    if rows and not all(math.isfinite(t) for t in run["time"][[0, -1]].values):
+        raise InputError("expected a run with finite times, got others.")
     return run
 
 
