@@ -476,3 +476,36 @@ def test_paths_of_any_kind(path: Any, top: object, x0: object, tmp_path: Path, m
         except (kr.InputError, kr.RunError) as error:
             assert 20 < len(str(error)) < 1600
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: kr.RatiuBitop(a=1.3, b=1.8, chi12=-1.7e308, chi34=1.2),
+        lambda: kr.RatiuBitop(a=2.0, b=5e-324, chi12=0.5, chi34=0.1),
+        lambda: kr.ClebschBody(J=(1.0e300, 1.6e300, 2.0e300)),
+        lambda: kr.HessAppelrot(a=1.0, k=1.0, x=1e300, z=1.0),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_parameters_whose_constants_leave_the_range_of_doubles(make: Any) -> None:
+    with pytest.raises(kr.InputError, match="whose products and ratios a double can hold"):
+        make()
+
+
+@pytest.mark.filterwarnings("error")
+def test_parameters_whose_squares_overflow_end_a_run_with_one_message() -> None:
+    top = kr.SymmetricTop(A=(0.3, 0.5, 1e300))
+    with pytest.raises((kr.InputError, kr.RunError)):
+        kr.simulate(top, top.state(M=(0.1, 0.2, 1.5), P=(0.6, 0, 0.8)), dt=0.1, steps=5)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_page_of_numbers_beyond_single_precision(top: Any, x0: Any) -> None:
+    with np.errstate(all="ignore"):
+        run = kr.simulate(top, x0, dt=0.1, steps=20).map(lambda v: v * 1e100, keep_attrs=True)
+    with pytest.raises(kr.InputError, match="below 3e38"):
+        kr.view(run)
+    for lane in (2, -1, [], "x"):
+        with pytest.raises(kr.InputError, match="lane"):
+            kr.view(kr.simulate(top, top.state(m=[x0["m"]] * 2, a=x0["a"]), dt=0.1, steps=5), lane=lane)

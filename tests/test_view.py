@@ -107,7 +107,7 @@ def test_particle_projection_lane_and_own_system():
     both = kr.LagrangeTop(p=[(0, 0, 1.0), (0, 1.0, 0)])
     run = kr.simulate(both, both.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
     assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=1e-6)  # its own gravity points up
-    with pytest.raises(kr.InputError, match="lanes 0 to 1"):
+    with pytest.raises(kr.InputError, match="from 0 to 1"):
         scene(run, lane=2)
     own = run.isel(lane=0).assign_attrs(system="a-top-of-ones-own", frame="moving")
     assert scene(own)["kind"] == "body"

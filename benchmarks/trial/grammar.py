@@ -119,7 +119,7 @@ def scaled(value: Any, rng: random.Random) -> Any:
     array = np.array(value, dtype=object)
     if not array.ndim:
         return rng.choice([value * rng.choice([-1, 1e-20, 1e20]), *EDGES])
-    if not array.size:
+    if not array.size or not all(isinstance(v, int | float) for v in array.flat):
         return value
     factor = rng.choice([0, -1, 1e-160, 1e-20, 1e20, 1e80, 1e160, 1e300])
     if rng.random() < 0.4:

@@ -101,7 +101,8 @@ class Model:
         self.n = self._dimension()
         for p in system.parameters:
             if p.check is not None:
-                p.check(self.params[p.letter], p.letter)
+                with np.errstate(all="ignore"):
+                    p.check(self.params[p.letter], p.letter)
         batches = [
             v.shape[: v.ndim - _axes(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
         ]
@@ -116,12 +117,24 @@ class Model:
         }
         self.constants: dict[str, Array] = dict(spread)
         if system.derive is not None:
-            self.constants.update(call(system.derive, (), spread))
+            self.constants.update(self._derived(spread))
         self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
         for p in system.parameters:
             if p.kind == "array":  # the same in every lane
                 self.constants[p.letter] = self.params[p.letter]
                 self.axes[p.letter] = self.params[p.letter].ndim
+
+    def _derived(self, spread: Mapping[str, Array]) -> dict[str, Array]:
+        """Further constants, computed once.  Raises `InputError` where they leave the range of doubles."""
+        with np.errstate(all="ignore"):
+            found = dict(call(self.system.derive, (), spread))
+        lost = [k for k, v in found.items() if np.asarray(v).dtype.kind == "f" and not np.isfinite(v).all()]
+        if lost and not self.batch:  # of an ensemble the lanes fail that do
+            raise InputError(
+                f"{self.system.name}: expected parameters whose products and ratios a double can hold, got some with "
+                f"which {', '.join(lost)} is not finite. Use other units."
+            )
+        return found
 
     def lanes(self, ids: Array) -> Model:
         """The model of some lanes of a batch; itself where it has no batch axes."""

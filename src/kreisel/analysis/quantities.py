@@ -58,7 +58,7 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
         return np.asarray(pick(run[name], index, name, lead).values)
     from kreisel.runs.geometry import kinds_of
 
-    values = [np.asarray(run[letter].values) for letter in kinds_of(run.attrs)]
+    values = [np.asarray(run[letter].values) for letter in kinds_of(a_run(run, "system", rows=False).attrs)]
     return _called(quantity, values, values[0].shape[:lead])
 
 

@@ -25,6 +25,7 @@ from kreisel.lab import exact
 from kreisel.lab.exact import along, jacobian, random_rotation, slopes
 from kreisel.lab.orders import baecklund_orders, flowed, measured_orders
 from kreisel.model import Model
+from kreisel.runs.plan import within
 
 Sides = Iterator[tuple[Array, Array]]
 TOLERANCE = 2.0**20 * float(np.finfo(np.float64).eps)
@@ -639,7 +640,7 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
         )
     if numbers not in ("exact", "float"):
         raise InputError(f"numbers must be 'exact' or 'float'; {shown(numbers)} came.")
-    rng = np.random.default_rng([seed, n])
+    rng = np.random.default_rng([within(seed, "seed", 0, 2**63 - 1), n])
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
     state = exact.random_state(record.space, n, draw)

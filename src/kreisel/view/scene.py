@@ -26,6 +26,7 @@ from kreisel.model import Model
 from kreisel.runs.archive import is_own, model_of
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
 from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, orientation_of, to_third_axis
+from kreisel.runs.plan import within
 from kreisel.runs.reading import a_run
 from kreisel.view import bodies
 from kreisel.view.style import THEMES
@@ -51,9 +52,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
     if "lane" in run.dims:
-        if not 0 <= lane < run.sizes["lane"]:
-            raise InputError(f"The run has the lanes 0 to {run.sizes['lane'] - 1}; lane = {lane} came.")
-        run = run.isel(lane=lane)
+        run = run.isel(lane=within(lane, "lane", 0, run.sizes["lane"] - 1))
     missing = [letter for letter in kinds_of(run.attrs) if letter not in run]
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
@@ -107,8 +106,12 @@ def _text(value: Any) -> str:
 
 
 def packed(values: Array, kind: str) -> str:
-    """An array as little-endian base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()).decode("ascii")
+    """An array as little-endian base64.  Raises `InputError` where it leaves the range of that kind."""
+    with np.errstate(over="ignore"):
+        kept = np.ascontiguousarray(values, dtype=f"<{kind}")
+    if kept.dtype.kind == "f" and (np.isinf(kept) & np.isfinite(values)).any():
+        raise InputError("expected a run whose numbers a page can show, below 3e38, got larger ones. Use other units.")
+    return base64.b64encode(kept.tobytes()).decode("ascii")
 
 
 def _rows(variable: xr.DataArray, most: int) -> Array:
