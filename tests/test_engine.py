@@ -324,3 +324,14 @@ def test_what_is_too_long_to_compile_is_observed_by_numpy(monkeypatch: pytest.Mo
     monkeypatch.setattr(cpu, "OBSERVED_LINES", 10)
     assert cpu.compiled_observe(plan.scheme, plan._variables, 1) is None
     assert set(plan.observe(np.zeros((2, 1, 6)) + plan.engine.z)) == set(plan.scheme.outcomes)
+
+
+def test_rows_within_the_first_step_of_dop853() -> None:
+    """SciPy's solver interpolates from the start that it was given: the rows must not be written there."""
+    top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+    fine = kr.simulate(top, x0, dt=2.0**-12, steps=512, method="dop853")
+    flow = kr.at(top, x0, fine.time.values)
+    assert abs(fine.a - flow.a).max() < 1e-8
+    assert abs(fine.m - flow.m).max() < 1e-8
+    coarse = kr.simulate(top, x0, dt=2.0**-6, steps=8, method="dop853")
+    assert (coarse.a.values == fine.a.values[::64]).all()

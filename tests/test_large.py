@@ -147,6 +147,32 @@ def test_dense_momentum_in_runs(tmp_path) -> None:
         assert (longer[letter].values == both[letter].isel(lane=1).values).all()
 
 
+CUT = [
+    ("lagrange-top", 10, "suris", 1), ("lagrange-top-moving", 10, "suris", 2), ("lagrange-top", 10, "baecklund", 4),
+    ("symmetric-top", 10, "baecklund", 2), ("neumann", 10, "suris", 1), ("clebsch", 10, "suris", 1),
+    ("clebsch", 17, "suris", 2), ("clebsch", 10, "baecklund", 2), ("clebsch", 10, "baecklund", 4),
+    ("clebsch", 4, "baecklund", 6), ("lagrange-top", 3, "exact", None), ("lagrange-top", 3, "variational", 4),
+    ("clebsch", 3, "dop853", None),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "n", "method", "order"), CUT)
+def test_bits_do_not_depend_on_the_cut_into_calls(name: str, n: int, method: str, order: int | None) -> None:
+    """Calls are cut by the clock: a run, the same resumed and one on a busy machine must agree."""
+    model, state = problem(name, n)
+    found = []
+    for cuts in ([120], [60, 60], [1] * 120, [1, 2, 4, 8, 16, 32, 57]):
+        plan = make_plan(
+            model, model.state(**state), dt=DT, steps=120, every=1, method=method, order=order, orientation=None
+        )
+        for steps in cuts:
+            out = np.empty((1, *plan.engine.z.shape))
+            plan.engine.advance(out, steps)
+        found.append(plan.engine.z.tobytes())
+        assert (out[-1] == plan.engine.z).all()
+    assert found == [found[0]] * 4
+
+
 def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict[str, Array]]:
     """State and orientation by the definition and by the kernel."""
     model, state = problem(name, n)

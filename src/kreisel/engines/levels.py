@@ -65,6 +65,7 @@ class Printer:
         self.entries: set[str] = set()
         self.functions: dict[str, str] = {}  # the modules of the products that are used, one for all n
         self.waiting: dict[str, tuple[Change, ...]] = {}  # what is still to be done to each dense matrix, by its name
+        self.first: dict[str, tuple[Function, int, int]] = {}  # what does it in the next step, and how many products
 
     def __call__(
         self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
@@ -301,6 +302,8 @@ class Printer:
             counts = len(changes), len(plain), len(turned)
             function = products.momentum_times(*counts[:2]) if matrix == "M" else products.inverse_times(*counts)
             out += [self._call(function, name, arguments), *(f"{c.scale} = 0.0" for c in changes)]
+            if changes:
+                self.first.setdefault(name, (function, len(plain), len(turned)))
         return out
 
     def _arguments(self, changes: tuple[Change, ...]) -> list[str]:
@@ -348,13 +351,16 @@ class Printer:
         return [*out, f"for k in range({self.form.h}):", *loop]
 
     def _done(self) -> list[str]:
-        """What waits is done."""
+        """What waits is done, by the function of the next step, whose bits they then are wherever the rows are cut."""
         out = []
         for name, changes in self.waiting.items():
-            make = products.momentum_changed if name == self._momentum else products.inverse_changed
             if changes:
-                out += [self._call(make(len(changes)), name, self._arguments(changes))]
-                out += [f"{c.scale} = 0.0" for c in changes]
+                function, *counts = self.first[name]
+                arguments, read = self._arguments(changes), self._vector(changes[0].x)
+                for count in counts:
+                    rows = [self._new_row() * self.length for _ in range(count)]
+                    arguments += [read] * count + [f"w[{row}:{row + self.form.h}]" for row in rows]
+                out += [self._call(function, name, arguments), *(f"{c.scale} = 0.0" for c in changes)]
         return out
 
     @property

@@ -50,7 +50,7 @@ class Reference:
         with np.errstate(all="ignore"):
             self._solvers = [
                 DOP853(_bound(rate, row), 0.0, start, np.inf, **tolerances)
-                for start, row in zip(self.z, constants, strict=True)
+                for start, row in zip(self.z.copy(), constants, strict=True)  # it keeps the array that it is given
             ]
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:

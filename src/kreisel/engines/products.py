@@ -154,34 +154,6 @@ def inverse_times(changes: int, count: int, turned: int) -> Function:
     return _function(f"inverse_times_{changes}_{count}_{turned}", arguments, lines)
 
 
-def momentum_changed(changes: int) -> Function:
-    """M += sum s p ^ q."""
-    of_row, entry = _changed_pairs(changes)
-    lines = [
-        "n, at = len(p0), 0",
-        "for i in range(n - 1):",
-        "    row = M[at : at + n - 1 - i]",
-        *of_row,
-        "    for j in range(len(row)):",
-        f"        row[j] = {entry}",
-        "    at += n - 1 - i",
-    ]
-    return _function(f"momentum_changed_{changes}", ["M", *_named("spq", changes)], lines)
-
-
-def inverse_changed(changes: int) -> Function:
-    """W += sum s p q^T."""
-    of_row, entry = _changed_entries(changes)
-    lines = [
-        "for i in range(W.shape[0]):",
-        "    row = W[i]",
-        *of_row,
-        "    for j in range(len(row)):",
-        f"        row[j] = {entry}",
-    ]
-    return _function(f"inverse_changed_{changes}", ["W", *_named("spq", changes)], lines)
-
-
 def renewed() -> Function:
     """W = (diagonal + turn M)^-1; a state that is no longer finite is reported elsewhere.
 

@@ -226,6 +226,7 @@ def _numbers(run: xr.Dataset) -> list[str]:
 
     And whether some rows follow from the row before.
     """
+    missing: list[str] = []
     again = None if is_own(run.attrs) else _definition(run)
     if again is not None:
         missing = [f"{name} is missing" for name in again.outcomes if name not in run]
