@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kreisel as kr
 from kreisel import algebra
 from kreisel.contract import Frame
 from kreisel.engines import cpu, layout

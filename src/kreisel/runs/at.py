@@ -74,7 +74,7 @@ def at(
 
 def _times(times: Any) -> np.ndarray:
     try:
-        wanted = np.asarray(times, dtype=np.float64)
+        wanted = np.array(times, dtype=np.float64)  # a copy: kernels take no arrays that may only be read
     except (TypeError, ValueError, OverflowError):
         wanted = np.full(1, np.nan)
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
