@@ -65,13 +65,6 @@ def parts_of(tmp_path: Path, minutes: float, *words: str) -> tuple[int, dict[str
     return done.returncode, json.loads(out.read_text())["parts"]
 
 
-def test_a_short_trial(tmp_path: Path) -> None:
-    code, parts = parts_of(tmp_path, 0.5, "--part", "kills", "--part", "calls", "--part", "configurations")
-    faults = [fault for part in parts.values() for fault in part["faults"]]
-    assert code == 0, faults
-    assert all(part["done"] > 0 for part in parts.values())
-
-
 def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     """The mutant: `check_archive` finds no fault."""
     (tmp_path / "sitecustomize.py").write_text(
@@ -82,7 +75,7 @@ def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     before = os.environ.get("PYTHONPATH", "")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *filter(None, [before])])
     try:
-        code, parts = parts_of(tmp_path, 0.5, "--part", "corruptions")
+        code, parts = parts_of(tmp_path, 0.2, "--part", "corruptions")
     finally:
         os.environ["PYTHONPATH"] = before
     assert code == 1
