@@ -509,3 +509,13 @@ def test_a_page_of_numbers_beyond_single_precision(top: Any, x0: Any) -> None:
     for lane in (2, -1, [], "x"):
         with pytest.raises(kr.InputError, match="lane"):
             kr.view(kr.simulate(top, top.state(m=[x0["m"]] * 2, a=x0["a"]), dt=0.1, steps=5), lane=lane)
+
+
+@pytest.mark.parametrize("name", ["quadratic-potential", "clebsch-body"])
+def test_no_exact_flow_of_bodies_under_forces(name: str) -> None:
+    system = kr.systems.find(name)
+    body = system(J=(1.0, 1.6, 2.1))
+    state = {"M": (0.1, 0.2, 0.3), "P": np.diag([1.0, 2.0, 3.0]) if name == "quadratic-potential" else (1, 0, 0)}
+    for act in (lambda: kr.at(body, state, [1.0]), lambda: kr.simulate(body, state, dt=0.1, steps=5, method="exact")):
+        with pytest.raises(kr.InputError, match="No exact flow of"):
+            act()

@@ -203,9 +203,10 @@ class Model:
             if letter not in components:
                 raise InputError(f"The state of {self.system.name} needs {letter} ({kind}); none came.")
             parts[letter] = _component(letter, kind, components[letter], self.n)
-        _on_phase_space(space, parts)
-        if self.system.check_state is not None:
-            self.system.check_state(*parts.values())
+        with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
+            _on_phase_space(space, parts)
+            if self.system.check_state is not None:
+                self.system.check_state(*parts.values())
         return State(parts, dict(space.components))
 
     def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:

@@ -102,7 +102,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
 
 def broken(table: pd.DataFrame) -> list[str]:
     """A sentence for each row of `kr.drift` that should be kept and is not."""
-    return [_sentence(str(name), row) for name, row in table[table.broken].iterrows()]
+    return [_sentence(str(name), row) for name, row in table.iterrows() if row["broken"]]
 
 
 def far(change: Any, band: Any, scale: Any, turn: float) -> Any:

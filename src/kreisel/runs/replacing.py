@@ -200,10 +200,10 @@ def _complete(part: Path) -> bool:
 
 
 def settled(path: Path) -> Path:
-    """The path itself, after `settle` where that is needed and nobody is writing."""
+    """The path itself, after `settle` where that is needed and nobody is writing; a lock that a kill left is gone."""
     from kreisel.runs.checkpoint import Lock
 
-    if path.name and stands(replaced(path)):
+    if path.name and (stands(replaced(path)) or stands(Lock(path).path)):
         with contextlib.suppress(InputError, RunError, OSError), Lock(path):
             settle(path)
     return path
