@@ -215,3 +215,19 @@ def test_lanes_on_disk(top: object, tmp_path: Path) -> None:
     run = kr.simulate(top, state, path=tmp_path / "run.zarr", **OPTIONS)
     assert run.a.dims == ("time", "lane", "axis")
     assert check_archive(tmp_path / "run.zarr")[1] == []
+
+
+def test_check_of_an_archive_with_nothing_that_can_be_read(
+    top: object, x0: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from kreisel import cli
+
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    for chunk in (p for p in path.rglob("*") if p.is_file() and "c" in p.relative_to(path).parts):
+        if not chunk.relative_to(path).parts[0] == "time":
+            chunk.write_bytes(b"nothing")
+    with pytest.raises(cli.typer.Exit) as told:
+        cli.check(path)
+    assert told.value.exit_code == 1
+    assert "FAULT" in capsys.readouterr().out

@@ -7,6 +7,7 @@ import os
 import random
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -251,3 +252,33 @@ def test_a_checkpoint_that_claims_too_much(top: object, x0: object, tmp_path: Pa
     np.savez(file, **arrays)
     manifest.of_all(path)
     assert kr.resume(path, extend=6000).attrs["steps"] == 6000
+
+
+@pytest.mark.parametrize(
+    ("place", "mode"), [("energy/c/0", 0o000), ("energy", 0o400), ("energy/c", 0o000), ("", 0o000)]
+)
+def test_files_and_folders_that_may_not_be_read(place: str, mode: int, top: object, x0: object, tmp_path: Path) -> None:
+    """By somebody without privileges: one message, and the true values once the modes are back."""
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    before = values(path)
+    (path / place).chmod(mode)
+    trial = Path(__file__).parents[1] / "benchmarks" / "trial"
+    code = f"""
+import sys
+sys.path.insert(0, {str(trial)!r})
+import sandbox, kreisel as kr
+sandbox.drop()
+try:
+    kr.open_run({str(path)!r}).load()
+except kr.InputError as error:
+    print("told", error)
+"""
+    try:
+        run = [sys.executable, "-c", code]
+        done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
+    finally:
+        (path / place).chmod(0o755)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("told") == 1, done.stdout
+    assert same(values(path), before)

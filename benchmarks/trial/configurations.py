@@ -22,7 +22,7 @@ from speaking import said
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f\x80-\x9f]")
 LONGEST = 2000  # characters of a message
-CODES = {"check": {0, 1, 2}, "verify": {0, 1, 2}, **dict.fromkeys(("run", "resume", "sweep"), {0, 2, 3})}
+CODES = {"check": {0, 1, 2}, "verify": {0, 1, 2}, "run": {0, 2, 3}, "resume": {0, 2, 3}, "sweep": {0, 2, 3}}
 THESIS = ("thesis", "thesis/chapter.tex", "data.csv", "pipe", "link", "link.csv", "thesis.zarr.part")
 NAMES = ["run.zarr", "run", "deep/er/run.zarr", "./run.zarr", "run.zarr/", "räume.zarr", "run 1.zarr", "a.b.c.zarr"]
 IN_THE_WAY = ["thesis", "thesis/chapter.tex", "data.csv", "pipe", "link", "link.csv", "thesis.zarr", "old.zarr",

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
+from datetime import timedelta
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -248,12 +250,14 @@ def _array(value: Any, name: str) -> Array:
         array = np.asarray(value)
     except (ValueError, TypeError):
         raise InputError(f"{name} must be an array of numbers; a ragged list came: {shown(value)}.") from None
-    if array.dtype == object and all(isinstance(v, int | float) for v in array.flat):  # some beyond 64 bits
+    if array.dtype == object and all(isinstance(v, int | float | Decimal) for v in array.flat):  # some beyond 64 bits
         try:
             array = array.astype(np.float64)
         except OverflowError:
             raise InputError(f"{name} must be numbers that a double can hold; {shown(value)} came.") from None
-    if array.dtype == object and all(hasattr(v, "__mul__") and not isinstance(v, str | list) for v in array.flat):
+    if array.dtype == object and all(
+        hasattr(v, "__mul__") and not isinstance(v, str | list | timedelta) for v in array.flat
+    ):
         return array
     if array.dtype.kind not in "iuf":
         raise InputError(f"{name} must be real numbers; {shown(value)} came.")

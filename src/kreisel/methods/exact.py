@@ -95,8 +95,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     `InputError` for other systems, n > 3 and an order.
     """
     system, frame = model.system, model.system.frame
-    free = system.moments is not None and len(system.space.letters) == 1  # a body that no force acts on
-    if system.baecklund is None and system.top is None and not free:
+    if system.baecklund is None and system.top is None and system.moments is None:
         raise InputError(
             f"No exact flow of {system.name} is known here: method='exact' is for the Lagrange top, Clebsch's case, "
             "Neumann's system and the Euler top with n = 3. Use another method, such as method='suris' or 'dop853'."
@@ -109,7 +108,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         raise InputError(
             f"method='exact' has no order, it is the flow itself; order={shown(order)} came. Leave order out."
         )
-    if free:
+    if system.moments is not None:
         return jacobi(model, oriented)
     if system.top is None:
         return exact_pair(model, dt, oriented)

@@ -534,7 +534,10 @@ def require_sound(store: Path) -> None:
 
     for folder, folders, files in os.walk(store):
         for name in (*folders, *files):
-            mode = os.lstat(os.path.join(folder, name)).st_mode
+            try:
+                mode = os.lstat(os.path.join(folder, name)).st_mode
+            except OSError as error:
+                raise InputError(f"{store} cannot be read: {folder}/{name}: {error.strerror}.") from error
             if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
                 what = "a link" if stat.S_ISLNK(mode) else "a pipe, a socket or a device"
                 raise InputError(f"{store} holds {what}, {os.path.join(folder, name)}. An archive has no use for one.")

@@ -28,6 +28,7 @@ KINDS = ("casimir", "integral", "relation")
 # steps gets 40 times as far as its width with a chance below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
+COLUMNS = ["kind", "kept", "start", "max_change", "roundoff", "ratio", "slope", "broken"]
 GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, whose band is measured again
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
@@ -75,7 +76,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
     if not a_run(run, rows=False)["time"].size:
         raise InputError("expected a run with at least one row, got none.")
-    return pd.DataFrame.from_dict(_rows(run, _watched(run)), orient="index")
+    rows = _rows(run, _watched(run))
+    return pd.DataFrame.from_dict(rows, orient="index", columns=None if rows else COLUMNS)
 
 
 def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, dict[str, Any]]:

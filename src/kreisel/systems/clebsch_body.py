@@ -93,6 +93,7 @@ SYSTEM = replace(
     integrals={"spectrum": spectrum},
     lax=lax,
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",
+    moments=None,
     map=replace(
         euler_top.MAP,
         trajectory=None,

@@ -154,6 +154,7 @@ SYSTEM = replace(
     scaling="Any consistent units: the potential energy is -tr(J P)/2; P may have any sign.",
     integrals={"spectrum": spectrum},
     lax=lax,
+    moments=None,
     map=replace(
         euler_top.MAP,
         trajectory=None,

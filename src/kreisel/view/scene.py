@@ -59,6 +59,8 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     letter = carried_letter(run.attrs)
     rows = _rows(run[letter], MOST_FRAMES)
     frames = run.isel(time=rows)
+    if not all(np.isfinite(frames[each].values).all() for each in kinds_of(run.attrs)):
+        raise InputError("expected a run whose state is finite, got one with NaN or infinity.")
     shown = _Shown(frames, letter, None if is_own(run.attrs) else model_of(run.attrs), lane)
     tip = shown.tip
     if not (np.isfinite(tip).all() and np.isfinite(shown.carried).all()):
