@@ -311,6 +311,8 @@ def short() -> Any:
         lambda run: analysis.section(xr.Dataset(attrs={"system": "lagrange-top"}, coords={"time": [0.0, 1.0]}), "a[0]"),
         lambda run: kr.drift(run.isel(time=slice(0, 0))),
         lambda run: kr.drift(1.5),
+        lambda run: analysis.power_spectrum(run.rename(a="other"), lambda m, a: a[..., 0]),
+        lambda run: analysis.rates(run.assign_attrs(system={1, 2})),
     ],
 )
 @pytest.mark.filterwarnings("error")

@@ -539,3 +539,16 @@ def test_numbers_of_other_kinds_are_floats_or_refused() -> None:
     for wrong in (timedelta(1), Decimal("1e400")):
         with pytest.raises(kr.InputError):
             kr.RatiuBitop(a=1.0, b=2.0, chi12=wrong)
+
+
+@pytest.mark.parametrize(
+    ("model", "state"),
+    [
+        (kr.EulerTop(J=(1.0, 5e-324, 2.1)), {"M": (0.6, -0.5, -0.7)}),
+        (kr.NeumannVeselov(b=(1.2, -0.7, -1.2)), {"x": (1, 0, 0), "q": (0, -9.4e299, 2.4e299)}),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_products_that_leave_the_range_of_doubles_before_the_first_step(model: Any, state: Any) -> None:
+    with pytest.raises((kr.InputError, kr.RunError)):
+        kr.simulate(model, state, dt=0.05, steps=5)

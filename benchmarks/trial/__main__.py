@@ -67,6 +67,8 @@ def inside(asked: argparse.Namespace) -> int:
         seconds = 60 * asked.minutes * part.share if not asked.part else 60 * asked.minutes
         got = pool.carry_out(part, count, seconds, asked.seed, asked.inside, asked.workers)
         outcomes = dict(sorted(got.outcomes.items()))
+        slow = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in got.slow.most_common(6))
+        print(f"{part.name}: {slow}", file=sys.stderr, flush=True)
         told[part.name] = {"asked": count, "done": got.done, "do_not_hold": got.failed, "seconds": got.seconds}
         told[part.name] |= {"outcomes": outcomes, "faults": got.faults}
         print(f"{part.name}: {json.dumps({**told[part.name], 'faults': len(got.faults)})}", file=sys.stderr, flush=True)

@@ -72,6 +72,7 @@ class Told:
     outcomes: Counter[str] = field(default_factory=Counter)
     faults: list[dict[str, Any]] = field(default_factory=list)
     seconds: float = 0.0
+    slow: Counter[str] = field(default_factory=Counter)  # seconds by outcome
 
     @property
     def failed(self) -> int:
@@ -156,6 +157,8 @@ def work(part: Part, numbers: list[int], seed: int, base: Path, pipe: int) -> No
                 print(json.dumps({"begins": number}), file=out, flush=True)
                 told = carried_out(part, number, seed, base / "cases" / f"{os.getpid()}-{number}")
                 print(json.dumps(told), file=out, flush=True)
+                if told.get("what", "").startswith("Hang"):
+                    break  # something may still be waiting in here
         code = 0
     except BaseException:
         traceback.print_exc()
@@ -271,6 +274,7 @@ def brief(text: str) -> str:
 def _count(told: Told, line: dict[str, Any]) -> None:
     told.done += 1
     told.outcomes[line["outcome"]] += 1
+    told.slow[line["outcome"]] += line.get("seconds", 0.0)
     if line["outcome"] == "fault":
         print(f"FAULT {json.dumps(line)}", file=sys.stderr, flush=True)
         if len(told.faults) < MOST_FAULTS:

@@ -223,6 +223,23 @@ class Model:
         """One step of the system's map."""
         return tuple(self.call(self.map.step, *state, eps=eps))
 
+    def largest_step(self, *state: Array) -> float:
+        """The step beyond which the map may be singular on one of these orbits.
+
+        Raises `InputError` where that is no number: products of the state or the parameters overflow.
+        """
+        try:
+            with np.errstate(all="ignore"):
+                largest = float(np.min(self.call(self.map.largest_step, *state)))
+        except np.linalg.LinAlgError:
+            largest = np.nan
+        if np.isnan(largest):
+            raise InputError(
+                f"{self.system.name}: expected a state and parameters whose products a double can hold, got larger or "
+                "smaller ones. Use other units."
+            )
+        return largest
+
     @property
     def map(self) -> Map:
         """The system's map.  Raises `InputError` where none is known."""

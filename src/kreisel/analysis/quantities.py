@@ -58,7 +58,11 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
         return np.asarray(pick(run[name], index, name, lead).values)
     from kreisel.runs.geometry import kinds_of
 
-    values = [np.asarray(run[letter].values) for letter in kinds_of(a_run(run, "system", rows=False).attrs)]
+    letters = list(kinds_of(a_run(run, "system", rows=False).attrs))
+    missing = [letter for letter in letters if letter not in run]
+    if missing:
+        raise InputError(f"expected a run with its state, got one without {', '.join(missing)}.")
+    values = [np.asarray(run[letter].values) for letter in letters]
     return _called(quantity, values, values[0].shape[:lead])
 
 

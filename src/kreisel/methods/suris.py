@@ -73,7 +73,7 @@ def _turned(model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Arr
 def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
     if model.map.largest_step is None:
         return
-    largest = float(model.call(model.map.largest_step, *state).min())
+    largest = model.largest_step(*state)
     if dt >= largest:
         raise InputError(
             f"The map of {model.system.name} divides by 1 + dt^2/4 <P, BP>, which may vanish on this orbit: "

@@ -71,6 +71,7 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
             "An archive is opened by kr.open_run(path)."
         )
     missing = [name for name in attributes if name not in run.attrs]
+    missing += ["system, a word,"] if not isinstance(run.attrs.get("system", ""), str) else []
     missing += ["time"] if "time" not in run.variables else []
     if missing:
         raise InputError(
