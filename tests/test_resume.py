@@ -442,3 +442,21 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
         assert len(kr.drift(kept)) > 0
         kr.resume(path, progress=False)
         assert contents(path) == expected
+
+
+@pytest.mark.parametrize(
+    "place", ["kreisel.runs.verified.consolidated", "kreisel.runs.manifest.seal", "kreisel.runs.manifest.clear"]
+)
+def test_a_kill_while_it_is_finished(
+    place: str, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, part = tmp_path / "run.zarr", tmp_path / "run.zarr.part"
+    slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(place, lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+        slow_run(path, top, x0, OPTIONS)
+    faults = checking.check_archive(part)[1]
+    assert [fault[:23] for fault in faults] == (["the run was interrupted"] if "clear" not in place else [])
+    assert kr.open_run(part).sizes["time"] >= 134
+    kr.resume(path)
+    assert contents(path) == contents(tmp_path / "whole.zarr")

@@ -602,7 +602,7 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
     """
     attrs = read_attributes(path)
     require_sound(path)
-    run = _until_checkpoint(path, attrs) if is_cut(attrs) else opened(path, manifest.read(path), True)
+    run = _until_checkpoint(path, attrs) if is_cut(path, attrs) else opened(path, manifest.read(path), True)
     for name, variable in run.data_vars.items():
         if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
             raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
@@ -623,9 +623,10 @@ def ordered(run: xr.Dataset) -> xr.Dataset:
     return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
 
 
-def is_cut(attrs: Mapping[str, Any]) -> bool:
-    """Whether a run was interrupted, by its attributes; what `kreisel check --recover` saved is whole by itself."""
-    return not attrs["complete"] and "recovered" not in attrs
+def is_cut(store: Path, attrs: Mapping[str, Any]) -> bool:
+    """Whether a run was interrupted, by its attributes and its manifest; what was recovered is whole by itself."""
+    unsealed = manifest.begun(store) and not manifest.whole(store)
+    return "recovered" not in attrs and (unsealed or not attrs["complete"])
 
 
 def opened(path: Path, known: manifest.Listed | None, every_array: bool = False) -> xr.Dataset:
@@ -667,11 +668,12 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
     from kreisel.runs.continued import continued
 
+    attrs = {**attrs, "complete": False}
     snapshot, start, known = _checkpoint(path, attrs)
     first = snapshot.flushed
     whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)
     if len(snapshot.rows) == 0 or is_own(attrs):
-        return whole
+        return whole.assign_attrs(attrs)
     plan = _plan(attrs, start, attrs["steps"])
     _march(plan, attrs["rows_in_block"]).restore(snapshot)  # which looks at it
     times = saved_times(plan, first, first + len(snapshot.rows))

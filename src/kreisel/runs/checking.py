@@ -54,7 +54,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         return check_sweep(path)
     attrs = read_attributes(path)
     require_sound(path)
-    cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(attrs) else []
+    cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, attrs) else []
     try:
         known = manifest.read(path)
         changed = _file_faults(path, attrs, known)
@@ -83,7 +83,7 @@ def _unreadable(path: Path) -> list[str]:
 def _file_faults(path: Path, attrs: Mapping[str, Any], known: manifest.Listed) -> list[str]:
     """What is wrong with files that are no chunks; an interrupted run may have some that are not listed yet."""
     found = manifest.faults(path, known)
-    if not is_cut(attrs):
+    if not is_cut(path, attrs):
         return [told for _, told in found]
     flushed = checkpoint.read(path)[0].flushed
     return [
@@ -200,7 +200,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     attrs = read_attributes(path)
     require_sound(path)
     known = manifest.read(path) if manifest.begun(path) else None
-    run = open_archive(path, indexed=False) if is_cut(attrs) else ordered(opened(path, known))
+    run = open_archive(path, indexed=False) if is_cut(path, attrs) else ordered(opened(path, known))
     rows = run.sizes.get("time", 0)
     keep = np.ones(rows, dtype=bool)
     for name, (first, last, _) in damaged_rows(run):
