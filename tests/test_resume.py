@@ -460,3 +460,38 @@ def test_a_kill_while_it_is_finished(
     assert kr.open_run(part).sizes["time"] >= 134
     kr.resume(path)
     assert contents(path) == contents(tmp_path / "whole.zarr")
+
+
+def test_a_kill_while_arrays_are_lengthened(
+    top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At each file that changes: what was there opens, and the run goes on to the right bytes."""
+    from kreisel.runs import manifest
+
+    slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
+    short = {**OPTIONS, "steps": 190}
+    rows, original, killed = 1 + 190 // 3, manifest.replace_file, 0
+    for last in range(40):
+        path, count = tmp_path / f"{last}.zarr", iter(range(10**9))
+        slow_run(path, top, x0, short)
+
+        def replace_file(*told: Any, count: Any = count, last: int = last, **more: Any) -> None:
+            if next(count) == last:
+                raise KeyboardInterrupt
+            original(*told, **more)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(manifest, "replace_file", replace_file)
+            try:
+                kr.resume(path, extend=400, progress=False)
+            except KeyboardInterrupt:
+                killed += 1
+        if path.exists():
+            assert contents(path) == contents(tmp_path / "whole.zarr")
+            break
+        kept = kr.open_run(path.with_name(path.name + ".part")).load()
+        assert kept.sizes["time"] >= rows, last
+        assert all(np.isfinite(v.values).all() for v in kept.data_vars.values())
+        kr.resume(path, extend=400, progress=False)
+        assert contents(path) == contents(tmp_path / "whole.zarr")
+    assert 8 < killed < 40

@@ -644,21 +644,38 @@ def opened(path: Path, known: manifest.Listed | None, every_array: bool = False)
         store = Verified(path, known)
         for name in manifest.metadata_files(path) + [n for n in known if every_array and n.endswith("zarr.json")]:
             store.verify(name)
+    lengths = _lengths(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return xr.open_dataset(
-                store,
-                engine="zarr",
-                consolidated=False,
-                cache=False,
-                mask_and_scale=False,
-                create_default_indexes=False,
-            )
+            if len(set(lengths.values())) < 2:
+                return xr.open_dataset(store, **READING)
+            parts = [xr.open_dataset(store, drop_variables=set(lengths) - {name}, **READING) for name in lengths]
     except InputError:
         raise
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
+    return xr.merge([part.isel(time=slice(0, min(lengths.values()))) for part in parts], combine_attrs="override")
+
+
+READING: dict[str, Any] = {
+    "engine": "zarr",
+    "consolidated": False,
+    "cache": False,
+    "mask_and_scale": False,
+    "create_default_indexes": False,
+}
+
+
+def _lengths(store: Path) -> dict[str, int]:
+    """The rows of each array; a kill may leave a run that is being lengthened with some of the new length."""
+    found = {}
+    for path in store.glob("*/zarr.json"):
+        told = _node(path.parent)
+        dims, shape = told.get("dimension_names"), told.get("shape")
+        if isinstance(dims, list) and isinstance(shape, list) and dims[:1] == ["time"] and shape:
+            found[path.parent.name] = shape[0] if isinstance(shape[0], int) else 0
+    return found
 
 
 def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
