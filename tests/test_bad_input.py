@@ -552,3 +552,18 @@ def test_numbers_of_other_kinds_are_floats_or_refused() -> None:
 def test_products_that_leave_the_range_of_doubles_before_the_first_step(model: Any, state: Any) -> None:
     with pytest.raises((kr.InputError, kr.RunError)):
         kr.simulate(model, state, dt=0.05, steps=5)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: kr.Steklov(b=(1.0,), nu=1.0),
+        lambda: kr.Lyapunov(b=[[0.0]], nu=1.0),
+        lambda: kr.nutation(
+            kr.LagrangeTop(p=(0.5, 1.2, 0.5)), {"m": (1e-161, 4e-161, 1e-160), "a": (6e-21, -4e-21, 6e-21)}
+        ),
+    ],
+)
+def test_sizes_and_slowness(call: Any) -> None:
+    with pytest.raises(kr.InputError, match=r"expected"):
+        call()

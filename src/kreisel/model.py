@@ -147,6 +147,12 @@ class Model:
 
     def _dimension(self) -> int:
         if self.system.n is not None:
+            for p in self.system.parameters:
+                shape = self.params[p.letter].shape
+                if p.kind in ("vector", "symmetric") and shape[-1] != self.system.n:
+                    raise InputError(
+                        f"{self.system.name}'s parameter {p.letter}: expected n = {self.system.n}, got {shape}."
+                    )
             return self.system.n
         stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
         if stated:

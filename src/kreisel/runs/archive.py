@@ -737,10 +737,10 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
 
 def _object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
     """An attribute that holds a JSON object.  Raises `InputError`."""
-    if name not in attrs:
+    if not isinstance(attrs.get(name), str):
         raise InputError(
-            f"expected the attributes of a run, got none that is called {name}. Usual cause: a sweep, whose lanes are "
-            "no runs, or an operation of xarray, which drops attributes."
+            f"expected the attributes of a run, got no text {name}. Usual cause: a sweep, whose lanes are no runs, "
+            "or an operation of xarray, which drops attributes."
         )
     told = parsed(attrs[name], f"The attribute {name}")
     if not isinstance(told, dict):

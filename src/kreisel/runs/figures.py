@@ -56,6 +56,15 @@ def nutation(system: Any, x0: Any) -> Figures:
     parts = tuple(checked_state(system, x0).values())
     if system.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
         raise InputError("kr.nutation takes one motion; an ensemble came. Take one lane at a time.")
+    try:
+        return _figures(system, parts)
+    except ZeroDivisionError:
+        raise InputError(
+            "expected a motion whose period a double can hold, got a slower one. Use other units."
+        ) from None
+
+
+def _figures(system: Any, parts: tuple[Any, ...]) -> Figures:
     here = motion(system, parts, system.constants, reach=0.0)
     top, kind = here.nutation, _kind(here)
     known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
