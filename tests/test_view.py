@@ -207,7 +207,7 @@ def test_a_notebook_shows_it_in_a_frame_of_its_own(oriented):
 def test_what_is_not_finite_and_what_is_missing(oriented, monkeypatch):
     broken = oriented.copy(deep=True)
     broken["a"].values[3, 1] = np.nan
-    with pytest.raises(kr.InputError, match="not finite"):
+    with pytest.raises(kr.InputError, match="expected a run whose state is finite"):
         kr.view(broken)
     odd = oriented.copy(deep=True)
     odd["energy"].values[5] = np.inf

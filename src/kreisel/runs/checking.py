@@ -91,8 +91,7 @@ def _file_faults(path: Path, attrs: Mapping[str, Any], known: manifest.Listed) -
         for name, told in found
         if not (
             name == checkpoint.NAME
-            or name.endswith(".partial")
-            or "/.new-" in name
+            or manifest.is_scratch(name)
             or manifest.is_chunk(name)
             or (flushed == 0 and name.count("/") == 1 and name.endswith("/zarr.json"))
         )
@@ -114,7 +113,7 @@ def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     faults = [
         told
         for name, told in manifest.faults(path, known)
-        if attrs["complete"] or not (manifest.is_chunk(name) or name.endswith(".partial") or "/.new-" in name)
+        if attrs["complete"] or not (manifest.is_chunk(name) or manifest.is_scratch(name))
     ]
     faults += too_large(run)
     if run.sizes.get("lane") != attrs["lanes"] or "failed" not in run:

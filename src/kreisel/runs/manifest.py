@@ -40,6 +40,11 @@ def is_chunk(name: str) -> bool:
     return name.split("/")[1:2] == ["c"]
 
 
+def is_scratch(name: str) -> bool:
+    """Whether a kill left it, of a file that was being written."""
+    return name.endswith(".partial") or name.split("/")[-1].startswith(".new-")
+
+
 def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
     """Write a file beside its name and give it its name."""
     scratch = path.with_name(f".new-{secrets.token_hex(8)}")

@@ -30,6 +30,7 @@ MADE = re.compile(
     rf"([^/]+/)?zarr(\.json|\.[0-9a-f]{{32}}\.partial)|{CHUNK.pattern}"
     r"|engine/(checkpoint\.npz|checksums\.sha256|replaces|blocks/(\.new-[0-9a-f]{16}|\w+\.sha256))|([^/]+/)?\.new-[0-9a-f]{16}"
 )
+CHECKPOINT = "engine/checkpoint.npz"
 FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
     (b"%PDF-", b"/Creator (Kreisel"),
@@ -126,10 +127,12 @@ def _foreign(store: Path) -> Iterator[str]:
 def remove(store: Path) -> None:
     """Remove an archive or a store.  Raises `InputError` where there is something else, and removes no file of that."""
     require_replaceable(store)
-    for folder, folders, files in os.walk(store, topdown=False):
-        for name in files:
-            if MADE.fullmatch(Path(folder, name).relative_to(store).as_posix()):
-                os.unlink(os.path.join(folder, name))
+    made = [name for name in _files(store) if MADE.fullmatch(name)]
+    for name in sorted(
+        made, key=lambda name: (name != CHECKPOINT, not name.startswith("engine/"), name == "zarr.json")
+    ):
+        os.unlink(store / name)  # what is left by a kill cannot go on, and says to the end what it was
+    for folder, folders, _ in os.walk(store, topdown=False):
         for name in folders:
             os.rmdir(os.path.join(folder, name))
     os.rmdir(store)
