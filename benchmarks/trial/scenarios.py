@@ -179,8 +179,8 @@ SCENARIOS = {
 
 
 def complete(path: Path) -> bool:
-    """Whether an archive says of itself that it is whole."""
+    """Whether an archive says of itself that it is whole, in its attributes and by its manifest."""
     try:
-        return bool(stores.attributes(path)["attributes"]["complete"])
+        return bool(stores.attributes(path)["attributes"]["complete"]) and (path / "engine/checksums.sha256").exists()
     except (OSError, ValueError, KeyError):
         return False
