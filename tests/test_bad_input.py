@@ -506,6 +506,9 @@ def test_a_page_of_numbers_beyond_single_precision(top: Any, x0: Any) -> None:
         run = kr.simulate(top, x0, dt=0.1, steps=20).map(lambda v: v * 1e100, keep_attrs=True)
     with pytest.raises(kr.InputError, match="below 3e38"):
         kr.view(run)
+    for factor in (1e160, np.inf):
+        with np.errstate(all="ignore"), pytest.raises(kr.InputError, match="finite and below"):
+            kr.plot(run.map(lambda v, factor=factor: v * factor, keep_attrs=True))
     with pytest.raises(kr.InputError, match="is finite"):
         kr.view(run.map(lambda v: v * np.nan, keep_attrs=True))
     for lane in (2, -1, [], "x"):
@@ -560,10 +563,21 @@ def test_products_that_leave_the_range_of_doubles_before_the_first_step(model: A
         lambda: kr.Steklov(b=(1.0,), nu=1.0),
         lambda: kr.Lyapunov(b=[[0.0]], nu=1.0),
         lambda: kr.nutation(
-            kr.LagrangeTop(p=(0.5, 1.2, 0.5)), {"m": (1e-161, 4e-161, 1e-160), "a": (6e-21, -4e-21, 6e-21)}
+            kr.LagrangeTop(p=(0.5596695042661168, 1.286004527671718, 0.5505819223340684), alpha=0.6301932871931134),
+            {
+                "m": (-8.135190021022614e-161, -3.770704002860177e-161, -1.1295822720776918e-160),
+                "a": (6.048879358306984e-21, -4.3643615991794525e-21, 6.244064413481183e-21),
+            },
         ),
     ],
 )
 def test_sizes_and_slowness(call: Any) -> None:
     with pytest.raises(kr.InputError, match=r"expected"):
         call()
+
+
+def test_turns_beyond_the_doubles() -> None:
+    top = kr.LagrangeTop(p=(1.1, -0.4, -0.8), alpha=5e-324)
+    with pytest.raises((kr.InputError, kr.RunError)):
+        x0 = top.state(m=(0.5, 1.0, 0.9), a=(0.6, 0.4, 0.7))
+        kr.simulate(top, x0, dt=0.02, steps=5, order=4, orientation=(1, 0, 0, 0))

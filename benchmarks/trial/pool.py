@@ -212,8 +212,8 @@ class _Worker:
 
 def carry_out(part: Part, count: int, seconds: float, seed: int, base: Path, workers: int) -> Told:
     """All cases of a part, or as many as the time allows."""
-    told, begun, last = Told(count), time.monotonic(), time.monotonic()
     part.before(base)
+    told, begun, last = Told(count), time.monotonic(), time.monotonic()
     hands = [_Worker(part, list(range(w, count, workers)), seed, base) for w in range(min(workers, count))]
     while hands:
         with selectors.DefaultSelector() as look:

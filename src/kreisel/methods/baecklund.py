@@ -98,11 +98,12 @@ def baecklund(model: Model, dt: float, order: int | None, oriented: bool) -> Sch
             rho = np.stack([_rho(model, record, own, mu, order, dt) for mu in pairs], -1)
             mus = np.array(pairs)
             stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
-        if spins:
-            constants |= _turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
-        if oriented:
-            g = algebra.rotation_matrix(x0[count]) if model.n == 3 else x0[count]
-            constants |= _orientation_turns(model, record, own, g, points, dt)
+        with np.errstate(all="ignore"):  # what overflows is refused
+            if spins:
+                constants |= _turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
+            if oriented:
+                g = algebra.rotation_matrix(x0[count]) if model.n == 3 else x0[count]
+                constants |= _orientation_turns(model, record, own, g, points, dt)
         return constants, stages
 
     def stage(z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
@@ -198,6 +199,8 @@ def _explain(
 
 def _turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
     """V0, V1 with cay(V0) cay(V1) the turn by angle(theta) in each plane where the skew matrix K turns by theta."""
+    if not np.isfinite(K).all():
+        raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")
     theta, U = np.linalg.eigh(-1j * K)
     turn = np.remainder(angle(theta) + np.pi, 2 * np.pi) - np.pi
     twice = abs(turn).max(initial=0) > WHOLE_TURN

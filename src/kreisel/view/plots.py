@@ -24,6 +24,7 @@ STATES_SHOWN = 120
 STRETCHES = 1200
 MOST_TITLE = 120
 MOST_ROWS = 200_000  # read for the picture of the path
+LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
 
 
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light") -> Figure:
@@ -76,8 +77,14 @@ def _vector_letter(run: xr.Dataset) -> str:
     return carried_letter(run.attrs)
 
 
+def _drawable(values: np.ndarray, letter: str) -> np.ndarray:
+    if not (abs(values) < LARGEST).all():
+        raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
+    return values
+
+
 def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    xyz = read(run[letter][:MOST_ROWS])
+    xyz = _drawable(read(run[letter][:MOST_ROWS]), letter)
     radius = float(np.linalg.norm(xyz[:1], axis=-1).max()) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
@@ -117,7 +124,7 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
 
 
 def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    time, values = read(run["time"][:STATES_SHOWN]), read(run[letter][:STATES_SHOWN])
+    time, values = read(run["time"][:STATES_SHOWN]), _drawable(read(run[letter][:STATES_SHOWN]), letter)
     labels = [str(i + 1) for i in range(values.shape[1])]
     if values.ndim == 3:  # a matrix, skew or symmetric
         j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
