@@ -308,3 +308,12 @@ def test_a_replacement_that_was_interrupted_goes_on(
         assert kr.resume(path).attrs["steps"] == 60
     assert checking.check_archive(path)[1] == []
     assert not path.with_name("run.zarr.part").exists()
+
+
+def test_a_name_of_what_is_being_made_is_refused(top: Any, x0: Any, tmp_path: Path) -> None:
+    for make, options in ((kr.simulate, OPTIONS), (kr.sweep, SWEPT)):
+        with pytest.raises(kr.InputError, match=r"does not end in \.part"):
+            make(top, x0, path=tmp_path / "run.part", **options)
+    with pytest.raises(kr.InputError, match="no archive"):
+        kr.open_run(tmp_path / "run.zarr.part")
+    assert list(tmp_path.iterdir()) == []

@@ -502,7 +502,7 @@ class _DiskTrouble:
 def metadata(store: Path) -> dict[str, Any]:
     """The attributes of a Zarr store, not yet checked.  Raises `InputError` where there is none."""
     if not stands(store):
-        there = bool(store.name) and stands(part_of(store))
+        there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
         left = f" {part_of(store)} is there: `kreisel resume {store}` goes on." if there else ""
         raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
     attrs = _node(store).get("attributes")

@@ -43,7 +43,9 @@ HEAD = 1 << 20  # bytes at either end of a file in which its mark is looked for
 
 
 def part_of(path: Path) -> Path:
-    """Where an archive is made."""
+    """Where an archive is made.  Raises `InputError` for the name of one that is being made."""
+    if path.suffix == ".part":
+        raise InputError(f"{path}: expected a name that does not end in .part, as that of an unfinished archive does.")
     return path.with_name(f"{path.name}.part")
 
 
