@@ -129,11 +129,7 @@ def swept(over: bool = False, weight: int = 6, **options: Any) -> Scenario:
     def act(folder: Path) -> None:
         stores.sweep(folder / NAME, **options, overwrite=over)
 
-    def again(folder: Path) -> None:
-        fresh = over and not (folder / PART).exists()
-        stores.sweep(folder / NAME, **options, overwrite=fresh)
-
-    return Scenario(prepare, act, again, weight=weight)
+    return Scenario(prepare, act, act, weight=weight)
 
 
 def own() -> Scenario:
