@@ -104,6 +104,8 @@ DAMAGE: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "a line less in the manifest": ("run", lambda s: (s / manifest.NAME).write_text(
         "".join(line for line in (s / manifest.NAME).read_text().splitlines(True) if A not in line))),
     "pipe": ("run", lambda s: replace_by(s / A, os.mkfifo)),
+    "pipe as metadata": ("run", lambda s: replace_by(s / "zarr.json", os.mkfifo)),
+    "pipe as manifest": ("run", lambda s: replace_by(s / manifest.NAME, os.mkfifo)),
     "socket": ("run", lambda s: replace_by(s / A, listen)),
     "link": ("run", lambda s: replace_by(s / A, lambda path: path.symlink_to(s / M))),
     "folder": ("run", lambda s: replace_by(s / A, os.mkdir)),

@@ -495,3 +495,17 @@ def test_a_kill_while_arrays_are_lengthened(
         kr.resume(path, extend=400, progress=False)
         assert contents(path) == contents(tmp_path / "whole.zarr")
     assert 3 < killed < 20
+
+
+def test_a_chunk_that_is_not_listed_does_not_stay(
+    top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
+    path, part = tmp_path / "run.zarr", tmp_path / "run.zarr.part"
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("kreisel.runs.manifest.seal", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        slow_run(path, top, x0, OPTIONS)
+    (part / "a" / "c" / "99").mkdir()
+    (part / "a" / "c" / "99" / "0").write_bytes((part / "a" / "c" / "0" / "0").read_bytes())
+    kr.resume(path)
+    assert contents(path) == contents(tmp_path / "whole.zarr")

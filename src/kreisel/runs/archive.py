@@ -467,9 +467,11 @@ def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
     from kreisel.runs.verified import edited
 
     manifest.unseal(part, snapshot.flushed // block)
-    for pattern in ("*.partial", ".new-*"):  # what a kill left half written
-        for scratch in part.rglob(pattern):
-            scratch.unlink()
+    known = manifest.listed(part)
+    for path in [path for path in part.rglob("*") if not path.is_dir()]:
+        name = path.relative_to(part).as_posix()
+        if manifest.is_scratch(name) or (manifest.is_chunk(name) and name not in known):
+            path.unlink()  # what a kill left, half written or not yet listed
     changed = json.dumps(versions())
     with edited(part) as group:
         resumed = {} if group.attrs["versions"] == changed else {"resumed": changed}
@@ -514,6 +516,8 @@ def _node(folder: Path) -> dict[str, Any]:
     path = folder / "zarr.json"
     try:
         size = path.stat().st_size
+        if not manifest.is_plain(path):
+            raise InputError(f"{folder} is damaged: its zarr.json is no plain file.")
         if size > LARGEST_METADATA:
             raise InputError(f"{folder} is damaged: its zarr.json has {size:,} bytes.")
         told = parsed(path.read_bytes(), str(path))

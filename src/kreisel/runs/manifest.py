@@ -35,6 +35,14 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def is_plain(path: Path) -> bool:
+    """Whether it is a file that can be read to its end: no pipe, device or folder."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except OSError:
+        return False
+
+
 def is_chunk(name: str) -> bool:
     """Whether a file of a store holds numbers, not metadata."""
     return name.split("/")[1:2] == ["c"]

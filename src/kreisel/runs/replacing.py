@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kreisel.errors import InputError, RunError, disk_trouble
-from kreisel.runs.manifest import BLOCKS, REPLACES, digest, listed, replace_file
+from kreisel.runs.manifest import BLOCKS, REPLACES, digest, is_plain, listed, replace_file
 from kreisel.runs.manifest import NAME as CHECKSUMS
 
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
@@ -148,7 +148,8 @@ def agree(path: Path) -> None:
 def agreed(path: Path) -> bool:
     """Whether NAME.part may replace what has its name."""
     try:
-        return (part_of(path) / REPLACES).read_text() == _mark(path)
+        consent = part_of(path) / REPLACES
+        return is_plain(consent) and consent.read_text() == _mark(path)
     except (OSError, UnicodeDecodeError):
         return False
 
@@ -156,7 +157,7 @@ def agreed(path: Path) -> bool:
 def _mark(path: Path) -> str:
     """What tells one archive from another: the SHA-256 of its manifest, or of its attributes where it has none."""
     for name in (CHECKSUMS, "zarr.json"):
-        with contextlib.suppress(OSError):
+        if is_plain(path / name):
             return digest(path / name)
     return "something" if stands(path) else "nothing"
 
@@ -199,7 +200,10 @@ def settle(path: Path) -> None:
 
 def _complete(part: Path) -> bool:
     try:
-        return json.loads((part / "zarr.json").read_bytes())["attributes"]["complete"] is True
+        return (
+            is_plain(part / "zarr.json")
+            and json.loads((part / "zarr.json").read_bytes())["attributes"]["complete"] is True
+        )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
 

@@ -49,7 +49,7 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     from matplotlib.figure import Figure
 
     colours = theme_of(theme)
-    with mpl.rc_context(cast("Any", colours.rc)):
+    with mpl.rc_context(cast("Any", colours.rc)), np.errstate(all="ignore"):
         figure = Figure(figsize=(9.2, 4.4), layout="constrained")
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run)
