@@ -336,3 +336,15 @@ def test_rows_within_the_first_step_of_dop853() -> None:
     assert abs(fine.m - flow.m).max() < 1e-8
     coarse = kr.simulate(top, x0, dt=2.0**-6, steps=8, method="dop853")
     assert (coarse.a.values == fine.a.values[::64]).all()
+
+
+@pytest.mark.parametrize("method", ["dop853", "variational", "baecklund", "suris", "exact"])
+def test_parameters_that_vary_by_lane(method: str) -> None:
+    """Lane i is the single run with its parameters."""
+    x0 = {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}
+    alpha = [0.5, 0.8, 1.3]
+    told = {"dt": 0.1, "steps": 20, "method": method}
+    lanes = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=alpha), x0, **told)
+    for lane, value in enumerate(alpha):
+        one = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=value), x0, **told)
+        np.testing.assert_allclose(lanes.M.values[:, lane], one.M.values, atol=1e-14)

@@ -582,3 +582,11 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(own.read_text() + "\n# changed\n")
     with pytest.raises(kr.InputError, match="another sweep"):
         carried(tmp_path, text)
+
+
+def test_settings_that_are_lists(tmp_path: Path) -> None:
+    with pytest.raises(kr.InputError, match="expected a number or a name for each lane"):
+        kr.sweep(
+            kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=4, workers=0,
+            path=tmp_path / "s.zarr", grid={"run.steps": [[1, 2], [3, 4]]},
+        )  # fmt: skip

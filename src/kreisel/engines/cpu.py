@@ -209,9 +209,9 @@ def _head(scheme: Scheme, record: Recording) -> str:
     return head + (arrays.HELPERS.format(options=FAST) if record.places else "")
 
 
-def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
-    """The right-hand side y' = f(t, y, constants) of a scheme that states a rate, compiled."""
-    constants, columns = flat_constants(scheme, 1)
+def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:
+    """The right-hand side y' = f(t, y, constants) of a scheme that states a rate, compiled; of one lane at a time."""
+    constants, columns = flat_constants(scheme, lanes)
     record = Recording(scheme, np.full_like(constants, np.nan), columns)
     source = _head(scheme, record) + RATE.format(
         options=FAST if record.places else EXACT,

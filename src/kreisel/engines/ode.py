@@ -26,12 +26,12 @@ def _bound(rate: Rate, constants: Floats) -> Callable[[float, Floats], Floats]:
     return lambda t, y: rate(t, y, constants)
 
 
-def _compiled(scheme: Scheme) -> Rate:
+def _compiled(scheme: Scheme, lanes: int) -> Rate:
     if scheme.numbers == "jax":
         from kreisel.engines.xla import compiled_rate as by_jax
 
         return by_jax(scheme)
-    return compiled_rate(scheme)
+    return compiled_rate(scheme, lanes)
 
 
 class Reference:
@@ -44,7 +44,7 @@ class Reference:
         self._dt, self._steps = dt, 0
         self._counts = [(0.0, 0)] * len(self.z)  # for each lane a number of dt and the solver's steps within it
         constants, _ = flat_constants(scheme, len(self.z))
-        rate = _compiled(scheme)
+        rate = _compiled(scheme, len(self.z))
         options = scheme.options or {}
         tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
         with np.errstate(all="ignore"):

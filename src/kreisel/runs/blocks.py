@@ -101,6 +101,8 @@ class Sweep:
             value = sections[section][letter]
             if (section, letter) not in varied:
                 return value
+            if section == "run" and np.ndim(value[ids[0]]):
+                raise InputError(f"run.{letter}: expected a number or a name for each lane, got lists.")
             return value[ids[0]].item() if section == "run" else value[ids]
 
         params = {
