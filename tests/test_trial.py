@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 TRIAL, RESULT = ROOT / "benchmarks" / "trial", ROOT / "benchmarks" / "results" / "trial.json"
 FAULTS = """
@@ -87,9 +85,7 @@ def test_the_page_says_what_the_result_says() -> None:
     assert spec is not None and spec.loader is not None
     telling = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(telling)
-    if not RESULT.exists():
-        pytest.skip("no trial was made yet")
     result = json.loads(RESULT.read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
     assert telling.entered(page, result) == page
-    assert result["parts"]["corruptions"]["do_not_hold"] == 0
+    assert not any(part["do_not_hold"] for part in result["parts"].values())
