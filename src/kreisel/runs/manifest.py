@@ -132,8 +132,8 @@ def begin(store: Path) -> None:
 
 
 def begun(store: Path) -> bool:
-    """Whether a store is being made, or is whole."""
-    return bool(files(store))
+    """Whether a store is being made and its metadata are listed, or is whole."""
+    return whole(store) or os.path.lexists(store / METADATA)
 
 
 def add_block(store: Path, block: int | str, names: Iterable[str], durable: bool = False) -> None:

@@ -118,7 +118,7 @@ def _files(store: Path) -> Iterator[str]:
 
 def _foreign(store: Path) -> Iterator[str]:
     """Those among them that neither Kreisel nor Zarr makes, that are no plain files, or that belong to other arrays."""
-    arrays = {name.split("/")[0] for name in listed(store)} - {"zarr.json", "engine"}
+    arrays = {name.removesuffix("/zarr.json") for name in listed(store) if name.endswith("/zarr.json")} - {"engine"}
     for name in _files(store):
         first = name.split("/")[0]
         added = arrays and "/" in name and first not in ("engine", *arrays)
