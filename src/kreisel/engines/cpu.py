@@ -25,6 +25,8 @@ from kreisel.algebra import Array
 from kreisel.engines import arrays, lanes
 from kreisel.engines.kept import module
 from kreisel.engines.layout import Floats, Look, no_look
+from kreisel.engines.projection import WIDTH as WIDE
+from kreisel.engines.projection import Projection, Weave, interval, plain, program_of
 from kreisel.engines.recording import (
     Recording,
     flat_constants,
@@ -58,19 +60,21 @@ from kreisel.engines.fused import fma, plain_sum, sign, sum_error
 '''
 
 ADVANCE = """
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8)", {options})
-def kernel(z, c, s, out, every, first, last):
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
+def kernel(z, c, s, out, every, first, last{arguments}):
+{begin}
     for lane in range(first, last):
 {load}
         for row in range(out.shape[0]):
-            for _ in range(every):
-                for stage in range(s.shape[1]):
-{stage}
-{body}
-{close}
+{steps}
 {save}
 {store}
 """
+
+STEP = """for stage in range(s.shape[1]):
+{stage}
+{body}
+{close}"""
 
 OBSERVE = """
 @njit("void(f8[:,:,::1], f8[:,::1], f8[:,:,::1])", {options})
@@ -116,37 +120,51 @@ class Kernel:
     """A compiled step, its state in rows (lanes, d), and its constants.
 
     `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
+    With `project` the state is put back on its invariants now and then (`kreisel.engines.projection`).
     """
 
-    def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None):
+    def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
         self.z = np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
+        self.projection: Projection | None = None
         if printer is not None:
             head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
             self.source = printer(columns, stage_columns, head, EXACT)
         else:
             record = Recording(scheme, self.constants, columns, stage_columns)
             in_vectors = len(self.z) > 1 and record.straight
-            text = lanes.source(record, EXACT) if in_vectors else _one_by_one(record)
-            self.source = _head(scheme, record) + text
+            program = program_of(scheme, columns) if project else None
+            width, weave = (WIDE if in_vectors else 1), plain
+            if program is not None:
+                every = interval(program.cost, record.work * scheme.stage_count)
+                self.projection = Projection(program, every, self.z, self.constants, width)
+                weave = self.projection.weave
+            text = lanes.source(record, EXACT, weave) if in_vectors else _one_by_one(record, weave)
+            self.source = _head(scheme, record) + weave.head + text
         self._kernel = load(self.source).kernel
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         parts = list(shares(len(self.z), len(out) * every * len(self.z)))
+        given = self.z, self.constants, self.stages, out, every
+        more = self.projection.arguments if self.projection else ()
         if len(parts) < 2:
-            self._kernel(self.z, self.constants, self.stages, out, every, 0, len(self.z))
-            return
-        with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
-            work = [pool.submit(self._kernel, self.z, self.constants, self.stages, out, every, *part) for part in parts]
-        for done in work:
-            done.result()
+            self._kernel(*given, 0, len(self.z), *more)
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
+                work = [pool.submit(self._kernel, *given, *part, *more) for part in parts]
+            for done in work:
+                done.result()
+        if self.projection:
+            self.projection.count(len(out) * every)
 
     def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z}
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         self.z[:] = snapshot["z"]
+        if self.projection:
+            self.projection.restore(snapshot)
 
 
 def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
@@ -159,15 +177,20 @@ def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + size, lanes)
 
 
-def _one_by_one(record: Recording) -> str:
+def _one_by_one(record: Recording, weave: Weave) -> str:
+    step = STEP.format(
+        stage=record.load_constants("s", "s[lane, stage, ", 4), body=record.body(4), close=record.close(0)
+    )
+    load, store = record.load("z[lane, ", 0), record.save("z[lane, ", record.state, 0)
     return ADVANCE.format(
         options=FAST if record.places else EXACT,
-        load=record.load("z[lane, ", 8) + "\n" + record.load_constants("c", "c[lane, ", 8),
-        stage=record.load_constants("s", "s[lane, stage, ", 20),
-        body=record.body(20),
-        close=record.close(16),
+        types=weave.types,
+        arguments=weave.arguments,
+        begin=weave.begin(4),
+        load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines()], 8),
+        steps=indented(weave.steps(step, load, store, "lane + 1"), 12),
         save=record.save("out[row, lane, ", record.state, 12),
-        store=record.save("z[lane, ", record.state, 8),
+        store=indented(store.splitlines(), 8),
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from kreisel.engines.lines import Line, latest
+from kreisel.engines.projection import Weave
 from kreisel.engines.recording import Recording, indented, names_of
 
 # Time with two vectors to that with one, AVX2: lagrange-top, n = 3 (98 lines) 0.7, neumann (197) 0.86, lagrange-top,
@@ -33,14 +34,13 @@ KERNEL = """
 LANES = {lanes}  # at once
 
 
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8)", {options})
-def kernel(z, c, s, out, every, first, last):{scratch}
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
+def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
+{room}
     for lane in range(first, last, LANES):
-        count = min(LANES, last - lane)
-        end = lane + count
+        end = lane + min(LANES, last - lane)
 {begin}
         for row in range(out.shape[0]):
-            for _ in range(every):
 {steps}
 {save}
 {store}
@@ -48,7 +48,7 @@ def kernel(z, c, s, out, every, first, last):{scratch}
 STAGES = "for stage in range(s.shape[1]):"
 
 
-def source(record: Recording, options: str) -> str:
+def source(record: Recording, options: str, weave: Weave) -> str:
     """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     from kreisel.engines.vector_type import register_width
 
@@ -83,8 +83,9 @@ def source(record: Recording, options: str) -> str:
         return f"gather({array}, {columns}, {{here}}, {width})"
 
     rows = [gathered("c", "c")] * bool(constants) + [gathered("s[:, 0]", "s")] * bool(varying and not by_stage)
+    load = each(0, f"z{{k}} = gather(z, {len(record.state)}, {{here}}, {width})")
     begin = [
-        each(8, f"z{{k}} = gather(z, {len(record.state)}, {{here}}, {width})"),
+        indented(load.splitlines(), 8),
         each(8, f"k{{k}} = known({', '.join(rows)})"),
     ]
     loaded = ""
@@ -93,19 +94,23 @@ def source(record: Recording, options: str) -> str:
         begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of})")]
         loaded = f", load({{there}}, {len(staged)}, {width})"
     step = f"z{{k}} = step(z{{k}}, k{{k}}{loaded})"
-    steps = [indented([STAGES], 16), each(20, step)] if by_stage else [each(16, step)]
-    steps += [each(16, "z{k} = close(z{k}, k{k})")] if "close" in functions else []
+    steps = [STAGES, each(4, step)] if by_stage else [each(0, step)]
+    steps += [each(0, "z{k} = close(z{k}, k{k})")] if "close" in functions else []
+    back = each(0, "scatter(z, (), {here}, z{k})")
     return (
         HEAD
         + "".join(functions[name].format(name=name) for name in functions)
         + KERNEL.format(
             options=options,
+            types=weave.types,
+            arguments=weave.arguments,
+            room=weave.begin(4),
             scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if staged else "",
             lanes=vectors * width,
             begin="\n".join(begin),
-            steps="\n".join(steps),
+            steps=indented(weave.steps("\n".join(steps), load, back, "end"), 12),
             save=each(12, "scatter(out, (row,), {here}, z{k})"),
-            store=each(8, "scatter(z, (), {here}, z{k})"),
+            store=indented(back.splitlines(), 8),
         )
     )
 

@@ -34,7 +34,7 @@ def needed(lines: list[Line], outputs: list[str]) -> list[Line]:
     return kept[::-1]
 
 
-def _operation(line: Line) -> tuple[str, str, str]:
+def operation(line: Line) -> tuple[str, str, str]:
     """(x, operator, y) of a line `name = x operator y`, else ("", "", "")."""
     words = line.text.partition(" = ")[2].split(" ")
     return (words[0], words[1], words[2]) if len(words) == 3 and words[1] in ("+", "-", "*", "/") else ("", "", "")
@@ -53,16 +53,16 @@ def arranged(lines: list[Line], outputs: list[str]) -> list[Line]:
 def _arranged(lines: tuple[Line, ...], outputs: tuple[str, ...]) -> tuple[Line, ...]:
     lines = _with_reciprocals(lines)
     uses = Counter(n for line in lines for n in line.needs) + Counter(outputs)
-    products = {line.names[0]: line for line in lines if _operation(line)[1] == "*" and uses[line.names[0]] == 1}
+    products = {line.names[0]: line for line in lines if operation(line)[1] == "*" and uses[line.names[0]] == 1}
     out, gone = [], set()
     for line in lines:
-        x, operator, y = _operation(line)
+        x, operator, y = operation(line)
         name = line.names[0]
         inner = next((v for v in (x, y) if operator in ("+", "-") and v in products), None)
         if inner is None:
             out.append(line)
             continue
-        p, _, q = _operation(products[inner])
+        p, _, q = operation(products[inner])
         other = y if inner == x else x
         signs = ("", "-") if inner == x else ("-", "")
         first, last = signs if operator == "-" else ("", "")
@@ -73,7 +73,7 @@ def _arranged(lines: tuple[Line, ...], outputs: tuple[str, ...]) -> tuple[Line, 
 
 
 def _with_reciprocals(lines: tuple[Line, ...]) -> tuple[Line, ...]:
-    quotients = [_operation(line) for line in lines]
+    quotients = [operation(line) for line in lines]
     shared = {y for y, count in Counter(y for _, o, y in quotients if o == "/").items() if count > 1 and y[0].isalpha()}
     out, made = [], set()
     for line, (x, operator, y) in zip(lines, quotients, strict=True):

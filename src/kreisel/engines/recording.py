@@ -77,6 +77,7 @@ class Recording:
         self.columns = {"c": columns, "s": stage_columns or {}}
         self.kinds = [kind for _, kind in scheme.components]
         self.places: list[tuple[str, slice, str]] = []
+        self.work = 0  # about how many operations a step is, whatever the numbers
         functions = [_function(scheme), *([] if scheme.close is None else [scheme.close])]
         straight = scheme.n <= STRAIGHT_LINE_N
         if straight:
@@ -121,9 +122,10 @@ class Recording:
             mark = "e" * k
             tape = Tape(mark)
             letters = {letter: self.columns[letter] for letter in self._letters(k)}
-            parts, known = _arguments(self.scheme, tape, letters)
+            parts, known = recorded_arguments(self.scheme, tape, letters)
             values = list(layout.flatten(function(*parts, **known), self.kinds))
             lines, new = _printed(tape, values)
+            self.work += sum(len(line.text.splitlines()) for line in lines)
             if numbers:
                 lines, new = folded(lines, new, numbers, f"f{mark}")
             self.pieces.append(Piece(lines, new))
@@ -133,7 +135,7 @@ class Recording:
         square = (self.n, self.n)
         shapes = {"skew": square, "symmetric": square, "matrix": square, "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
-        self.pieces = []
+        self.pieces, self.work = [], 0
         for k, function in enumerate(functions):
             tape = Tape("e" * k)
             parts = [Matrix(tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
@@ -148,6 +150,7 @@ class Recording:
                 for v, kind in zip(new, self.kinds, strict=True)
             ]
             self.pieces.append(Piece(tape.needed([v.name for v in new]), names))
+            self.work += len(self.pieces[-1].lines) * self.n**2
         edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
         self.places = [
             (kind, slice(int(a), int(b)), name)
@@ -211,7 +214,7 @@ def indented(lines: list[str], indent: int) -> str:
     return "\n".join(" " * indent + line for line in lines)
 
 
-def _arguments(
+def recorded_arguments(
     scheme: Scheme, tape: Tape, columns: Mapping[str, Mapping[str, slice]]
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
     """Recorded numbers in place of the state and of the constants, which are called by their letter."""
@@ -246,7 +249,7 @@ def recorded_outputs(
 ) -> Outputs:
     """`function(parts, **constants)`, which returns variables by name, on recorded numbers."""
     tape = Tape()
-    parts, known = _arguments(scheme, tape, {"c": constants})
+    parts, known = recorded_arguments(scheme, tape, {"c": constants})
     values: list[Any] = []
     places = {}
     for name, value in function(parts, **known).items():
