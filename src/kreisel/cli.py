@@ -52,6 +52,9 @@ def run(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
+    project: Annotated[
+        bool, typer.Option("--project/--no-project", help="Put the state back on what is conserved.")
+    ] = True,
 ) -> None:
     """Simulate: write the archive, print the drift of every integral, save a figure.
 
@@ -78,6 +81,7 @@ def run(
             order=asked.run.order,
             tol=asked.run.tol,
             engine=asked.run.engine,
+            project=asked.run.project and project,
             orientation=asked.orientation,
             path=asked.path,
             overwrite=overwrite,

@@ -125,6 +125,8 @@ class ClosedForm:
     Or at any times: a few are jumps, each with its own set-up.
     """
 
+    projection = None
+
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float):
         self.z = np.array(z0, dtype=np.float64)
         self._scheme, self._start, self._reach = scheme, self.z.copy(), reach

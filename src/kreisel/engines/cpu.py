@@ -146,13 +146,16 @@ class Kernel:
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         parts = list(shares(len(self.z), len(out) * every * len(self.z)))
-        given = self.z, self.constants, self.stages, out, every
         more = self.projection.arguments if self.projection else ()
+
+        def work_on(part: tuple[int, int]) -> None:
+            self._kernel(self.z, self.constants, self.stages, out, every, *part, *more)
+
         if len(parts) < 2:
-            self._kernel(*given, 0, len(self.z), *more)
+            work_on((0, len(self.z)))
         else:
             with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
-                work = [pool.submit(self._kernel, *given, *part, *more) for part in parts]
+                work = [pool.submit(work_on, part) for part in parts]
             for done in work:
                 done.result()
         if self.projection:

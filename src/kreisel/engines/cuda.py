@@ -129,6 +129,8 @@ def _loaded(constants: list[str], stage: str) -> list[str]:
 class Kernel:
     """The step on a GPU; `advance` as in `kreisel.engines.cpu.Kernel`.  One number of all lanes lies in one row."""
 
+    projection = None
+
     def __init__(self, scheme: Scheme, z0: Floats, engine: str):
         self._cuda, self._real = _gpu(), np.dtype(PRECISIONS[engine])
         self.z = np.asarray(z0).astype(self._real).astype(np.float64)

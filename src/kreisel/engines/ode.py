@@ -37,6 +37,8 @@ def _compiled(scheme: Scheme, lanes: int) -> Rate:
 class Reference:
     """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output."""
 
+    projection = None
+
     def __init__(self, scheme: Scheme, z0: Floats, dt: float):
         from scipy.integrate import DOP853
 

@@ -222,7 +222,6 @@ def _words(line: Line) -> tuple[str, str, str]:
     return "sqrt", root[1], root[1]
 
 
-
 SOURCE = '''"""Made by kreisel.engines.projection; not to be edited."""
 from math import sqrt
 
@@ -407,6 +406,7 @@ def project(table, place, first, last, begin):
                 z[lane + w, i] = room[i, w]
 '''
 
+
 def source(width: int) -> str:
     """The text of the projection of so many states at once."""
     one = width == 1
@@ -423,6 +423,7 @@ def source(width: int) -> str:
 
 
 NUMBERS = 18  # in the table
+FAR = 1e3  # times what a random walk of rounding errors makes of a state of size 1 that turns by a radian in a step
 INTERVALS = tuple(int(m * 10**e) for e in range(2, 12) for m in (1, 2, 5))
 SHARE = 0.01  # of an operation of a step: with it projections take 1 to 3 % of the time, measured for n = 3, 5, 10
 
@@ -517,6 +518,32 @@ class Projection:
     def apply(self) -> None:
         """Project the state, in place."""
         self._call(0)
+
+    def final(self) -> Floats:
+        """`worst` with what the state lacks at this moment; nothing changes."""
+        z, worst = self._held[-2].copy(), self.worst.copy()
+        self._call(0)
+        found = self.worst.copy()
+        self._held[-2][:], self.worst[:] = z, worst
+        return found
+
+    def beyond(self, worst: Floats, dt: float) -> Array:
+        """Which corrections (lanes, invariants) are more than roundings of `every` steps can explain."""
+        turn = dt * abs(self._held[-2]).max(-1, keepdims=True)  # about the angle of a step
+        return worst > FAR * np.sqrt(self.every) * (1 + turn)
+
+    def names(self, worst: Floats, dt: float) -> str:
+        """The invariant whose correction is the worst of those."""
+        place = int(np.where(self.beyond(worst, dt), worst, 0).argmax())
+        return self.program.labels[place % len(self.program.labels)]
+
+    def corrections(self) -> dict[str, float]:
+        """The largest correction of each variable, at the end of a run."""
+        out: dict[str, float] = {}
+        for label, value in zip(self.program.labels, self.final().max(0), strict=True):
+            name = label.partition("[")[0]
+            out[name] = max(out.get(name, 0.0), float(value))
+        return out
 
     def count(self, steps: int) -> None:
         """So many steps were made."""

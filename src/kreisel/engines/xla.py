@@ -60,6 +60,8 @@ def _compiled_loop(
 class Compiled:
     """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
 
+    projection = None
+
     def __init__(self, scheme: Scheme, z0: Floats, dt: float):
         self.z = np.array(z0, dtype=np.float64)
         self._scheme, self._dt, self._done = scheme, dt, 0

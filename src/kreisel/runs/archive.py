@@ -55,7 +55,7 @@ FORMAT = 1
 MOST_SCALES = 4096  # numbers in an attribute
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
-    **dict.fromkeys(("n", "steps", "every", "rows_in_block"), int),
+    **dict.fromkeys(("n", "steps", "every", "rows_in_block", "projection"), int),
     **{"dt": float, "complete": bool},
 }
 MOST_INDEXED = 10**7  # times that are held in memory
@@ -117,6 +117,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "method": plan.scheme.name,
         "options": json.dumps(dict(plan.scheme.options or {})),
         "engine": plan.where,
+        "projection": plan.engine.projection.every if plan.engine.projection else 0,
         "dt": plan.dt,
         "steps": plan.steps,
         "every": plan.every,
@@ -224,6 +225,8 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = attributes(plan, blocks[0])
+    for name, largest in _corrections(plan).items():
+        attrs[name][CORRECTION] = largest
     data = {}
     for name in plan.scheme.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
@@ -232,6 +235,13 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     if plan.batched:
         coords["lane"] = ("lane", np.arange(plan.lanes))
     return xr.Dataset(data, coords, describe(plan))
+
+
+CORRECTION = "largest_correction"  # of the state, by the projection, in units of eps_machine |state|
+
+
+def _corrections(plan: Plan) -> dict[str, float]:
+    return plan.engine.projection.corrections() if plan.engine.projection else {}
 
 
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -387,7 +397,8 @@ class Archive:
 
         with self._disk("be finished"):
             self._require_there()
-            consolidated(self.part, complete=True)
+            of_variables = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
+            consolidated(self.part, of_variables, complete=True)
             manifest.seal(self.part, [checkpoint.NAME])
             self._require_there()
             take_name(self.path)
@@ -764,4 +775,5 @@ def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> 
         order=_object(attrs, "options").get("order"),
         orientation=start.get(ORIENTATION),
         engine=attrs.get("engine", "cpu"),
+        project=attrs["projection"] > 0,
     )

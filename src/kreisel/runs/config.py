@@ -29,6 +29,7 @@ class Run(msgspec.Struct, forbid_unknown_fields=True):
     order: int | str | None = None
     tol: float | None = None
     engine: str | None = None
+    project: bool = True
 
 
 class Output(msgspec.Struct, forbid_unknown_fields=True):

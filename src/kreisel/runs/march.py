@@ -181,6 +181,18 @@ class March:
                 return layout.restore(rows, self.plan.kinds, self.plan.model.n)[place] <= guard.limit
 
             self._require(within, guard.fault, guard.cause)
+        projection = self.plan.engine.projection
+        if projection is not None:
+            worst = projection.worst if self.rows < self.plan.rows else projection.final()
+            good = ~projection.beyond(worst, self.plan.dt).any(1)
+            if not good.all():
+                name = projection.names(worst, self.plan.dt)
+                self._lose(
+                    np.broadcast_to(good, (self.filled + 1, self.plan.lanes)),
+                    lambda step: f"{name} is not conserved, although the method conserves it, before step {step}",
+                    "a step far too long for this state, or a map or an integral that is not what its record says. "
+                    "Use a smaller dt; project=False (--no-project) shows the map as it is.",
+                )
 
     def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
         """Note or raise the first row for which it does not hold, or the row after them."""

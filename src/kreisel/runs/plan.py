@@ -23,6 +23,7 @@ from kreisel.model import Model, State
 if TYPE_CHECKING:
     from kreisel.engines.closed import ClosedForm
     from kreisel.engines.levels import Printer
+    from kreisel.engines.projection import Projection
     from kreisel.methods.auto import Choice
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
@@ -44,6 +45,10 @@ class Marcher(Protocol):
 
         Where one step may take seconds, `look` is called on the way; what it raises leaves the engine useless.
         """
+
+    @property
+    def projection(self) -> Projection | None:
+        """What puts the state back on its invariants, if anything does."""
 
     def snapshot(self) -> dict[str, Floats]:
         """All that the next step depends on."""
@@ -147,18 +152,22 @@ def make_plan(
     orientation: Any,
     tol: Any = None,
     engine: str | None = None,
+    project: Any = None,
 ) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     check_model(model)
     dt, steps, every = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
     method, order = named(method, "method"), _order(order)
+    if project is not None:
+        flag(project, "project")
+    project = project is None or bool(project)
     if not math.isfinite(dt * steps):
         raise InputError(f"{steps:,} steps of {dt:g} are out of reach: a finite time was expected.")
     if every > steps:
         raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
     state = checked_state(model, x0)
     if order == "auto":
-        return _chosen(model, state, dt, steps, every, method, orientation, tol, engine)
+        return _chosen(model, state, dt, steps, every, method, orientation, tol, engine, project)
     order = _whole_order(order)
     if tol is not None:
         raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={shown(order)} came.")
@@ -169,7 +178,7 @@ def make_plan(
     where = engine or ("cpu" if printer is None else "large")
 
     def made(plan: Scheme) -> Marcher:
-        return _engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, where, printer)
+        return _engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, where, printer, project)
 
     return Plan(
         model=model,
@@ -196,13 +205,15 @@ def _chosen(
     orientation: Any,
     tol: Any,
     engine: str | None,
+    project: bool,
 ) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.methods.auto import choose
 
     _require_choices(model, steps, every, method)
     choice = choose(model, _parts(model, state, None), every * dt, steps * dt, tol)
-    plan = make_plan(model, state, **settled(choice, dt, steps, every), orientation=orientation, engine=engine)
+    told = {"orientation": orientation, "engine": engine, "project": project}
+    plan = make_plan(model, state, **settled(choice, dt, steps, every), **told)
     told = {"tol": float(tol), "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **told}))
 
@@ -280,7 +291,9 @@ def _known_engine(name: Any) -> str | None:
     return name
 
 
-def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str, printer: Printer | None) -> Marcher:
+def _engine(
+    plan: Scheme, start: Floats, dt: float, steps: int, name: str, printer: Printer | None, project: bool
+) -> Marcher:
     if name not in ("cpu", "large"):
         if plan.numbers != "any" or plan.step is None:
             raise InputError(
@@ -300,7 +313,7 @@ def _engine(plan: Scheme, start: Floats, dt: float, steps: int, name: str, print
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
-        return Kernel(plan, start, printer)
+        return Kernel(plan, start, printer, project)
     if plan.orbit is not None:
         from kreisel.engines.closed import ClosedForm
 

@@ -75,6 +75,7 @@ def _plan(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
         order=parsed(attrs["options"], "The attribute options").get("order"),
         orientation=start[ORIENTATION].values if ORIENTATION in saved else None,
         engine="cpu",
+        project=False,
     )
 
 

@@ -35,6 +35,7 @@ def simulate(
     tol: float | None = None,
     orientation: Any = None,
     engine: str | None = None,
+    project: bool = True,
     path: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     progress: bool | None = None,
@@ -60,6 +61,8 @@ def simulate(
     engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
                  Clebsch; both are chosen by n and method unless told), "cuda" (an NVIDIA GPU, float64) or
                  "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
+    project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
+                 of the run): what rounding does to them is undone; False shows the map as it is
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
@@ -81,6 +84,7 @@ def simulate(
         orientation=orientation,
         tol=tol,
         engine=engine,
+        project=project,
     )
     from kreisel.runs.archive import Archive, in_memory, target
 

@@ -64,6 +64,7 @@ def sweep(
     order: int | str | None = None,
     tol: float | None = None,
     orientation: Any = None,
+    project: bool = True,
     grid: Mapping[str, Any] | None = None,
     list: Mapping[str, Any] | None = None,
     random: Mapping[str, Any] | None = None,
@@ -79,7 +80,7 @@ def sweep(
 ) -> xr.Dataset:
     """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset by lane.
 
-    system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to orientation are the same
+    system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to project are the same
     path         the Zarr store; the same call goes on with one that was interrupted
     grid         quantity -> values: every combination, e.g. {"system.alpha": np.linspace(0.5, 2, 20)}
     list         quantity -> values that go together, as many of each
@@ -104,7 +105,15 @@ def sweep(
     description = {
         "system": {"name": system.system.name, **system.params},
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
-        "run": {"dt": dt, "steps": steps, "every": every, "method": method, "order": order, "tol": tol},
+        "run": {
+            "dt": dt,
+            "steps": steps,
+            "every": every,
+            "method": method,
+            "order": order,
+            "tol": tol,
+            "project": project,
+        },
         "sweep": {
             "grid": {} if grid is None else grid,
             "list": {} if list is None else list,

@@ -8,7 +8,7 @@ import hashlib
 import os
 import stat
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -100,9 +100,11 @@ def edited(store: Path) -> Iterator[Any]:
         manifest.replace_file(store / name, data)
 
 
-def consolidated(store: Path, **attributes: Any) -> None:
-    """Set attributes of a store, and list all its metadata in the first of them, so that it opens at once."""
+def consolidated(store: Path, of_variables: Mapping[str, Mapping[str, Any]] | None = None, **attributes: Any) -> None:
+    """Set attributes of a store and its variables, and list all its metadata in the first, so that it opens at once."""
     with edited(store) as group, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Zarr calls this list not yet a standard
         group.attrs.update(attributes)
+        for name, told in (of_variables or {}).items():
+            group[name].attrs.update(told)
         zarr.consolidate_metadata(group.store)
