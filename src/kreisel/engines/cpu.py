@@ -23,10 +23,11 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.engines import arrays, lanes
+from kreisel.engines.correcting import WIDTH as WIDE
+from kreisel.engines.correcting import Projection, Weave, interval, plain
 from kreisel.engines.kept import module
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.engines.projection import WIDTH as WIDE
-from kreisel.engines.projection import Projection, Weave, interval, plain, program_of
+from kreisel.engines.projection import program_of
 from kreisel.engines.recording import (
     Recording,
     flat_constants,

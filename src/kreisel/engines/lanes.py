@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from kreisel.engines.correcting import Weave
 from kreisel.engines.lines import Line, latest
-from kreisel.engines.projection import Weave
 from kreisel.engines.recording import Recording, indented, names_of
 
 # Time with two vectors to that with one, AVX2: lagrange-top, n = 3 (98 lines) 0.7, neumann (197) 0.86, lagrange-top,

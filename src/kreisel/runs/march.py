@@ -183,12 +183,13 @@ class March:
             self._require(within, guard.fault, guard.cause)
         projection = self.plan.engine.projection
         if projection is not None:
-            worst = projection.worst if self.rows < self.plan.rows else projection.final()
-            good = ~projection.beyond(worst, self.plan.dt).any(1)
-            if not good.all():
-                name = projection.names(worst, self.plan.dt)
+            worst = projection.worst if self.rows < self.plan.rows else projection.peek()
+            angle = self.plan.dt * abs(self.plan.engine.z).max(-1)  # about that of a step
+            beyond = projection.beyond(worst, angle)
+            if beyond.any():
+                name = projection.labels[int(np.where(beyond, worst, 0).max(0).argmax())]
                 self._lose(
-                    np.broadcast_to(good, (self.filled + 1, self.plan.lanes)),
+                    np.broadcast_to(~beyond.any(1), (self.filled + 1, self.plan.lanes)),
                     lambda step: f"{name} is not conserved, although the method conserves it, before step {step}",
                     "a step far too long for this state, or a map or an integral that is not what its record says. "
                     "Use a smaller dt; project=False (--no-project) shows the map as it is.",

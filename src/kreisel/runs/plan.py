@@ -22,8 +22,8 @@ from kreisel.model import Model, State
 
 if TYPE_CHECKING:
     from kreisel.engines.closed import ClosedForm
+    from kreisel.engines.correcting import Corrections
     from kreisel.engines.levels import Printer
-    from kreisel.engines.projection import Projection
     from kreisel.methods.auto import Choice
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
@@ -47,7 +47,7 @@ class Marcher(Protocol):
         """
 
     @property
-    def projection(self) -> Projection | None:
+    def projection(self) -> Corrections | None:
         """What puts the state back on its invariants, if anything does."""
 
     def snapshot(self) -> dict[str, Floats]:
