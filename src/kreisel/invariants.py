@@ -6,6 +6,7 @@ Batch axes in front; conventions as in `kreisel.algebra`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,8 @@ def stack(scalars: list[Array]) -> Array:
         for i, s in enumerate(scalars):
             out[..., i] = s
         return out
-    return np.stack([np.broadcast_to(s, shape) for s in scalars], -1)
+    library: Any = next((s.__array_namespace__() for s in scalars if hasattr(s, "__array_namespace__")), np)
+    return library.stack([library.broadcast_to(s, shape) for s in scalars], -1)
 
 
 def casimirs(M: Array, P: Array, most: int = 4) -> Array:

@@ -323,8 +323,8 @@ class Corrections:
         self.labels, self.every, self.done = labels, every, 0
         self.targets, self.worst = np.zeros((lanes, len(labels), 3)), np.zeros((lanes, len(labels)))
 
-    def peek(self) -> Floats:
-        """`worst` with what the state lacks at this moment (lanes, invariants); nothing changes."""
+    def peek(self, z: Floats) -> Floats:
+        """`worst` with what the state z lacks at this moment (lanes, invariants); nothing changes."""
         raise NotImplementedError
 
     def count(self, steps: int) -> None:
@@ -356,10 +356,10 @@ class Corrections:
         """Which corrections (lanes, invariants) roundings of `every` steps cannot explain; a step turns by `angle`."""
         return worst > FAR * np.sqrt(self.every) * (1 + angle[:, None])
 
-    def largest(self) -> dict[str, float]:
-        """The largest correction of each variable."""
+    def largest(self, z: Floats) -> dict[str, float]:
+        """The largest correction of each variable, at the end of a run in the state z."""
         out: dict[str, float] = {}
-        for label, value in zip(self.labels, self.peek().max(0), strict=True):
+        for label, value in zip(self.labels, self.peek(z).max(0), strict=True):
             name = label.partition("[")[0]
             out[name] = max(out.get(name, 0.0), float(value))
         return out
@@ -406,9 +406,10 @@ class Projection(Corrections):
         """Project the state, in place."""
         self._call(0)
 
-    def peek(self) -> Floats:
-        z, worst = self._z.copy(), self.worst.copy()
+    def peek(self, z: Floats) -> Floats:
+        before, worst = self._z.copy(), self.worst.copy()
+        self._z[:] = z
         self._call(0)
         found = self.worst.copy()
-        self._z[:], self.worst[:] = z, worst
+        self._z[:], self.worst[:] = before, worst
         return found

@@ -11,6 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
+from kreisel.engines.correcting import TAU, Corrections
 from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import RunError
 from kreisel.methods.scheme import Scheme
@@ -19,6 +20,10 @@ from kreisel.reduction.double import double, jax
 jnp = jax.numpy
 lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
+EVERY = 1000  # steps between two projections, of about 0.1 ms; steps take some microseconds
+FLAT = 2.0**-4  # as in `kreisel.engines.correcting`, where values have more digits
+SAMPLES = 8  # states by which the size of an invariant's terms is told
+EPS = float(np.finfo(np.float64).eps)
 
 
 def flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
@@ -57,12 +62,62 @@ def _compiled_loop(
     return jax.jit(loop)
 
 
+class Projection(Corrections):
+    """The projection of a step of JAX (`kreisel.engines.projection`), in doubles.
+
+    Values of invariants then have rounding errors of their own, of a few units in the last place; they do not add up.
+    """
+
+    def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
+        kinds, n = [kind for _, kind in scheme.components], scheme.n
+
+        def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
+            found = scheme.observe(layout.restore(z, kinds, n), **known)
+            return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].kept}
+
+        def values(z: Array, known: Mapping[str, Array]) -> Array:
+            return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
+
+        def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array]:
+            J, length = jax.jacrev(values)(z, known), jnp.sqrt((z * z).sum())
+            size = jnp.sqrt((J * J).sum(-1) + (FLAT * targets[:, 2] / length) ** 2)
+            scale = jnp.where(size > 0, 1 / size, 0.0)
+            J, lack = scale[:, None] * J, scale * (values(z, known) - targets[:, 0])
+            y = algebra.solve(J @ J.T + TAU * jnp.eye(len(lack)), lack[:, None])[:, 0]
+            return z - y @ J, abs(lack) / (EPS * length)
+
+        self._constants = constants
+        each = {k: 0 if k in lanes else None for k in constants}
+        with double():
+            one = {k: v[0] if k in lanes else v for k, v in constants.items()}
+            sizes = {name: len(value) for name, value in invariants(z[0], one).items()}
+            self._values = jax.vmap(values, in_axes=(0, each))
+            self._correct = jax.jit(jax.vmap(correction, in_axes=(0, each, 0)))
+            labels = tuple(f"{k}[{i}]" if count > 1 else k for k, count in sizes.items() for i in range(count))
+            super().__init__(labels, EVERY, len(z))
+            self.targets[..., 0] = self._values(z, constants)
+            size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1])
+            for signs in np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1])):
+                self.targets[..., 2] = np.maximum(self.targets[..., 2], abs(self._values(size * signs, constants)))
+
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
+        with double():
+            new, lack = map(np.asarray, self._correct(z, self._constants, self.targets))
+        return np.where(np.isfinite(new).all(-1, keepdims=True), new, z), np.fmax(self.worst, lack)
+
+    def applied(self, z: Floats) -> Floats:
+        """The projected state."""
+        z, self.worst = self._corrected(z)
+        return z
+
+    def peek(self, z: Floats) -> Floats:
+        return self._corrected(z)[1] if self.worst.any() else self.worst  # a short run need not compile it
+
+
 class Compiled:
     """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
 
-    projection = None
-
-    def __init__(self, scheme: Scheme, z0: Floats, dt: float):
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float, project: bool = False):
         self.z = np.array(z0, dtype=np.float64)
         self._scheme, self._dt, self._done = scheme, dt, 0
         self._kinds = [kind for _, kind in scheme.components]
@@ -71,8 +126,22 @@ class Compiled:
             raise TypeError(f"the scheme {scheme.name} states no step")
         lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
         self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
+        self.projection = Projection(scheme, self.z, self._constants, lanes) if project else None
+        if self.projection is not None and not self.projection.labels:
+            self.projection = None
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if self.projection is None:
+            self._advance(out, every, look)
+        else:
+            self.projection.in_parts(out, every, lambda rows, steps: self._advance(rows, steps, look), self._project)
+
+    def _project(self) -> Floats:
+        if self.projection is not None:
+            self.z = self.projection.applied(self.z)
+        return self.z
+
+    def _advance(self, out: Floats, every: int, look: Look) -> None:
         for start in range(0, len(out), ROWS):
             look()
             rows = min(ROWS, len(out) - start)
@@ -85,10 +154,13 @@ class Compiled:
             self._done += rows * every
 
     def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z, "steps": np.asarray(self._done, dtype=np.float64)}
+        steps = np.asarray(self._done, dtype=np.float64)
+        return {"z": self.z, "steps": steps, **(self.projection.snapshot() if self.projection else {})}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         self.z, self._done = np.array(snapshot["z"]), int(snapshot["steps"])
+        if self.projection:
+            self.projection.restore(snapshot)
 
     def _fail(self, lane: int, count: int, lanes: int) -> None:
         step = self._done + count + 1

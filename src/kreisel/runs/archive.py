@@ -241,7 +241,7 @@ CORRECTION = "largest_correction"  # of the state, by the projection, in units o
 
 
 def _corrections(plan: Plan) -> dict[str, float]:
-    return plan.engine.projection.largest() if plan.engine.projection else {}
+    return plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
 
 
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -183,7 +183,7 @@ class March:
             self._require(within, guard.fault, guard.cause)
         projection = self.plan.engine.projection
         if projection is not None:
-            worst = projection.worst if self.rows < self.plan.rows else projection.peek()
+            worst = projection.worst if self.rows < self.plan.rows else projection.peek(self.plan.engine.z)
             angle = self.plan.dt * abs(self.plan.engine.z).max(-1)  # about that of a step
             beyond = projection.beyond(worst, angle)
             if beyond.any():

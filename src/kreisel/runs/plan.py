@@ -309,7 +309,7 @@ def _engine(
     if plan.numbers == "jax" and plan.step is not None:
         from kreisel.engines.xla import Compiled
 
-        return Compiled(plan, start, dt)
+        return Compiled(plan, start, dt, project)
     if plan.step is not None:
         from kreisel.engines.cpu import Kernel
 
