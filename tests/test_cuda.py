@@ -42,6 +42,19 @@ for model, start, method, order, g in (
             z = plan.scheme.advance(*z)
         assert (plan.engine.z == out[-1]).all()
         print(engine, abs(out[-1] - layout.flatten(z, plan.kinds)).max(), flush=True)
+plans = [make_plan(top, x0, dt=0.1, steps=30, every=2, method="suris", order=1, orientation=None, engine=engine)
+         for engine in ("cuda", "cpu")]
+rows = [np.empty((15, *plan.engine.z.shape)) for plan in plans]
+for plan, out in zip(plans, rows):
+    plan.engine.projection.every = 7
+    plan.engine.advance(out, 2)
+    assert plan.engine.projection.done == 2 and (plan.engine.projection.worst < 10).all()
+    assert (plan.engine.projection.worst > 0).any(0).all()
+    worst = plan.engine.projection.worst.copy()
+    assert (plan.engine.projection.peek(out[0] * (1 + 1e-9)) > 1e4).all()
+    assert (plan.engine.projection.worst == worst).all() and (plan.engine.z == out[-1]).all()
+assert abs(plans[0].engine.projection.targets - plans[1].engine.projection.targets).max() < 1e-14
+print("projected", abs(rows[0] - rows[1]).max())
 one = kr.LagrangeTop(p=(0, 0, 1))
 start = one.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 run = kr.simulate(one, start, dt=0.1, steps=4, engine="cuda", progress=False, method="suris", path="run.zarr")
@@ -59,10 +72,10 @@ def test_the_kernel_of_the_gpu_is_the_definition(tmp_path: Path) -> None:
     out = subprocess.run(run, capture_output=True, text=True, env=told, check=False, cwd=tmp_path, timeout=300)
     assert out.returncode == 0, out.stderr
     apart = [line.split() for line in out.stdout.splitlines()]
-    assert [name for name, _ in apart] == ["cuda", "cuda-float32"] * 2 + ["cuda"] * 2
+    assert [name for name, _ in apart] == ["cuda", "cuda-float32"] * 2 + ["cuda", "projected", "cuda"]
     for name, value in apart:
-        assert float(value) < (1e-12 if name == "cuda" else 1e-3)
-        assert name == "cuda" or float(value) > 1e-9  # float32 it is
+        assert float(value) < (1e-3 if name == "cuda-float32" else 1e-12)
+        assert name != "cuda-float32" or float(value) > 1e-9  # float32 it is
 
 
 def test_without_a_gpu_it_says_so(top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +97,7 @@ def test_what_no_gpu_runs(top: object, x0: object) -> None:
 def test_products_are_rounded_and_literals_are_of_the_precision(top: object, precision: str) -> None:
     plan = scheme(top, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    text = cuda.source(plan, constants, columns, stages, precision)
+    text = cuda.source(cuda.recorded(plan, constants, columns, stages), precision)
     body = text.partition("def kernel(")[2]
     assert " * " not in body
     assert "cuda.fma(" in body
@@ -93,4 +106,4 @@ def test_products_are_rounded_and_literals_are_of_the_precision(top: object, pre
     plan = scheme(big, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
     with pytest.raises(kr.InputError, match="n = 11"):
-        cuda.source(plan, constants, columns, stages, precision)
+        cuda.recorded(plan, constants, columns, stages)

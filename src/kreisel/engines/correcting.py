@@ -41,9 +41,9 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
     for w in range({width}):
         at = min(lane + w, last - 1)
         for i in range(d):
-            set_entry(room, i, w, z[{z}])
+            set_entry(room, i, w, {z})
         for i in range(len(columns)):
-            set_entry(room, d + i, w, c[{c}])
+            set_entry(room, d + i, w, {c})
         for i in range(len(literals)):
             set_entry(room, d + len(columns) + i, w, literals[i])
         for i in range(base):
@@ -173,7 +173,7 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
     for w in range(min({width}, last - lane)):
         at = lane + w
         for i in range(d):
-            z[{z}] = entry(room, i, w)
+            {z} = entry(room, i, w)
 """
 
 HEAD = '''"""Made by kreisel.engines.correcting; not to be edited."""
@@ -246,15 +246,14 @@ def source(width: int) -> str:
         flat=FLAT,
         eps=float(np.finfo(np.float64).eps),
     )
-    block = BLOCK.format(
-        inline=f"@njit({exact})",
-        compiled='@njit(error_model="numpy")',
-        size_of_state="z.shape[1]",
-        z="at, i",
-        c="at, columns[i]",
-        width=width,
-    )
-    return head + block + TABLE.format(numbers=NUMBERS, width=width)
+    states = block(f"@njit({exact})", '@njit(error_model="numpy")', "z[at, i]", "c[at, columns[i]]", width)
+    return head + states + TABLE.format(numbers=NUMBERS, width=width)
+
+
+def block(inline: str, compiled: str, z: str, c: str, width: int) -> str:
+    """The text of the projection of `width` states, by decorators, and by how a number of z and c is read."""
+    size = f"z.shape[{int(z == 'z[at, i]')}]"
+    return BLOCK.format(inline=inline, compiled=compiled, size_of_state=size, z=z, c=c, width=width)
 
 
 def interval(cost: float, work: float) -> int:

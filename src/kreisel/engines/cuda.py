@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.engines.correcting import FLAT, TAU, Corrections, block, interval
 from kreisel.engines.cpu import load
 from kreisel.engines.layout import Floats, Look, no_look
+from kreisel.engines.projection import Program, program_of
 from kreisel.engines.recording import Recording, flat_constants, flat_stages, indented
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
@@ -71,6 +73,70 @@ def kernel(z, c, s, out, every):
 '''
 
 
+INLINE = '@cuda.jit(device=True, inline="always")'
+ROOM = 1 << 30  # bytes on the GPU for projections
+PROJECTION = '''"""Made by kreisel.engines.cuda; not to be edited."""
+from math import sqrt
+
+from numba import config, cuda
+
+TAU, FLAT, EPS = {tau!r}, {flat!r}, {eps!r}
+
+if config.ENABLE_CUDASIM:
+
+    @cuda.jit(device=True, inline="always")
+    def times(x, y):
+        return x * y
+
+else:
+    from numba.cuda.libdevice import dmul_rn as times
+
+
+@cuda.jit(device=True, inline="always")
+def fma(x, y, z):
+    return cuda.fma(x, y, z)
+
+
+@cuda.jit(device=True, inline="always")
+def size(x):
+    return abs(x)
+
+
+@cuda.jit(device=True, inline="always")
+def where_less(x, y, yes, no):
+    return yes if x < y else no
+
+
+@cuda.jit(device=True, inline="always")
+def get(room, row):
+    return room[row, cuda.grid(1)]
+
+
+@cuda.jit(device=True, inline="always")
+def put(room, row, value):
+    room[row, cuda.grid(1)] = value
+
+
+@cuda.jit(device=True, inline="always")
+def entry(room, row, w):
+    return room[row, cuda.grid(1)]
+
+
+@cuda.jit(device=True, inline="always")
+def set_entry(room, row, w, value):
+    room[row, cuda.grid(1)] = value
+
+{block}
+
+@cuda.jit
+def project(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, first, begin):
+    place = cuda.grid(1)
+    lane = first + place
+    if place < room.shape[1] and lane < z.shape[1]:
+        block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, lane + 1, begin)
+'''
+
+
 def _gpu() -> Any:
     """The module numba.cuda.  Raises `InputError` where there is none, or no GPU."""
     try:
@@ -86,20 +152,25 @@ def _gpu() -> Any:
     return cuda
 
 
-def source(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any, precision: str) -> str:
-    """The kernel's text.  Raises `InputError` where the step is too long to be written out."""
+def recorded(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any) -> Recording:
+    """The record of a step.  Raises `InputError` where it is too long to be written out."""
     record = Recording(scheme, constants, columns, stage_columns)
     if record.places:
         raise InputError(
             f"engine='cuda' takes steps that can be written out, n <= 10 or so; n = {scheme.n} came. Use engine='cpu'."
         )
+    return record
+
+
+def source(record: Recording, precision: str) -> str:
+    """The kernel's text."""
     state, varying = record.state, record.varying()
     pieces = [piece.source(state, 16) for piece in varying.pieces]
     if varying.by_stage:
         stage = [*_loaded(varying.late, "stage"), *(line.text for line in varying.of_stage)]
         pieces[0] = "\n".join([" " * 16 + STAGES, indented(stage, 20), varying.pieces[0].source(state, 20)])
     text = SOURCE.format(
-        name=f"{scheme.name}, n = {scheme.n}, {precision}",
+        name=f"{record.scheme.name}, n = {record.n}, {precision}",
         real=precision,
         multiply={"float64": "dmul_rn", "float32": "fmul_rn"}[precision],
         load=indented(
@@ -126,21 +197,76 @@ def _loaded(constants: list[str], stage: str) -> list[str]:
     return [f"{name} = {name[0]}[{places[name[0]]}{name[1:]}, lane]" for name in constants]
 
 
+class Projection(Corrections):
+    """The projection on a GPU, one thread a state, of z (d, lanes) and constants (count, lanes) that lie there."""
+
+    def __init__(self, program: Program, every: int, cuda: Any, z: Any, constants: Any):
+        super().__init__(program.labels, every, z.shape[1])
+        text = PROJECTION.format(
+            tau=TAU,
+            flat=FLAT,
+            eps=float(np.finfo(np.float64).eps),
+            block=block(INLINE, "@cuda.jit(device=True)", "z[i, at]", "c[columns[i], at]", 1),
+        )
+        self._kernel, self._cuda, self._z, self._constants = load(text).project, cuda, z, constants
+        ops, outs, ends, cones, columns, literals = map(cuda.to_device, program.arrays)
+        self._program = ops, outs, cones, ends, literals, columns
+        self._known = cuda.to_device(self.targets), cuda.to_device(self.worst)
+        self._room = program.rows, min(z.shape[1], max(THREADS, ROOM // (8 * program.rows)))
+        self._call(1)
+        self._read()
+
+    def _call(self, begin: int) -> None:
+        room = self._cuda.to_device(np.zeros(self._room))
+        blocks = -(-self._room[1] // THREADS)
+        for first in range(0, len(self.targets), self._room[1]):
+            self._kernel[blocks, THREADS](*self._program, *self._known, self._z, self._constants, room, first, begin)
+
+    def _read(self) -> None:
+        self.targets, self.worst = (array.copy_to_host() for array in self._known)
+
+    def apply(self) -> None:
+        """Project the state on the GPU, in place."""
+        self._call(0)
+        self._read()
+
+    def peek(self, z: Floats) -> Floats:
+        before, worst = self._z.copy_to_host(), self.worst
+        self._z.copy_to_device(np.ascontiguousarray(z.T))
+        self._call(0)
+        found = self._known[1].copy_to_host()
+        self._z.copy_to_device(before)
+        self._known[1].copy_to_device(worst)
+        return np.asarray(found)
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        super().restore(snapshot)
+        for array, value in zip(self._known, (self.targets, self.worst), strict=True):
+            array.copy_to_device(value)
+
+
 class Kernel:
-    """The step on a GPU; `advance` as in `kreisel.engines.cpu.Kernel`.  One number of all lanes lies in one row."""
+    """The step on a GPU; `advance` as in `kreisel.engines.cpu.Kernel`.  One number of all lanes lies in one row.
 
-    projection = None
+    float32 is not projected: what rounding does to it is far more.
+    """
 
-    def __init__(self, scheme: Scheme, z0: Floats, engine: str):
+    def __init__(self, scheme: Scheme, z0: Floats, engine: str, project: bool = False):
         self._cuda, self._real = _gpu(), np.dtype(PRECISIONS[engine])
         self.z = np.asarray(z0).astype(self._real).astype(np.float64)
         constants, columns = flat_constants(scheme, len(self.z))
         stages, stage_columns = flat_stages(scheme, len(self.z))
-        self.source = source(scheme, constants, columns, stage_columns, PRECISIONS[engine])
+        record = recorded(scheme, constants, columns, stage_columns)
+        self.source = source(record, PRECISIONS[engine])
         self._kernel = load(self.source).kernel
         self._constants = self._on_gpu(constants.T)
         self._stages = self._on_gpu(stages.transpose(1, 2, 0))
         self._state = self._on_gpu(self.z.T)
+        program = program_of(scheme, columns) if project and engine == "cuda" else None
+        self.projection: Projection | None = None
+        if program is not None:
+            every = interval(program.cost, record.work * scheme.stage_count)
+            self.projection = Projection(program, every, self._cuda, self._state, self._constants)
 
     def _on_gpu(self, values: Floats) -> Any:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))
@@ -148,6 +274,18 @@ class Kernel:
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if not len(self.z):
             return
+        if self.projection is None:
+            self._advance(out, every)
+        else:
+            self.projection.in_parts(out, every, self._advance, self._project)
+
+    def _project(self) -> Floats:
+        if self.projection is not None:
+            self.projection.apply()
+            self.z[:] = self._state.copy_to_host().T
+        return self.z
+
+    def _advance(self, out: Floats, every: int) -> None:
         rows = self._cuda.device_array((len(out), *self.z.shape[::-1]), dtype=self._real)
         blocks = -(-len(self.z) // THREADS)
         self._kernel[blocks, THREADS](self._state, self._constants, self._stages, rows, every)
@@ -155,8 +293,10 @@ class Kernel:
         self.z[:] = out[-1]
 
     def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z}
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         self.z[:] = snapshot["z"]
-        self._state = self._on_gpu(self.z.T)
+        self._state.copy_to_device(np.ascontiguousarray(self.z.T, dtype=self._real))
+        if self.projection:
+            self.projection.restore(snapshot)

@@ -22,6 +22,7 @@ lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
 EVERY = 1000  # steps between two projections, of about 0.1 ms; steps take some microseconds
 FLAT = 2.0**-4  # as in `kreisel.engines.correcting`, where values have more digits
+MOST_KEPT = 64
 SAMPLES = 8  # states by which the size of an invariant's terms is told
 EPS = float(np.finfo(np.float64).eps)
 
@@ -62,6 +63,44 @@ def _compiled_loop(
     return jax.jit(loop)
 
 
+_projections: dict[Any, tuple[Callable[..., Any], Callable[..., Any]]] = {}
+
+
+def _projection(
+    scheme: Scheme, constants: Mapping[str, Floats], lanes: frozenset[str]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Compiled: the values of the invariants by name, and a corrected state with what it lacked; kept for further runs.
+
+    They depend on the record, whose step is one function, and on eps.
+    """
+    kinds, n = tuple(kind for _, kind in scheme.components), scheme.n
+    key = scheme.step, kinds, n, lanes, repr(scheme.constants.get("eps"))
+    if key in _projections:
+        return _projections[key]
+
+    def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
+        found = scheme.observe(layout.restore(z, kinds, n), **known)
+        return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].kept}
+
+    def values(z: Array, known: Mapping[str, Array]) -> Array:
+        return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
+
+    def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array]:
+        J, length = jax.jacrev(values)(z, known), jnp.sqrt((z * z).sum())
+        size = jnp.sqrt((J * J).sum(-1) + (FLAT * targets[:, 2] / length) ** 2)
+        scale = jnp.where(size > 0, 1 / size, 0.0)
+        J, lack = scale[:, None] * J, scale * (values(z, known) - targets[:, 0])
+        y = algebra.solve(J @ J.T + TAU * jnp.eye(len(lack)), lack[:, None])[:, 0]
+        return z - y @ J, abs(lack) / (EPS * length)
+
+    each = {k: 0 if k in lanes else None for k in constants}
+    every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
+    if len(_projections) >= MOST_KEPT:
+        _projections.clear()
+    _projections[key] = every_lane, jax.jit(jax.vmap(correction, in_axes=(0, each, 0)))
+    return _projections[key]
+
+
 class Projection(Corrections):
     """The projection of a step of JAX (`kreisel.engines.projection`), in doubles.
 
@@ -69,36 +108,18 @@ class Projection(Corrections):
     """
 
     def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
-        kinds, n = [kind for _, kind in scheme.components], scheme.n
-
-        def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
-            found = scheme.observe(layout.restore(z, kinds, n), **known)
-            return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].kept}
-
-        def values(z: Array, known: Mapping[str, Array]) -> Array:
-            return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
-
-        def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array]:
-            J, length = jax.jacrev(values)(z, known), jnp.sqrt((z * z).sum())
-            size = jnp.sqrt((J * J).sum(-1) + (FLAT * targets[:, 2] / length) ** 2)
-            scale = jnp.where(size > 0, 1 / size, 0.0)
-            J, lack = scale[:, None] * J, scale * (values(z, known) - targets[:, 0])
-            y = algebra.solve(J @ J.T + TAU * jnp.eye(len(lack)), lack[:, None])[:, 0]
-            return z - y @ J, abs(lack) / (EPS * length)
-
+        values, self._correct = _projection(scheme, constants, lanes)
         self._constants = constants
-        each = {k: 0 if k in lanes else None for k in constants}
         with double():
-            one = {k: v[0] if k in lanes else v for k, v in constants.items()}
-            sizes = {name: len(value) for name, value in invariants(z[0], one).items()}
-            self._values = jax.vmap(values, in_axes=(0, each))
-            self._correct = jax.jit(jax.vmap(correction, in_axes=(0, each, 0)))
-            labels = tuple(f"{k}[{i}]" if count > 1 else k for k, count in sizes.items() for i in range(count))
+            found = values(z, constants)
+            labels = tuple(f"{k}[{i}]" if v.shape[1] > 1 else k for k, v in found.items() for i in range(v.shape[1]))
             super().__init__(labels, EVERY, len(z))
-            self.targets[..., 0] = self._values(z, constants)
             size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1])
-            for signs in np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1])):
-                self.targets[..., 2] = np.maximum(self.targets[..., 2], abs(self._values(size * signs, constants)))
+            signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
+            for k, state in enumerate((z, *(size * s for s in signs))) if labels else ():
+                told = np.concatenate(list(values(state, constants).values()), -1)
+                self.targets[..., 0] = told if k == 0 else self.targets[..., 0]
+                self.targets[..., 2] = np.maximum(self.targets[..., 2], abs(told))
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
         with double():

@@ -305,7 +305,7 @@ def _engine(
             )
         from kreisel.engines.cuda import Kernel as OnGpu
 
-        return OnGpu(plan, start, name)
+        return OnGpu(plan, start, name, project)
     if plan.numbers == "jax" and plan.step is not None:
         from kreisel.engines.xla import Compiled
 
