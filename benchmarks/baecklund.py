@@ -52,9 +52,9 @@ def stillness(n: int, steps: int) -> None:
                         (rows,) = runs_of(case, {label: state}, dt, steps, method="baecklund", order=order)
                     except kr.InputError:
                         continue  # beyond the domain of the real map
-                    name = max(rows, key=lambda name: rows[name]["ratio"])
-                    if rows[name]["ratio"] > worst:
-                        worst, where = rows[name]["ratio"], f"{name}, {label}, dt = {dt:g}"
+                    name = max(rows, key=lambda name: rows[name]["ulps"])
+                    if rows[name]["ulps"] > worst:
+                        worst, where = rows[name]["ulps"], f"{name}, {label}, dt = {dt:g}"
                     for trend in TRENDS:
                         z[trend].append(rows[trend]["z"])
             told = ", ".join(f"{np.sqrt(np.mean(np.square(v))):.2f}" for v in z.values())

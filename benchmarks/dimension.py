@@ -105,8 +105,8 @@ def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
                 run = kr.simulate(model, model.state(**state), dt=0.1, steps=steps, every=steps // 100, method=method,
                                   order=order, engine=engine)  # fmt: skip
                 table = kr.drift(run)
-                moving = table[table.kept & table.index.str.match("energy|casimir")]
-                row[engine] = round(float(moving.ratio.max()), 2)
+                moving = table[table.conserved & table.index.str.match("energy|casimir")]
+                row[engine] = round(float(moving.ulps.max()), 2)
             print(f"{name}, {method}: {row}", flush=True)
     return out
 

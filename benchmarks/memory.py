@@ -50,7 +50,7 @@ def main() -> None:
         told = json.loads(out)
         disk = sum(p.stat().st_size for p in whole.rglob("*") if p.is_file())
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    worst = max(row["ratio"] for row in told["drift"] if row["kept"])
+    worst = max(row["ulps"] for row in told["drift"] if row["conserved"])
     blocks = max(there for there, _ in seen)
     tenths = [max((mib for there, mib in seen if there <= blocks * k / 10), default=0.0) for k in range(1, 11)]
     result = {

@@ -53,7 +53,7 @@ def runs_of(
 def _rows(run: Any, steps: int) -> dict[str, dict[str, float]]:
     table = kr.drift(run)
     rows = {}
-    for name, told in table[table["kept"]].iterrows():
+    for name, told in table[table["conserved"]].iterrows():
         series = _series(run, str(name))
         increments, last = np.diff(series), float(series[-1] - series[0])
         spread = float(increments.std() * np.sqrt(len(increments)))

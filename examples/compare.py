@@ -27,9 +27,9 @@ def timed(method: str, **options: Any) -> Any:
 def worst(run: Any, only_kept: bool = False) -> Any:
     """The row of `kr.drift` that changed most against its round-off, of each family."""
     table = kr.drift(run)
-    table = table[table.kept] if only_kept else table
+    table = table[table.conserved] if only_kept else table
     families = table.groupby(table.index.str.split("[").str[0], sort=False)
-    return table.loc[families.ratio.idxmax().to_numpy(), ["max_change", "roundoff", "ratio", "slope"]]
+    return table.loc[families.ulps.idxmax().to_numpy(), ["max_change", "ulps", "slope"]]
 
 
 def main() -> None:

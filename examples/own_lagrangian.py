@@ -43,7 +43,7 @@ def main():
     top = TOP(c=1.0)
     x0 = top.state(M=(1.2, 0.4, 0.9), P=(0.6, 0.0, 0.8))
     run = kr.simulate(top, x0, dt=0.05, steps=3_000, every=1)
-    print(kr.drift(run)[["kept", "start", "max_change", "ratio"]].to_string())
+    print(kr.drift(run)[["conserved", "start", "max_change", "ulps"]].to_string())
 
     other = kr.simulate(top, x0, dt=0.05, steps=3_000, every=1, method="dop853")
     figure = Figure(figsize=(9.2, 4.2), layout="constrained")

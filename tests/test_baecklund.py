@@ -99,7 +99,7 @@ def test_integrals_of_the_flow_stay_at_round_off(name: str, order: int) -> None:
         progress=False,
     )
     table = kr.drift(run)
-    assert table["kept"].all()
+    assert table["conserved"].all()
     assert {"energy", "spectrum[0]"} <= set(table.index)
     walks.assert_still(run)
 

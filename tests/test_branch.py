@@ -126,7 +126,7 @@ def close_to_the_longest_step(n: int, share: float, steps: int) -> xr.Dataset:
 @pytest.mark.parametrize(("n", "steps"), [(3, 1_000_000), (4, 20_000)])
 def test_integrals_stand_still_close_to_the_longest_step(n: int, steps: int, share: float) -> None:
     run = close_to_the_longest_step(n, share, steps)
-    assert kr.drift(run).kept.all()
+    assert kr.drift(run).conserved.all()
     walks.assert_still(run, mean=MEAN[n])
 
 

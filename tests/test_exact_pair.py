@@ -193,7 +193,7 @@ def test_integrals_stay_and_runs_go_on(tmp_path: Any) -> None:
     longer = kr.resume(path, extend=2000)
     assert (longer.x.values == whole.x.values).all()
     table = kr.drift(whole)
-    assert table.kept.all()
+    assert table.conserved.all()
     assert (table.max_change < 1e-14).all()
 
 

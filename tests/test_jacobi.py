@@ -79,7 +79,7 @@ def test_it_is_a_method_of_simulate() -> None:
     top = kr.EulerTop(J=(1, 2, 3))
     x0 = top.state(M=(1.0, -0.5, 0.75))
     run = kr.simulate(top, x0, dt=0.5, steps=100, method="exact")
-    assert kr.drift(run).kept.all() and (kr.drift(run).max_change < 1e-14).all()
+    assert kr.drift(run).conserved.all() and (kr.drift(run).max_change < 1e-14).all()
     with pytest.raises(kr.InputError, match="orientation"):
         kr.simulate(top, x0, dt=0.5, steps=100, method="exact", orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="n = 3"):

@@ -197,4 +197,4 @@ def test_an_integral_that_does_not_say_whether_it_is_kept(run: Path, tmp_path: P
     with pytest.raises(kr.InputError, match=r"energy/zarr\.json was changed"):
         kr.open_run(store)
     manifest.of_all(store)
-    assert not kr.drift(kr.open_run(store)).loc["energy", "kept"]
+    assert not kr.drift(kr.open_run(store)).loc["energy", "conserved"]

@@ -47,7 +47,7 @@ def test_a_run_shows_its_drift_table(run) -> None:
     table = kr.drift(run)
     for name, row in table.iterrows():
         here = cells.index(name)
-        assert cells[here + 1] == ("yes" if row.kept else "no")
+        assert cells[here + 1] == ("yes" if row.conserved else "no")
         assert float(cells[here + 3]) == pytest.approx(row.max_change, rel=0.05)
     assert "200 steps of 0.1" in " ".join(cells)
     assert str(len(table)) and table.to_string() in repr(run.kreisel)

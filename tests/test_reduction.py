@@ -428,7 +428,7 @@ def test_the_reference_runs_the_flow_of_an_own_lagrangian() -> None:
     c = kr.simulate(ours, x0, **options)
     assert abs(a.M - b.M).max() < 1e-9
     assert 1e-7 < abs(c.M - b.M).max() < 1e-3  # the map of order 2
-    assert kr.drift(c).query("kept").index.tolist() == ["casimir[0]", "casimir[1]"]
+    assert kr.drift(c).query("conserved").index.tolist() == ["casimir[0]", "casimir[1]"]
 
 
 # -- the branch -------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ titles, halves = ("Ratiu's top, G+", "G-", "the bitop, G+", "G-"), []
 for chi34 in (0.0, 0.7):
     body = kr.RatiuBitop(a=0.4, b=0.7, chi12=1.0, chi34=chi34)
     run = kr.simulate(body, {"M": M, "G": G}, dt=0.02, steps=5_000 if SMALL else 30_000, every=2, method="suris")
-    table = kr.drift(run).query("kept")
+    table = kr.drift(run).query("conserved")
     print(f"chi34 = {chi34}: {len(table)} integrals change by up to {table.max_change.max():.1e}")
     assert len(table) >= 8 and table.max_change.max() < 1e-11
     halves += ratiu_bitop.halves(run.G.values)

@@ -533,20 +533,20 @@ def _print_drift(table: pd.DataFrame) -> None:
 
     grid = Table(box=None, pad_edge=False, header_style="bold")
     grid.add_column("integral")
-    grid.add_column("kept")
-    for column in ("start", "max |change|", "round-off", "ratio", "slope"):
+    grid.add_column("conserved")
+    for column in ("start", "max |change|", "ulps", "slope", "correction"):
         grid.add_column(column, justify="right")
     for label, row in table.iterrows():
         name = printable(label)
         numbers = (
             f"{row.start:.6g}",
             f"{row.max_change:.2e}",
-            f"{row.roundoff:.2e}",
-            f"{row.ratio:.2g}",
+            f"{row.ulps:.2g}",
             f"{row.slope:.1e}",
+            "" if math.isnan(row.correction) else f"{row.correction:.2g}",
         )
-        kept = "[bold red]BROKEN[/]" if row.broken else "yes" if row.kept else "no"
-        grid.add_row(name.replace("[", r"\["), kept, *numbers)
+        conserved = "[bold red]BROKEN[/]" if row.broken else "yes" if row.conserved else "no"
+        grid.add_row(name.replace("[", r"\["), conserved, *numbers)
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
 
 

@@ -28,7 +28,7 @@ KINDS = ("casimir", "integral", "relation")
 # steps gets 40 times as far as its width with a chance below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
-COLUMNS = ["kind", "kept", "start", "max_change", "roundoff", "ratio", "slope", "broken"]
+COLUMNS = ["kind", "conserved", "start", "max_change", "ulps", "slope", "correction", "broken"]
 GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, whose band is measured again
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
@@ -55,19 +55,18 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     """One row for each Casimir, integral and invariant relation of a run.
 
     kind        "casimir", "integral", or "relation": f of an invariant relation f = 0, which stays 0 if it starts so
-    kept        whether the method keeps it; a map keeps its deformed integrals, names ending in _eps
+    conserved   whether the method conserves it; a map conserves its deformed integrals, names ending in _eps
     start       value at the first saved time
     max_change  largest |change| since then
-    roundoff    eps_machine * (sensitivity * sqrt(steps) + size): the width of a random walk of rounding errors,
-                and of the error of computing the integral once; the sensitivity is what a relative error of 1
-                in the state does to it
-    ratio       max_change / roundoff: about 1 or less for an integral that is kept
+    ulps        max_change in units of eps_machine times the scale of the integral, which is the size of its terms
     slope       least-squares slope of the change against time
-    broken      it should be kept and is not: it changed by more than 1e4 (1 + dt |z|) times its roundoff, |z| the
-                largest entry of the state, and by more than 1e-9 of its scale, which no rounding explains
+    correction  the largest distance by which the projection had to put the state back for this family of integrals,
+                in units of eps_machine |state|; NaN for a run without projection, and for what is not conserved
+    broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
+                1e4 (1 + dt |z|) times what a random walk of rounding errors does, |z| the largest entry of the state
 
     `steps` are those from the first to the last saved time.  In an ensemble each row is the worst lane: that of the
-    largest ratio to its own roundoff, or in more than some hundred lanes to the largest of theirs.  Variables are read
+    largest change beside what rounding does in it, or in more than some hundred lanes in any of them.  Variables are read
     in blocks of rows: an archive may be longer than memory.
     """
     import pandas as pd
@@ -89,14 +88,15 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
         judge = _Judge(run, scan)
         for part, label in enumerate(scan.labels):
             lane, band = judge.worst(part)
+            unit = MACHINE_EPSILON * scan.value_scale[lane, part]
             rows[label] = {
                 "kind": scan.kind,
-                "kept": scan.kept,
+                "conserved": scan.kept,
                 "start": float(scan.start[lane, part]) + 0.0,
                 "max_change": float(scan.largest[lane, part]),
-                "roundoff": band,
-                "ratio": float(_ratio(scan.largest[lane, part], np.array(band))),
+                "ulps": float(_ratio(scan.largest[lane, part], unit)),
                 "slope": float(scan.slope[lane, part]),
+                "correction": float(scan.correction),
                 "broken": judge.broken(lane, part, band),
             }
     return rows
@@ -114,8 +114,8 @@ def far(change: Any, band: Any, scale: Any, turn: float) -> Any:
 
 def _sentence(name: str, row: Any) -> str:
     return (
-        f"{name} is not conserved, although the method conserves it: expected a change of about {row['roundoff']:.2g} "
-        f"or less, got {row['max_change']:.2g}, from {row['start']:.6g}. Usual cause: a step far too long for this "
+        f"{name} is not conserved, although the method conserves it: expected a change of some units in the last "
+        f"place, got {row['max_change']:.2g} from {row['start']:.6g}. Usual cause: a step far too long for this "
         "state, or a map or an integral that is not what its record says. Use a smaller dt."
     )
 
@@ -177,6 +177,7 @@ class _Scan:
         self.labels = [f"{self.name}[{part}]" for part in range(variable.shape[-1])] if family else [self.name]
         self.shape = (variable.sizes.get("lane", 1), len(self.labels))
         self.step_scale, self.value_scale = _scales(variable, self.shape)
+        self.correction = variable.attrs.get("largest_correction", np.nan)
         self.steps = clock.steps
         self.start = self._rows(variable, slice(0, 1))[0]
         self.largest, total = np.zeros(self.shape), np.zeros(self.shape)
@@ -307,5 +308,5 @@ def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
     return told[lanes] if fits else told.max(0, keepdims=True)
 
 
-def _ratio(change: np.ndarray, band: np.ndarray) -> np.ndarray:
+def _ratio(change: Any, band: Any) -> Any:
     return np.divide(change, band, out=np.where(change > 0, np.inf, 0.0), where=band > 0)

@@ -73,11 +73,11 @@ def run_html(run: xr.Dataset) -> str:
         ("run", f"n = {attrs['n']}{lanes}; {steps}{rows}"),
         ("method", f"{attrs['method']} {attrs['options']}"),
     ]
-    titles = ("integral", "kept", "start", "max |change|", "round-off", "ratio")
+    titles = ("integral", "conserved", "start", "max |change|", "ulps")
     body = "".join(
-        f"<tr style='opacity:{1 if row.kept else 0.6}'><th style='text-align:left'>{escape(str(name))}</th>"
-        f"{KEPT[bool(row.kept), bool(row.broken)]}<td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
-        f"<td>{row.roundoff:.1e}</td><td>{row.ratio:.2g}</td></tr>"
+        f"<tr style='opacity:{1 if row.conserved else 0.6}'><th style='text-align:left'>{escape(str(name))}</th>"
+        f"{KEPT[bool(row.conserved), bool(row.broken)]}<td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
+        f"<td>{row.ulps:.2g}</td></tr>"
         for name, row in found.iterrows()
     )
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
