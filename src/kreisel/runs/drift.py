@@ -65,9 +65,8 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
                 1e4 (1 + dt |z|) times what a random walk of rounding errors does, |z| the largest entry of the state
 
-    `steps` are those from the first to the last saved time.  In an ensemble each row is the worst lane: that of the
-    largest change beside what rounding does in it, or in more than some hundred lanes in any of them.  Variables are read
-    in blocks of rows: an archive may be longer than memory.
+    In an ensemble each row is the worst lane: that of the largest change beside what rounding does in it, or in more
+    than some hundred lanes in any of them.  Variables are read in blocks of rows: an archive may be longer than memory.
     """
     import pandas as pd
 

@@ -1,0 +1,283 @@
+"""Round-off in one place: the projection of the state onto the invariants of the start (`kreisel.engines.projection`)."""
+
+from __future__ import annotations
+
+import dataclasses
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.engines import correcting, layout
+from kreisel.engines.cpu import Kernel
+from kreisel.engines.projection import program_of
+from kreisel.engines.recording import flat_constants
+from kreisel.lab import exact
+from kreisel.methods import default_method, scheme
+from kreisel.runs import checking
+from kreisel.runs.plan import make_plan
+from kreisel.systems import REGISTRY
+
+EPS = float(np.finfo(float).eps)
+STEPPED = [name for name, system in REGISTRY.items() if system.map or system.baecklund or system.inverse_inertia]
+CASES = [
+    ("lagrange-top", "suris", 1),
+    ("lagrange-top", "baecklund", 4),
+    ("clebsch", "suris", 2),
+    ("neumann", "suris", 1),
+]
+
+
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> int:
+    """K = 100, so that short runs are projected."""
+    monkeypatch.setattr("kreisel.engines.cpu.interval", lambda cost, work: 100)
+    return 100
+
+
+def random_plan(
+    name: str, n: int, method: str, order: int | None, lanes: int = 1, seed: int = 5, **options: Any
+) -> Any:
+    draw = exact.float_random(np.random.default_rng([seed, n]))
+    models = [exact.random_model(REGISTRY[name], n, draw) for _ in range(lanes)]
+    states = [exact.random_state(REGISTRY[name].space, n, draw) for _ in range(lanes)]
+    system, together = REGISTRY[name], lambda parts: np.stack(parts) if lanes > 1 else parts[0]
+    kinds = {p.letter: p.kind for p in system.parameters}
+    params = {
+        k: v if kinds[k] in ("array", "dimension") else together([m.params[k] for m in models])
+        for k, v in models[0].params.items()
+    }
+    state = {k: together([z[i] for z in states]) for i, k in enumerate(system.space.letters)}
+    told = {"dt": 0.1, "steps": 10_000, "every": 1, "orientation": None, "method": method, "order": order, **options}
+    return make_plan(system(**params), system(**params).state(**state), **told)
+
+
+def fraction(x: Any) -> np.ndarray:
+    return np.vectorize(lambda v: Fraction(float(v)), otypes=[object])(x)
+
+
+def exactly(plan: Any, z: np.ndarray) -> dict[str, Fraction]:
+    """What the method conserves, in rational numbers, by label."""
+    parts = layout.restore(fraction(z), plan.kinds, plan.model.n)
+    known = {k: fraction(v)[()] for k, v in plan.scheme.constants.items()}
+    out = {}
+    for name, value in plan.scheme.observe(parts, **known).items():
+        if plan.scheme.outcomes[name].kept:
+            entries = np.asarray(value, dtype=object)
+            out |= {f"{name}[{i}]" if entries.ndim else name: v for i, v in enumerate(entries.flat)}
+    return out
+
+
+@pytest.mark.parametrize(("name", "method", "order"), CASES)
+@pytest.mark.parametrize("n", [3, 4])
+def test_values_have_twice_the_digits(name: str, method: str, order: int, n: int) -> None:
+    plan = random_plan(name, n, method, order)
+    projection = plan.engine.projection
+    known, digits = exactly(plan, plan.engine.z[0]), 0
+    for label, (high, low, size) in zip(projection.labels, projection.targets[0], strict=True):
+        found, true = Fraction(float(high)) + Fraction(float(low)), known[label]
+        if label.startswith("noether") and n == 3:  # without its constant factor p_i
+            true /= fraction(plan.scheme.constants["p"])[int(label[8:-1])]
+        twice = isinstance(true, Fraction)  # where eps stands in it, it is computed in doubles
+        assert abs(found - true) < (1e-28 if twice else 1e-15) * size, label
+        assert abs(float(true)) <= size * (1 + 1e-12)
+        digits += twice
+    assert digits >= 2
+
+
+@pytest.mark.parametrize(("name", "method", "order"), CASES)
+@pytest.mark.parametrize("lanes", [1, 5])
+def test_a_state_is_put_back_by_the_least_change(name: str, method: str, order: int, lanes: int) -> None:
+    plan = random_plan(name, 3, method, order, lanes)
+    start, projection = plan.engine.z.copy(), plan.engine.projection
+    draw = np.random.default_rng(0)
+    plan.engine.z += 1e-8 * draw.normal(size=start.shape)
+    moved = plan.engine.z.copy()
+    lack = projection.peek(moved)
+    assert (lack.max(1) * EPS > 1e-10).all() and (projection.worst == 0).all() and (plan.engine.z == moved).all()
+    for _ in range(3):  # each step leaves 1e-6 of what was there, and a second order
+        projection.apply()
+    assert (projection.peek(plan.engine.z)[:, :] == projection.worst).all()
+    left = projection.worst.copy()
+    projection.worst[:] = 0
+    assert (projection.peek(plan.engine.z) < 8).all() and (left > 1e4).any()
+    change, apart = abs(plan.engine.z - moved).max(), abs(plan.engine.z - start).max()
+    assert 1e-10 < change < 1e-7 and apart < 1e-7
+
+
+@pytest.mark.parametrize("n", [3, 4])
+@pytest.mark.parametrize("name", STEPPED)
+def test_what_is_conserved_does_not_walk(name: str, n: int, often: int) -> None:
+    """Of every system, by its own method: the change is that of one interval, whatever the length of the run."""
+    if REGISTRY[name].n not in (None, n):
+        pytest.skip("of one dimension alone")
+    draw = exact.float_random(np.random.default_rng([7, n]))
+    model = exact.random_model(REGISTRY[name], n, draw)
+    z = exact.random_state(model.system.space, n, draw)
+    method = default_method(model)
+    if method in ("dop853", "exact"):
+        pytest.skip("no map")
+    dt = {"rosochatius": 0.02}.get(name, 0.1)
+    state = dict(zip(model.system.space.letters, z, strict=True))
+    run = kr.simulate(model, state, dt=dt, steps=30 * often, every=often, method=method)
+    assert run.attrs["projection"] == often
+    table = kr.drift(run)
+    assert table.conserved.any() and not table.broken.any()
+    still = table[table.conserved & (table.start.abs() > 1e-3)]
+    assert (still.ulps < 40).all(), still.to_string()
+    assert (table.correction[table.conserved].dropna() < 2e3).all(), table.to_string()
+
+
+def test_the_error_grows_like_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of iterates against their closed form; without a projection it grows like steps^1.5 and more."""
+    draw, lanes, steps = np.random.default_rng(5), 16, 200_000
+    top = kr.LagrangeTop(p=draw.normal(size=(lanes, 3)))
+    x0 = top.state(m=draw.normal(size=(lanes, 3)), a=draw.normal(size=(lanes, 3)))
+    true = kr.at(top, x0, float(steps), method="suris", dt=0.1, order=1)
+    error = {}
+    for project in (True, False):
+        options = {"dt": 0.1, "steps": steps, "every": steps, "method": "suris", "order": 1, "project": project}
+        end = kr.simulate(top, x0, **options).isel(time=-1)
+        error[project] = np.max([abs(end[k] - true[k]).max(end[k].dims[-1]).values for k in "ma"], 0)
+    assert np.median(error[True]) < 3e-17 * steps  # 1e-17 measured
+    assert np.median(error[False]) > 10 * np.median(error[True])  # 100 measured
+
+
+@pytest.mark.parametrize("where", ["step", "integral"])
+def test_a_map_that_does_not_conserve_ends_with_an_error(where: str, often: int, tmp_path: Path) -> None:
+    """One coefficient off by 1e-9."""
+    system = REGISTRY["lagrange-top"]
+    phi = system.map
+
+    def off(m: Any, a: Any, *, p: Any, eps: Any) -> Any:
+        m1, a1 = phi.step(m, a, p=p, eps=eps)
+        return m1, a1 * (1 + 1e-9)
+
+    def energy(m: Any, a: Any, *, p: Any, eps: Any = 0) -> Any:
+        return system.energy(m, a, p=p, eps=eps) + 1e-9 * (m * m).sum(-1).sum(-1) / 2
+
+    changed = {"map": dataclasses.replace(phi, step=off)} if where == "step" else {"energy": energy}
+    model = dataclasses.replace(system, **changed)(p=(0, 0, 1))
+    x0 = model.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    options = {"dt": 0.1, "steps": 1000, "every": 100, "method": "suris", "order": 1}
+    what = "casimir|energy|spectrum|noether" if where == "step" else "energy_eps"
+    with pytest.raises(kr.RunError, match=rf"({what})[^ ]* is not conserved, although the method conserves it"):
+        kr.simulate(model, x0, **options)
+    raw = kr.simulate(model, x0, **options, project=False)
+    assert kr.drift(raw).ulps[lambda table: table.index.str.contains(what)].max() > 1e4
+    assert raw.attrs["projection"] == 0
+
+
+def test_a_lane_that_does_not_conserve_fails_alone(often: int, tmp_path: Path) -> None:
+    """dt = 40 of order 8 is far too long for one of the lanes."""
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    values = {"state.m": [(0.1, 0.2, 1.5), (1e5, 2e5, -3e6)]}
+    given = {"dt": 40.0, "steps": 2000, "every": 2000, "order": 8, "workers": 0, "list": values}
+    sweep = kr.sweep(top, top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), path=tmp_path / "s.zarr", **given)
+    assert sweep.sizes["lane"] == 2  # whatever the long lane does, it is told or it is right
+    told = sweep["energy_drift"].values / abs(sweep["energy_start"].values)
+    assert ((told < 1e-9) | (sweep["failed"].values == 1)).all()
+
+
+DEGENERATE = {
+    "asleep": ((0, 0, 1.5), (0, 0, 1)),
+    "nearly asleep": ((1e-8, 0, 1.5), (0, 0, 1)),
+    "hanging at rest": ((0, 0, 0), (0, 0, -1)),
+    "upright at rest": ((0, 0, 0), (0, 0, 1)),
+    "no momentum": ((0, 0, 0), (0.6, 0, 0.8)),
+    "plane": ((0, 1.0, 0), (0.6, 0, 0.8)),
+    "orthogonal": ((0.8, 0.3, -0.6), (0.6, 0, 0.8)),
+    "steady": ((0.6, 0, 1.8), (0.6, 0, 0.8)),
+    "huge": ((1e8, -2e8, 3e8), (0.6, 0, 0.8)),
+    "tiny": ((1e-8, -2e-8, 3e-8), (0.6e-9, 0, 0.8e-9)),
+}
+
+
+@pytest.mark.parametrize("what", DEGENERATE)
+@pytest.mark.parametrize(("method", "order"), [("suris", 1), ("baecklund", 2)])
+def test_degenerate_states_are_no_special_case(what: str, method: str, order: int, often: int) -> None:
+    m, a = DEGENERATE[what]
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    dt = 0.1 / max(1.0, float(np.abs(m).max()))
+    x0 = top.state(m=m, a=a)
+    options = {"dt": dt, "steps": 5000, "every": 100, "method": method, "order": order}
+    run = kr.simulate(top, x0, **options)
+    table = kr.drift(run)
+    assert not table.broken.any() and (table.ulps[table.conserved] < 60).all(), table.to_string()
+    raw = kr.simulate(top, x0, **options, project=False)
+    for letter in "ma":
+        apart = float(abs(run[letter] - raw[letter]).max())
+        assert apart < 1e-9 * float(abs(raw[letter]).max() + abs(raw["a"]).max())
+
+
+def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
+    many = random_plan("lagrange-top", 3, "baecklund", 2, lanes=11)
+    start = many.engine.z.copy()
+    rows = np.empty((4, *start.shape))
+    many.engine.advance(rows, 175)
+    for lane in (0, 7, 10):
+        scheme_of_lane = many.scheme
+        one = Kernel(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
+        alone = random_lane(many, start, lane)
+        each = np.empty((700, 1, start.shape[1]))
+        for first, stop in ((0, 1), (1, 130), (130, 700)):
+            alone.advance(each[first:stop], 1)
+        assert one is None and (each[174::175, 0] == rows[:, lane]).all()
+        assert (alone.projection.worst[0] == many.engine.projection.worst[lane]).all()
+    cut = random_plan("lagrange-top", 3, "baecklund", 2, lanes=11).engine
+    cut.advance(np.empty((1, *start.shape)), 99)
+    kept = {name: value.copy() for name, value in cut.snapshot().items()}
+    again = random_plan("lagrange-top", 3, "baecklund", 2, lanes=11).engine
+    again.restore(kept)
+    again.advance(np.empty((1, *start.shape)), 601)
+    assert (again.z == many.engine.z).all() and (again.projection.worst == many.engine.projection.worst).all()
+
+
+def random_lane(plan: Any, start: np.ndarray, lane: int) -> Kernel:
+    """One lane of a plan as a kernel of its own."""
+    axes = plan.scheme.axes
+    parts: dict[str, Any] = {
+        part: {
+            k: v[lane] if np.ndim(v) > axes[k] + (part == "stages") else v
+            for k, v in getattr(plan.scheme, part).items()
+        }
+        for part in ("constants", "stages")
+    }
+    return Kernel(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
+
+
+def test_enough_invariants_are_chosen() -> None:
+    """5 of the 11 of the Lagrange top in the flow's variables; of each n the gradients span those of all."""
+    plan = scheme(kr.LagrangeTop(p=(0.3, 0.4, 1.2)), "baecklund", 0.1, 2, False)
+    _, columns = flat_constants(plan, 1)
+    program = program_of(plan, columns)
+    assert program is not None and len(program.labels) == 5
+    assert "noether[0]" in program.labels and "energy" in program.labels
+
+
+def test_nothing_to_conserve_costs_nothing() -> None:
+    heavy = kr.HeavyTop(J=(1.0, 2.0, 2.5), A=(0.1, 0.2, 1.0))
+    run = kr.simulate(heavy, {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}, dt=0.1, steps=10, method="dop853")
+    assert run.attrs["projection"] == 0 and kr.drift(run).correction.isna().all()
+
+
+def test_the_correction_is_stored_and_shown(often: int, top: Any, x0: Any, tmp_path: Path) -> None:
+    run = kr.simulate(top, x0, dt=0.1, steps=1000, every=7, path=tmp_path / "run.zarr")
+    table = kr.drift(run)
+    assert run.attrs["projection"] == often
+    assert (table.correction[table.conserved].dropna() > 0).all() and table.correction.max() < 100
+    memory = kr.simulate(top, x0, dt=0.1, steps=1000, every=7)
+    assert kr.drift(memory).equals(table)
+    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+    longer = kr.resume(tmp_path / "run.zarr", extend=1400)
+    whole = kr.simulate(top, x0, dt=0.1, steps=1400, every=7)
+    assert longer.equals(whole) and kr.drift(longer).equals(kr.drift(whole))
+
+
+def test_the_interval_is_a_small_share(top: Any) -> None:
+    assert correcting.interval(1, 1) == 100
+    assert correcting.interval(2000, 50) == 4000
+    assert all(10**8 % k == 0 for k in correcting.INTERVALS if k <= 10**8)
