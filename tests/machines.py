@@ -22,7 +22,6 @@ ROOT = Path(__file__).resolve().parent.parent
 # Files, or single tests, whose figures come from rounding, LAPACK or libm: one line for a new one.
 PART = (
     "test_branch.py",
-    "test_bias.py",
     "test_simulate.py",
     "test_baecklund.py",
     "test_variational.py",
@@ -46,7 +45,6 @@ PART = (
 )
 QUICK = (
     "test_branch.py::test_integrals_stand_still_close_to_the_longest_step",
-    "test_bias.py::test_no_integral_has_a_trend[neumann-veselov]",
     "test_gallery.py::test_the_claims_of_the_gallery_hold[hess_appelrot]",
     "test_variational.py::test_order_of_state_and_orientation[heavy-top-8]",
     "test_simulate.py::test_integrals_stand_still[lagrange-top-3-2]",
