@@ -34,8 +34,8 @@ def mapped(model: Any, z: Z, mu: complex | float) -> Z:
     record = model.system.baecklund
     with np.errstate(all="ignore"):
         rho = model.call(record.point, *z, mu=np.asarray(mu)[()])
-        found = model.call(record.vector, *z, mu=mu, rho=rho)
-        return model.call(record.pair if isinstance(mu, complex) else record.step, *z, *found, mu=mu, rho=rho)
+        e = model.call(record.vector, *z, mu=mu, rho=rho)
+        return model.call(record.pair if isinstance(mu, complex) else record.step, *z, e, mu=mu, rho=rho)
 
 
 def flowed(model: Any, z: Z, h: float) -> Z:

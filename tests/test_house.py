@@ -13,10 +13,15 @@ import kreisel as kr
 SOURCE = Path(kr.__file__).parent
 RANK = {
     "errors": 0,
+    "complex": 0,
     "algebra": 1,
     "invariants": 2,
+    "iteration": 2,
+    "matrices": 2,
     "contract": 3,
     "model": 4,
+    "baecklund": 4,
+    "implicit": 4,
     "systems": 5,
     "methods": 5,
     "reduction": 5,

@@ -15,14 +15,15 @@ Only this module knows which kind it has before it.  [Suris 2001, sections 2 and
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from kreisel.complex import Complex, as_complex
+
 Array = Any  # an array of any library, or a NumPy object array of any field
+SECOND, THIRD = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes after the first, second and third of space
 
 
 # -- the one door to the array library ------------------------------------------------------------
@@ -66,7 +67,7 @@ def solve(A: Array, B: Array) -> Array:
     """
     if hasattr(A, "record_solve"):
         return A.record_solve(B)
-    if holds_objects(A) or holds_objects(B) or A.dtype.itemsize > _double(A).itemsize:
+    if holds_objects(A) or holds_objects(B) or A.dtype.itemsize > (16 if A.dtype.kind == "c" else 8):
         return _eliminate(A, B)[1]
     return _linear_algebra(A).solve(A, B)
 
@@ -74,10 +75,6 @@ def solve(A: Array, B: Array) -> Array:
 def _linear_algebra(A: Array) -> Any:
     space = A.__array_namespace__()
     return LINEAR_ALGEBRA.get(space.__name__, space.linalg)
-
-
-def _double(A: Array) -> np.dtype[Any]:
-    return np.dtype(np.complex128 if A.dtype.kind == "c" else np.float64)
 
 
 def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
@@ -95,83 +92,6 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
         tail = A[..., k : k + 1, k + 1 :] @ B[..., k + 1 :, :] if k + 1 < n else 0
         B[..., k : k + 1, :] = (B[..., k : k + 1, :] - tail) * (1 / A[..., k : k + 1, k : k + 1])
     return pivots, B
-
-
-def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
-    """A^T S^-1 A, A S^-1 A^T and A S^-1 A for S (..., n, n) symmetric and positive.
-
-    Numbers without a LAPACK go by S = L D L^T: of the symmetric products a record then keeps what is asked for.
-    """
-    if not holds_objects(S):
-        B = solve(S, A)
-        return A.mT @ B, A @ solve(S, A.mT), A @ B
-    n = S.shape[-1]
-    S, B = S.astype(object), np.concatenate([A, A.mT], -1).astype(object)
-    for k in range(n - 1):
-        factor = S[..., k, k + 1 :, None] * (1 / S[..., k, k, None, None])
-        S[..., k + 1 :, k + 1 :] = S[..., k + 1 :, k + 1 :] - factor * S[..., k : k + 1, k + 1 :]
-        B[..., k + 1 :, :] = B[..., k + 1 :, :] - factor * B[..., k : k + 1, :]
-    scaled = B / S.diagonal(axis1=-2, axis2=-1)[..., None]
-    left, right = B[..., :n].mT, B[..., n:].mT
-    return left @ scaled[..., :n], right @ scaled[..., n:], right @ scaled[..., :n]
-
-
-class Complex:
-    """re + i im over any kind of real number that brings no complex numbers of its own (recorded, rational, dual)."""
-
-    __slots__ = ("im", "re")
-
-    def __init__(self, re: Any, im: Any = 0):
-        self.re, self.im = re, im
-
-    @property
-    def inexact(self) -> bool:
-        """True for floats and their records."""
-        return any(isinstance(v, float) or getattr(v, "inexact", False) for v in (self.re, self.im))
-
-    def __add__(self, other: Any) -> Complex:
-        if _is_array(other):
-            return NotImplemented
-        other = _complex(other)
-        return Complex(self.re + other.re, self.im + other.im)
-
-    __radd__ = __add__
-
-    def __neg__(self) -> Complex:
-        return Complex(-self.re, -self.im)
-
-    def __sub__(self, other: Any) -> Complex:
-        return NotImplemented if _is_array(other) else self + (-_complex(other))
-
-    def __rsub__(self, other: Any) -> Complex:
-        return (-self) + other
-
-    def __mul__(self, other: Any) -> Complex:
-        if _is_array(other):
-            return NotImplemented
-        other = _complex(other)
-        return Complex(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Complex:
-        if _is_array(other):
-            return NotImplemented
-        if not isinstance(other, Complex):  # in the field of the parts: 1/2 of integers would be a float
-            return Complex(self.re / other, self.im / other)
-        return self * (1 / other)
-
-    def __rtruediv__(self, other: Any) -> Complex:
-        scale = 1 / (self.re * self.re + self.im * self.im)
-        return other * Complex(self.re * scale, -self.im * scale)
-
-
-def _is_array(x: Any) -> bool:
-    return isinstance(x, np.ndarray) or bool(getattr(x, "shape", ()))
-
-
-def _complex(x: Any) -> Complex:
-    return x if isinstance(x, Complex) else Complex(x)
 
 
 def complex_number(re: Array, im: Array) -> Array:
@@ -192,7 +112,7 @@ def parts(z: Array) -> tuple[Array, Array]:
             return z, None
         re, im = np.empty(z.shape, dtype=object), np.empty(z.shape, dtype=object)
         for place in np.ndindex(z.shape):
-            re[place], im[place] = _complex(z[place]).re, _complex(z[place]).im
+            re[place], im[place] = as_complex(z[place]).re, as_complex(z[place]).im
         return re, im
     if hasattr(z, "record_parts"):
         return z.record_parts()
@@ -202,6 +122,18 @@ def parts(z: Array) -> tuple[Array, Array]:
 def conjugate(z: Any) -> Any:
     """The conjugate of a complex scalar."""
     return Complex(z.re, -z.im) if isinstance(z, Complex) else np.conj(z)
+
+
+def together(re: Array, im: Array) -> Array:
+    """The complex vectors re + i im; re and im may be complex too."""
+    if holds_objects(re) or holds_objects(im):
+        out = np.empty(re.shape, dtype=object)
+        for place in np.ndindex(re.shape):
+            x, y = re[place], im[place]
+            both = isinstance(x, Complex) or isinstance(y, Complex)
+            out[place] = x + Complex(0, 1) * y if both else Complex(x, y)
+        return out
+    return complex_number(re, im)
 
 
 def log(x: Array) -> Array:
@@ -252,83 +184,6 @@ def trace_log(A: Array) -> Array:
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
 
-def product_error(x: Array, y: Array, p: Array) -> Array:
-    """x y - p for p = x y rounded, without a rounding error; 0 for exact numbers."""
-    if holds_objects(p):
-        x, y = np.broadcast_arrays(x, y)
-        out = np.empty(p.shape, dtype=object)
-        for place in np.ndindex(p.shape):
-            out[place] = product_error(x[place], y[place], p[place])
-        return out
-    if hasattr(x, "record_product_error"):
-        return x.record_product_error(y, p)
-    if hasattr(y, "record_product_error"):
-        return y.record_product_error(x, p)
-    if not isinstance(x, float | np.floating | np.ndarray):
-        return 0 * p
-
-    def split(v: Array) -> tuple[Array, Array]:
-        big = v * 134217729.0  # 2^27 + 1
-        high = big - (big - v)
-        return high, v - high
-
-    (a, b), (c, d) = split(x), split(y)
-    return b * d - (((p - a * c) - b * c) - a * d)
-
-
-def two_sum(x: Array, y: Array) -> tuple[Array, Array]:
-    """x + y rounded, and its rounding error."""
-    if holds_objects(x) or holds_objects(y):
-        x, y = np.broadcast_arrays(x, y)
-        total, error = np.empty(x.shape, dtype=object), np.empty(x.shape, dtype=object)
-        for place in np.ndindex(x.shape):
-            total[place], error[place] = two_sum(x[place], y[place])
-        return total, error
-    if hasattr(x, "record_two_sum"):
-        return x.record_two_sum(y)
-    if hasattr(y, "record_two_sum"):
-        return y.record_two_sum(x)
-    total = x + y
-    part = total - x
-    return total, (x - (total - part)) + (y - part)
-
-
-def sharp_dot(x: Array, y: Array, c: Array) -> Array:
-    """<x, y> - c for real vectors, rounded once: sums of squares that hardly change else have a steady error."""
-    if _plain(x) or _plain(y):
-        return dot(x, y) - c
-    total, rest = 0 - c, 0.0
-    for i in range(x.shape[-1]):
-        p = x[..., i] * y[..., i]
-        total, error = two_sum(total, p)
-        rest = rest + (product_error(x[..., i], y[..., i], p) + error)
-    return total + rest
-
-
-def dot_less(x: Array, y: Array, c: Array) -> Array:
-    """<x, y> - c, real or complex, rounded once."""
-    (xr, xi), (yr, yi), (re, im) = parts(x), parts(y), parts(c)
-    if xi is None and yi is None:
-        return sharp_dot(xr, yr, re)
-    xi, yi, im = (0 * b if a is None else a for a, b in ((xi, xr), (yi, yr), (im, re)))
-    if _plain(xr):
-        return complex_number(dot(xr, yr) - dot(xi, yi) - re, dot(xr, yi) + dot(xi, yr) - im)
-    both = np.concatenate([xr, xi], -1)
-    real = sharp_dot(both, np.concatenate([yr, -yi], -1), re)
-    return complex_number(real, sharp_dot(both, np.concatenate([yi, yr], -1), im))
-
-
-def _plain(x: Array) -> bool:
-    """Numbers without round-off, and recorded arrays, whose products are not corrected."""
-    return exact(x) or hasattr(x, "record_parts")
-
-
-def quotient(a: Array, da: Array, b: Array, db: Array) -> tuple[Array, Array]:
-    """(a + da)/(b + db) as q and a small rest, for da, db about the rounding errors of a, b."""
-    q = a / b
-    return q, ((a - q * b) + (da - q * db)) / b
-
-
 # -- vectors, skew matrices -----------------------------------------------------------------------
 
 
@@ -348,37 +203,6 @@ def wedge(x: Array, y: Array) -> Array:
     if hasattr(x, "record_wedge"):
         return x.record_wedge(y)
     return x[..., :, None] * y[..., None, :] - y[..., :, None] * x[..., None, :]
-
-
-GENERIC = 1 + 2**-20 * (0.5 + 1.25**0.5)  # as no short fraction is
-
-
-def increment(s: Array, x: Array) -> Array:
-    """The product s x, to be added to a momentum: (s/c) (c x), c = GENERIC.
-
-    Rounding errors of m + s x need not cancel where s is a short decimal: for s = 1/10 what falls off the last place is
-    a multiple of 1/20 of it, whatever x.  With eps = 0.1 and 0.2 the energy of the symmetric top then changed by
-    1.3e-19 and -3.0e-19 a step, alike from 65 536 states, 3 bands of round-off after 1e8 steps.  The rounding error of
-    c x spreads s c x evenly over the multiples between; c is close to 1, so that it goes just as far as they are apart.
-    """
-    return s * x if exact(x) else s / GENERIC * (GENERIC * x)
-
-
-def increment_rest(s: Array, x: Array) -> Array:
-    """The small r with which `increment`(s, x) is (s + r) x, but for rounding errors that go with x."""
-    if exact(x):
-        return 0 * s
-    part = s / GENERIC
-    return (part - s) + part * (GENERIC - 1)
-
-
-def impulse(s: Array, x: Array, y: Array) -> Array:
-    """The wedge product s x ^ y of a constant y, to be added to a momentum: (s/c) x ^ (c y), as `increment`."""
-    if exact(x):
-        return s * wedge(x, y)
-    if hasattr(x, "record_wedge"):  # y is known there by its name
-        return s / GENERIC * wedge(GENERIC * x, y)
-    return s / GENERIC * wedge(x, GENERIC * y)
 
 
 def act(X: Array, v: Array) -> Array:
@@ -455,12 +279,6 @@ def coordinates_of(kind: str, z: Array) -> Array:
     return z
 
 
-def _matrix_of(kind: str, x: Array, n: int) -> Array:
-    if kind == "matrix":
-        return x.reshape((n, n))
-    return skew(x, n) if kind == "skew" else symmetric(x, n)
-
-
 def hat(v: Array) -> Array:
     """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
     return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)
@@ -471,94 +289,16 @@ def axial(X: Array) -> Array:
     return coordinates(X)[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8)
 
 
-State = tuple[Array, ...]
-
-
-def repeat(
-    improve: Callable[..., tuple[State, Array]], start: State, small: float, most: int, kinds: tuple[str, ...]
-) -> tuple[State, Array]:
-    """X, defect = improve(*X) from matrices X of the given kinds until defect <= small, at most `most` times.
-
-    Recorded numbers make a loop of it.  Dual numbers go on, for their slopes, twice as long as their values need.
-    Numbers without an order go all the way.
-    """
-    X, first = start, start[0]
-    if hasattr(first, "record_loop"):
-        return first.record_loop(improve, X, small, most)
-    objects = any(map(holds_objects, X))
-    recorded = [v for part in X for v in part.flat if hasattr(v, "record_loop")] if objects else []
-    if recorded:
-        n = first.shape[-1]
-        edges = np.cumsum([0, *(coordinates_of(kind, part).size for kind, part in zip(kinds, X, strict=True))])
-
-        def joined(X: State) -> Array:
-            return np.concatenate([coordinates_of(kind, part).ravel() for kind, part in zip(kinds, X, strict=True)])
-
-        def parted(x: Array) -> State:
-            pieces = (x[a:b] for a, b in itertools.pairwise(edges))
-            return tuple(_matrix_of(kind, piece, n) for kind, piece in zip(kinds, pieces, strict=True))
-
-        def on_coordinates(x: Array) -> tuple[Array, Array]:
-            Y, defect = improve(*parted(x))
-            return joined(Y), defect
-
-        x, defect = recorded[0].record_loop(on_coordinates, joined(X), small, most)
-        return parted(x), defect
-    last = most
-    for k in range(most):
-        X, defect = improve(*X)
-        if not objects and (defect <= small).all():
-            break
-        if last == most and objects and getattr(defect, "value", 1) <= small:
-            last = 2 * k + 2
-        if k == last:
-            break
-    return X, defect
-
-
 # -- Cayley ---------------------------------------------------------------------------------------
 
 
-def plain_resolvent(X: Array, V: Array) -> Array:
-    """(I - X)^-1 V for columns V, once; for n = 3 in closed form (I + X + u u^T)/(1 + |u|^2), X = hat(u)."""
+def resolvent(X: Array, V: Array) -> Array:
+    """(I - X)^-1 V for X (..., n, n) skew and columns V; for n = 3 (I + X + u u^T) V/(1 + |u|^2), X = hat(u)."""
+    one = identity(X.shape[-1])
     if X.shape[-1] != 3:
-        return solve(identity(X.shape[-1]) - X, V)
-    u = axial(X)[..., :, None]
-    return (_add_product(V, X, V) + u * (u * V).sum(-2)[..., None, :]) * _scale(X)
-
-
-def _scale(X: Array) -> Array:
-    """1/(1 + |u|^2) for n = 3 and X = hat(u), to multiply columns."""
+        return solve(one - X, V)
     u = axial(X)
-    return 1 / mat(1 + (u * u).sum(-1))
-
-
-def _add_product(C: Array, X: Array, V: Array) -> Array:
-    """C + X V: object arrays are summed from C on, each product fused into the sum unrounded where they know how."""
-    if not holds_objects(C):
-        return C + X @ V
-    for k in range(X.shape[-1]):
-        C = _fused(X[..., :, k : k + 1], V[..., k : k + 1, :], C)
-    return C
-
-
-def _fused_number(x: Any, y: Any, z: Any) -> Any:
-    for a, b in ((x, y), (y, x)):
-        if hasattr(a, "record_fma"):
-            return a.record_fma(b, z)
-    return x * y + z
-
-
-_fused = np.frompyfunc(_fused_number, 3, 1)
-
-
-def close_sum(V: Array, Y: Array, small: Array) -> Array:
-    """V + Y + small, where `small` is about the rounding error of V + Y: that error is added too (two-sum)."""
-    if exact(V):
-        return V + Y + small
-    Z = V + Y
-    part = Z - V
-    return Z + (((V - (Z - part)) + (Y - part)) + small)
+    return ((one + X) @ V + u[..., :, None] * act(V.mT, u)[..., None, :]) * (1 / mat(1 + dot(u, u)))
 
 
 def shifted_resolvent(mu: Array, X: Array, v: Array) -> Array:
@@ -571,93 +311,6 @@ def shifted_resolvent(mu: Array, X: Array, v: Array) -> Array:
     return vec(scale) * (vec(square) * v + vec(mu) * act(X, v) + u * vec(dot(u, v)))
 
 
-def shifted_residual(mu: Array, X: Array, e: Array, *terms: tuple[Array, ...]) -> Array:
-    """Sum of s v and s c e over the terms (s, v) and (s, c, e), less (mu - X) e, for real X, v and c; rounded once."""
-    er, ei = parts(e)
-    if _plain(X):
-        out = together(act(X, er), act(X, ei)) if ei is not None else act(X, er)
-        return sum((vec(s) * (v * more[0] if more else v) for s, v, *more in terms), out - vec(mu) * e)
-    re, im = _scaled(mu, -e)
-    for s, v, *more in terms:
-        if not more:
-            (sr, si), one_re, one_im = parts(s), [], []
-            one_re, one_im = [(vec(sr), v)], [] if si is None else [(vec(si), v)]
-        else:
-            one_re, one_im = _scaled_diagonal(s, v, more[0])
-        re, im = re + one_re, im + one_im
-    for k in range(X.shape[-1]):
-        re = [*re, (X[..., :, k], er[..., k : k + 1])]
-        im = im if ei is None else [*im, (X[..., :, k], ei[..., k : k + 1])]
-    return sharp_sum(re) if ei is None else together(sharp_sum(re), sharp_sum(im))
-
-
-def remainder(v: Array, s: Array, x: Array) -> Array:
-    """v - s x for a scalar s, rounded once."""
-    (vr, vi), (re, im) = parts(v), _scaled(s, -x)
-    if _plain(vr):
-        return v - vec(s) * x
-    one = 1 + 0 * vr
-    re, im = [(one, vr), *re], im if vi is None else [(one, vi), *im]
-    return together(sharp_sum(re), sharp_sum(im)) if im else sharp_sum(re)
-
-
-def sharp_act(X: Array, x: Array, small: Array) -> Array:
-    """X x + small for `small` about the rounding error of X x, rounded once."""
-    if _plain(X):
-        return act(X, x) + small
-    return sharp_sum([*((X[..., :, k], x[..., k : k + 1]) for k in range(x.shape[-1])), (1 + 0 * small, small)])
-
-
-def _scaled(s: Array, v: Array) -> tuple[list[tuple[Array, Array]], list[tuple[Array, Array]]]:
-    """Products that add up to the real and to the imaginary part of s v."""
-    (sr, si), (vr, vi) = parts(s), parts(v)
-    re, im = [(vec(sr), vr)], []
-    if vi is not None:
-        im = [(vec(sr), vi)]
-    if si is not None:
-        im = [*im, (vec(si), vr)]
-    if si is not None and vi is not None:
-        re = [*re, (vec(si), -vi)]
-    return re, im
-
-
-def _scaled_diagonal(s: Array, c: Array, v: Array) -> tuple[list[tuple[Array, Array]], list[tuple[Array, Array]]]:
-    """The same for s c v with real c, each product s c in two pieces."""
-    (sr, si), (vr, vi) = parts(s), parts(v)
-    r = vec(sr) * c
-    dr = product_error(vec(sr), c, r)
-    if vi is None:
-        return [(r, vr), (dr, vr)], []
-    i = vec(si) * c
-    di = product_error(vec(si), c, i)
-    return [(r, vr), (i, -vi), (dr, vr), (di, -vi)], [(r, vi), (i, vr), (dr, vi), (di, vr)]
-
-
-def sharp_sum(products: list[tuple[Array, Array]]) -> Array:
-    """The sum of the products, rounded once."""
-    if any(exact(x) and exact(y) for x, y in products):
-        return sum(x * y for x, y in products)
-    total, rest = products[0][0] * products[0][1], 0.0
-    rest = product_error(*products[0], total)
-    for x, y in products[1:]:
-        p = x * y
-        total, error = two_sum(total, p)
-        rest = rest + (product_error(x, y, p) + error)
-    return total + rest
-
-
-def together(re: Array, im: Array) -> Array:
-    """The complex vectors re + i im; re and im may be complex too."""
-    if holds_objects(re) or holds_objects(im):
-        out = np.empty(re.shape, dtype=object)
-        for place in np.ndindex(re.shape):
-            x, y = re[place], im[place]
-            both = isinstance(x, Complex) or isinstance(y, Complex)
-            out[place] = x + Complex(0, 1) * y if both else Complex(x, y)
-        return out
-    return complex_number(re, im)
-
-
 def diagonal_resolvent(d: Array, X: Array, v: Array) -> Array:
     """(diag(d) + X)^-1 v for X (..., n, n) skew, d and v (..., n) with Re d > 0; any of them complex."""
     if X.shape[-1] != 3:
@@ -668,27 +321,14 @@ def diagonal_resolvent(d: Array, X: Array, v: Array) -> Array:
     return vec(scale) * (minors * v + u * vec(dot(u, v)) - cross(d * u, v))
 
 
-def resolvent(X: Array, V: Array) -> Array:
-    """(I - X)^-1 V for X (..., n, n) skew and columns V (..., n, k), corrected once by its residual."""
-    Y = plain_resolvent(X, V)
-    return Y if exact(X) else Y + plain_resolvent(X, _add_product(V - Y, X, Y))
-
-
 def cayley_columns(X: Array, V: Array) -> Array:
-    """cay(X) V = V + Y, (I - X) Y = 2 X V, for columns V (..., n, k); Y corrected once by its residual.
-
-    The rounding error of 1/(1 + |u|^2) hardly changes along an orbit: without the correction |a|^2 drifts
-    steadily.  Nor may the residual come out as a few units in the last place, or adding it rounds to one side.
-    Worst change of |a|^2 in bands sqrt(steps) ulp over 1e7 steps of the Lagrange top, n = 3, four states with
-    eps = 0.05 to 1.65: 1287 without; 68 for V + 2 X Y with Y = (I - X)^-1 V corrected; 5.1 here with the residual
-    rounded twice; 1.4 with its products fused, as kernels have them; half of that when the last sum is rounded
-    once.  For n = 4 the residual as X (2V + Y) - Y still left 2.6 bands after 1e8 steps, by the rounding of
-    2V + Y; X 2V - Y + X Y, as here, leaves no trend.
-    """
-    twice = 2 * X
-    W = twice @ V  # for n = 3 orthogonal to u
-    Y = _add_product(W, X, W) * _scale(X) if X.shape[-1] == 3 else plain_resolvent(X, W)
-    return V + Y if exact(X) else close_sum(V, Y, plain_resolvent(X, _add_product(_add_product(-Y, twice, V), X, Y)))
+    """cay(X) V = V + (I - X)^-1 2 X V for columns V (..., n, k); n = 3: V + 2 (I + X) X V/(1 + |u|^2), X = hat(u)."""
+    W = X @ V
+    if X.shape[-1] != 3:
+        return V + resolvent(X, 2 * W)
+    u = axial(X)[..., :, None]
+    W = W + u[..., SECOND, :] * W[..., THIRD, :] - u[..., THIRD, :] * W[..., SECOND, :]  # (I + X) W
+    return V + W * (2 / (1 + (u * u).sum(-2)[..., None]))
 
 
 def cayley_act(X: Array, v: Array) -> Array:
@@ -723,29 +363,10 @@ def turned(kind: str, X: Array, z: Array) -> Array:
 
 
 def cayley_plane(x: Array, y: Array, v: Array) -> Array:
-    """cay(x ^ y) v in O(n), for vectors (..., n); corrected by the residual like `cayley_columns`."""
-    X, Y, c = dot(x, x), dot(y, y), dot(x, y)
-    scale = 1 / (1 + X * Y - c * c)
-
-    def once(v: Array) -> Array:
-        xv, yv = dot(x, v), dot(y, v)
-        along_y, along_x = ((1 + c) * yv - Y * xv) * scale, ((1 - c) * xv + X * yv) * scale
-        return v + (x * vec(along_y) - y * vec(along_x))
-
-    def add_turn(w: Array, u: Array) -> Array:  # w + (x ^ y) u
-        return (w + x * vec(dot(y, u))) - y * vec(dot(x, u))
-
-    w = once(2 * add_turn(0 * v, v))
-    return v + w if exact(v) else close_sum(v, w, once(add_turn(add_turn(-w, 2 * v), w)))
-
-
-def half_turn(x: Array, dx: Array, v: Array) -> Array:
-    """R_(x + dx) v = 2 x <x, v>/<x, x> - v for a small dx; what rounding does to |v| is taken back."""
-    square = dot(x, x)
-    t = 2 * dot(x, v) / square
-    change = remainder(2 * v, t, x)  # v - R_x v, which is orthogonal to x
-    along = (dot(x, change) + dot(dx, change) - t * dot(x, dx)) / square
-    return close_sum(v, -change, vec(along) * x + vec(t) * dx)
+    """cay(x ^ y) v in O(n), for vectors (..., n)."""
+    X, Y, c, xv, yv = dot(x, x), dot(y, y), dot(x, y), dot(x, v), dot(y, v)
+    scale = 2 / (1 + X * Y - c * c)
+    return v + x * vec(((1 + c) * yv - Y * xv) * scale) - y * vec(((1 - c) * xv + X * yv) * scale)
 
 
 def moebius(X: Array) -> Array:

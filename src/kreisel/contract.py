@@ -235,10 +235,10 @@ class Baecklund:
 
     point(*state, mu)            the rho that goes with mu on the branch with D_eps -> 1 as eps -> 0, not finite
                                  or complex where there is none
-    vector(*state, mu, rho)      (e, de, drho): e as rounded, what it lacks, and what rho lacks for this very state
+    vector(*state, mu, rho)      e
     defect(*state, e, mu, rho)   a function that vanishes on the curve
-    step(*state, e, de, drho, mu, rho)   D_eps for real mu
-    pair(*state, e, de, drho, mu, rho)   D_eps D_conj(eps) for complex mu, in real arithmetic
+    step(*state, e, mu, rho)     D_eps for real mu
+    pair(*state, e, mu, rho)     D_eps D_conj(eps) for complex mu, in real arithmetic
     arc, arc_of_pair(*state, e, mu, rho) (x, y): the carried vector turns by R_y R_x, R a half-turn
     darboux(*state, e, mu, rho, lam)     N with N L = L_new N
     odd                          +1 or -1: rho goes with mu to odd rho with -mu

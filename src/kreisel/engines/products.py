@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from kreisel.engines.lines import Line
 
-# The largest residual of a solve, relative and squared.  The definitions correct a solve by its residual, once, so what
-# is left of an error of 1e-9 is below round-off.  An inverse that follows the changes loses sqrt(steps) ulp: its
+# The largest residual of a solve, relative and squared.  A solve is corrected by its residual, once, so what is left of
+# an error of 1e-9 is below round-off.  An inverse that follows the changes loses sqrt(steps) ulp: its
 # residuals are 1e-14 after 65,000 steps (n = 10, eps = 0.05 to 5).
 NEAR = 1e-18
 

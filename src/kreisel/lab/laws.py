@@ -18,6 +18,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.complex import Complex
 from kreisel.contract import Baecklund, Frame, Map, System, call, keywords
 from kreisel.engines import layout
 from kreisel.errors import InputError, shown
@@ -454,7 +455,7 @@ def _has_baecklund(system: System) -> bool:
 
 @dataclass(frozen=True)
 class _Curve:
-    """A state with a point (mu, rho) of its spectral curve, and maps from it."""
+    """A state with a point (mu, rho) of its spectral curve, and maps from it; `given` is the e of a rational case."""
 
     case: Case
     model: Model
@@ -462,6 +463,7 @@ class _Curve:
     state: tuple[Array, ...]
     mu: Any
     rho: Any
+    given: Array = None
 
     def call(self, function: Callable[..., Any] | None, *arguments: Array, **extra: Any) -> Any:
         if function is None:
@@ -480,9 +482,9 @@ class _Curve:
     def move(self, *state: Array) -> tuple[Array, ...]:
         """D_eps, or the conjugate pair for a complex mu, from this state or another on the curve."""
         state = state or self.state
-        found = self.call(self.record.vector, *state)
-        pair = isinstance(self.mu, complex | algebra.Complex)
-        return tuple(self.call(self.record.pair if pair else self.record.step, *state, *found))
+        e = self.call(self.record.vector, *state)
+        pair = isinstance(self.mu, complex | Complex)
+        return tuple(self.call(self.record.pair if pair else self.record.step, *state, e))
 
 
 def _record(case: Case) -> Baecklund:
@@ -497,19 +499,19 @@ def _curve(case: Case) -> _Curve:
     if case.numbers == "exact":
         if record.case is None:
             raise InputError(f"{case.system.name} does not state a rational case.")
-        state, params, _, mu, rho = record.case(case.model.n, case.draw)
-        return _Curve(case, case.system(**params), record, state, mu, rho)
+        state, params, e, mu, rho = record.case(case.model.n, case.draw)
+        return _Curve(case, case.system(**params), record, state, mu, rho, e)
     return _Curve(case, case.model, record, case.state, 7.0, None).at(7.0)
 
 
-@_law("(mu, rho) lies on the spectral curve and e is an eigenvector there, found without a correction", _has_baecklund)
+@_law("(mu, rho) lies on the spectral curve; e is the eigenvector that a rational case is made from", _has_baecklund)
 def spectral_point(case: Case) -> Sides:
     curve = _curve(case)
-    e, de, change = curve.call(curve.record.vector, *curve.state)
+    e = curve.call(curve.record.vector, *curve.state)
     value = curve.call(curve.record.defect, *curve.state, e)
     yield value, 0 * value
-    yield de, 0 * de
-    yield change, 0 * change
+    if curve.given is not None:
+        yield e, curve.given
 
 
 @_law("I(D(z)) = I(z) for the Casimirs and every integral of the continuous flow", _has_baecklund)
@@ -525,7 +527,7 @@ def integrals_of_baecklund(case: Case) -> Sides:
 @_law("N L = L_new N at random lambda: the Darboux matrix", _has_baecklund)
 def darboux(case: Case) -> Sides:
     curve = _curve(case)
-    e = curve.call(curve.record.vector, *curve.state)[0]
+    e = curve.call(curve.record.vector, *curve.state)
     N = curve.call(curve.record.darboux, *curve.state, e, lam=case.lam)
     old, new = (curve.call(case.system.lax, *z, lam=case.lam)[0] for z in (curve.state, curve.move()))
     yield N @ old, new @ N
@@ -541,11 +543,12 @@ def poisson_baecklund(case: Case) -> Sides:
         duals = exact.independent(np.append(flat, 0 * flat[:1]))
         state, shift = layout.restore(duals[:-1], kinds, n), duals[-1]
         e = curve.call(record.vector, *state, rho=shift + curve.rho)
-        slope = slopes(np.asarray(e[2], dtype=object), len(flat) + 1)
-        along_state = exact.Dual(curve.rho, slope[:-1])  # Newton's correction: d rho = -F_z/F_rho dz
+        defect = curve.call(record.defect, *state, e, rho=shift + curve.rho)
+        *along, across = slopes(np.asarray(defect, dtype=object), len(flat) + 1)
+        along_state = exact.Dual(curve.rho, -np.array(along) / across)  # F(z, rho) = 0: d rho = -F_z/F_rho dz
         plain = layout.restore(exact.independent(flat), kinds, n)
-        found = curve.call(record.vector, *plain, rho=along_state)
-        new = curve.call(record.step, *plain, *found, rho=along_state)
+        e = curve.call(record.vector, *plain, rho=along_state)
+        new = curve.call(record.step, *plain, e, rho=along_state)
         return tuple(new), slopes(layout.flatten(tuple(new), kinds), len(flat))
 
     J = with_slopes(curve)[1]
@@ -592,19 +595,19 @@ def map_is_baecklund(case: Case) -> Sides:
 def conjugate_pair(case: Case) -> Sides:
     for pair in _pairs(case):
         first = pair.call(pair.record.vector, *pair.state)
-        between = pair.call(pair.record.step, *pair.state, *first)
+        between = pair.call(pair.record.step, *pair.state, first)
         other = {"mu": algebra.conjugate(pair.mu), "rho": algebra.conjugate(pair.rho)}
         second = pair.call(pair.record.vector, *between, **other)
-        re, im = algebra.parts(pair.flat(tuple(pair.call(pair.record.step, *between, *second, **other))))
+        re, im = algebra.parts(pair.flat(tuple(pair.call(pair.record.step, *between, second, **other))))
         yield re, pair.flat(pair.move())
         yield im, 0 * re
-        arc = pair.call(pair.record.arc_of_pair, *pair.state, first[0])
+        arc = pair.call(pair.record.arc_of_pair, *pair.state, first)
         carried = _carried(case, pair.state)
         one = algebra.identity(len(carried)) + 0 * carried[:, None]
         turned = algebra.double_turn(arc[0], arc[1], one) @ carried
         yield turned, _carried(case, pair.move())
-        N1 = pair.call(pair.record.darboux, *pair.state, first[0], lam=case.lam)
-        N2 = pair.call(pair.record.darboux, *between, second[0], lam=case.lam, **other)
+        N1 = pair.call(pair.record.darboux, *pair.state, first, lam=case.lam)
+        N2 = pair.call(pair.record.darboux, *between, second, lam=case.lam, **other)
         old, new = (pair.call(case.system.lax, *z, lam=case.lam)[0] for z in (pair.state, pair.move()))
         yield from zip(algebra.parts(N2 @ N1 @ old), algebra.parts(new @ (N2 @ N1)), strict=True)
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.complex import Complex
 from kreisel.errors import InputError
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, ROOT, Mod, Pole, fraction, random_residues, require_flint
@@ -168,17 +169,17 @@ def _matrix(what: Subject, function: Any, x: Array, lam: Any, known: dict[str, A
 
 def _without_complex(out: Array, p: int) -> Array:
     """Complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities."""
-    if not p or not any(isinstance(v, algebra.Complex) for v in out.flat):
+    if not p or not any(isinstance(v, Complex) for v in out.flat):
         return out
     root, plain = pow(ROOT, (p - 1) // 4, p), np.empty(out.shape, dtype=object)
     for place in np.ndindex(out.shape):
         v = out[place]
-        plain[place] = v.re + root * v.im if isinstance(v, algebra.Complex) else v
+        plain[place] = v.re + root * v.im if isinstance(v, Complex) else v
     return plain
 
 
 def _vanishes(v: Any) -> bool:
-    return bool(v.re == 0 and v.im == 0) if isinstance(v, algebra.Complex) else bool(v == 0)
+    return bool(v.re == 0 and v.im == 0) if isinstance(v, Complex) else bool(v == 0)
 
 
 def _random(what: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:

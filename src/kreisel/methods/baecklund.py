@@ -156,9 +156,9 @@ def one_stage(
     record: Baecklund, own: tuple[Array, ...], known: dict[str, Array], paired: bool
 ) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
     """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""
-    found = call(record.vector, own, known)
+    e = call(record.vector, own, known)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
-    return tuple(call(move, (*own, *found), known)), call(arc, (*own, found[0]), known)
+    return tuple(call(move, (*own, e), known)), call(arc, (*own, e), known)
 
 
 def _rho(model: Model, record: Baecklund, own: tuple[Array, ...], mu: complex | float, order: int, dt: float) -> Array:

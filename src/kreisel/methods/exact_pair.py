@@ -3,15 +3,12 @@
 For n = 3 the commuting fields span two directions beside the symmetry of the state, so two parameters suffice: mu,
 complex, with D_eps D_conj(eps) = Phi_h, eps = 2/mu.  It is found once a trajectory by Newton's method in extended
 precision against a product of order 24; near h = 0 it is the zero of the Padé approximant of order 4 over h.  The
-integrals of the map are those of the flow; rounding walks them, and the phase with them like steps^(3/2).  So each
-step ends with the least change of the state that puts the quadratic integrals back: then the phase errs like steps, by
-2.5e-17 (median) to 3e-16 (worst of 20 bodies) a step of 1: mu rounded to a double.
+integrals of the map are those of the flow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,10 +27,6 @@ MOST_TRIALS = 8  # each with more copies
 NEWTON_STEPS = 14
 SETTLED = 64  # residual in units of the last place of the extended numbers
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
-RIDGE = 1e-14  # keeps the Gram matrix of the gradients regular where the motion is a relative equilibrium
-NOTHING = 1e-300  # for 0 that depends on the data: kernels fold zeros, and would be compiled anew
-CLEAN = 64  # units in the last place of the largest coefficient of a form: below, it is 0
-BLOCKS = ("mm", "mv", "vv")
 
 State = tuple[Array, ...]
 
@@ -61,24 +54,18 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         rho = call(record.point, _wide(own), {**_wide_constants(body), "mu": mu})
         numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
         stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
-        return {**_levels(body, own), **(_turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {})}, stages
+        return (_turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {}), stages
 
     def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
         known = {**consts, "mu": algebra.complex_number(mu_re, mu_im), "rho": algebra.complex_number(rho_re, rho_im)}
         own, (x, y) = one_stage(record, z[:2], known, True)
         return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
-    def close(M: Array, P: Array, *g: Array, **consts: Array) -> State:
-        own = put_back(M, P, **consts)
-        if not g:
-            return own
-        turn = np.concatenate([algebra.vec(consts["cos"]) + 0 * g[0][..., :1], consts["sin"] + 0 * g[0][..., 1:]], -1)
-        return (*own, *(algebra.unit(algebra.quaternion_product(turn, q)) for q in g))
+    def close(M: Array, P: Array, g: Array, *, cos: Array, sin: Array, **consts: Array) -> State:
+        turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
+        return M, P, algebra.unit(algebra.quaternion_product(turn, g))
 
     axes = {**body.axes, **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0), "sin": 1}
-    for k in range(FORMS):
-        axes |= {f"{block}{k}{part}": 2 for block in BLOCKS for part in ("", "_rest")}
-        axes |= {f"level{k}": 0, f"level{k}_rest": 0}
     return Scheme(
         name="exact",
         components=with_orientation(body, oriented),
@@ -87,7 +74,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         n=3,
         prepare=prepare,
         step=step,
-        close=close,
+        close=close if oriented else None,
         observe=lambda z, /, **constants: observe((*back(z[:2]), *z[2:]), **constants),
         reopen=prepare,
         outcomes=outcomes,
@@ -237,133 +224,3 @@ def _least_squares(slopes: list[Array], want: Array) -> Array:
 def _limited(change: Array, most: Array) -> Array:
     size = abs(change)
     return change * np.where(size > most, most / np.where(size > 0, size, 1), 1)
-
-
-# -- the integrals ------------------------------------------------------------------------------------
-
-FORMS = 4  # two Casimirs and two more integrals
-
-
-def _levels(model: Model, own: State) -> dict[str, Array]:
-    """FORMS independent quadratic integrals as upper triangular blocks in (m, v), and their values, in two doubles."""
-    forms = _forms(model)
-    flat = _flat(_wide(own))
-    levels = ((forms * flat[..., None, :, None]).sum(-2) * flat[..., None, :]).sum(-1)
-    out: dict[str, Array] = {}
-    first, second = slice(3), slice(3, 6)
-    for k in range(FORMS):
-        for block, rows, columns in zip(BLOCKS, (first, first, second), (first, second, second), strict=True):
-            out |= _two_doubles(f"{block}{k}", forms[..., k, rows, columns])
-        level = levels[..., k]
-        out |= _two_doubles(f"level{k}", np.where(level == 0, NOTHING, level))
-    return out
-
-
-def _forms(model: Model) -> Array:
-    """The quadratic integrals, by polarisation: ([lane,] FORMS, 6, 6), upper triangular, 0 where there are fewer."""
-    constants = _wide_constants(model)
-    lanes = model.batch[0] if model.batch else 1
-    chosen: list[int] = []
-    out = []
-    for lane in range(lanes):
-        here = {k: v[lane] if v.ndim > model.axes[k] else v for k, v in constants.items()}
-        rows = _polarised(partial(_integrals, model, here))
-        chosen = chosen or _independent(rows.reshape(-1, 36).astype(float))
-        out.append(np.concatenate([rows[chosen], np.zeros((FORMS - len(chosen), 6, 6), rows.dtype)]))
-    return np.stack(out) if model.batch else out[0]
-
-
-def _integrals(model: Model, constants: Mapping[str, Array], flat: Array) -> Array:
-    """M.P, the Casimirs, the energy and all integrals."""
-    z = _unflat(flat)
-    functions = (model.system.space.casimirs, model.system.energy, *model.system.integrals.values())
-    return np.concatenate(
-        [[algebra.dot(algebra.axial(z[0]), z[1])], *(np.ravel(call(f, z, constants)) for f in functions)]
-    )
-
-
-def _polarised(f: Callable[[Array], Array]) -> Array:
-    """The forms of those entries of f that are quadratic."""
-    unit = np.eye(6, dtype=np.longdouble)
-    single = [f(e) for e in unit]
-    probe = np.array([0.3, -0.7, 0.5, 0.9, 0.2, -0.4], dtype=np.longdouble)
-    quadratic = np.isclose(f(2 * probe).astype(float), 4 * f(probe).astype(float), rtol=1e-12, atol=1e-14)
-    forms = np.zeros((len(quadratic), 6, 6), dtype=np.longdouble)
-    for i in range(6):
-        forms[:, i, i] = single[i]
-        for j in range(i + 1, 6):
-            forms[:, i, j] = f(unit[i] + unit[j]) - single[i] - single[j]
-    small = CLEAN * np.finfo(np.longdouble).eps * abs(forms).max(axis=(1, 2), keepdims=True)
-    return np.where(abs(forms) > small, forms, 0)[quadratic]
-
-
-def _independent(rows: Array) -> list[int]:
-    """The first rows that are linearly independent, FORMS at most: a free body has fewer that are quadratic."""
-    chosen: list[int] = []
-    for i, row in enumerate(rows):
-        scaled = rows[[*chosen, i]] / np.linalg.norm(rows[[*chosen, i]], axis=1, keepdims=True)
-        if np.linalg.norm(row) > 0 and np.linalg.svd(scaled)[1][-1] > 1e-9:
-            chosen.append(i)
-    return chosen[:FORMS]
-
-
-def _two_doubles(name: str, x: Array) -> dict[str, Array]:
-    high = x.astype(np.float64)
-    rest = (x - high).astype(np.float64)
-    return {name: high, f"{name}_rest": np.where((rest == 0) & (high != 0), NOTHING, rest)}
-
-
-def put_back(M: Array, P: Array, **consts: Array) -> State:
-    """The nearest state, to first order, with the integrals of the start; their defects are rounded once."""
-    coordinates = algebra.coordinates(M)
-    z = [v[..., i][()] for v in (coordinates, P) for i in range(3)]
-    defects, gradients = zip(*(_defect(z, k, consts) for k in range(FORMS)), strict=True)
-    gram = [[sum(a * b for a, b in zip(f, g, strict=True)) for g in gradients] for f in gradients]
-    for k in range(FORMS):
-        gram[k][k] = gram[k][k] * (1 + RIDGE) + NOTHING
-    x = _solved(gram, list(defects))
-    change = [-sum(xk * g[i] for xk, g in zip(x, gradients, strict=True)) for i in range(6)]
-    new = [a + b for a, b in zip(z, change, strict=True)]
-    return algebra.skew(_vector(new[:3]), 3), _vector(new[3:])
-
-
-def _vector(entries: list[Any]) -> Array:
-    if any(hasattr(x, "tape") for x in entries):
-        return np.array(entries, dtype=object)
-    return np.stack(np.broadcast_arrays(*entries), -1)
-
-
-def _defect(z: list[Any], k: int, consts: Mapping[str, Array]) -> tuple[Any, list[Any]]:
-    """z^T F z - level, rounded once, and its gradient, for the form F with the blocks of number k."""
-    products: list[tuple[Any, Any]] = []
-    gradient: list[Any] = [0.0] * 6
-    for block, rows, columns in zip(BLOCKS, (0, 0, 3), (0, 3, 3), strict=True):
-        F, rest = consts[f"{block}{k}"], consts[f"{block}{k}_rest"]
-        for i in range(3):
-            for j in range(0 if block == "mv" else i, 3):
-                f, a, b = F[..., i, j][()], rows + i, columns + j
-                if isinstance(f, float | int) and f == 0:
-                    continue
-                half = f * z[a]
-                products += [(half, z[b]), (algebra.product_error(f, z[a], half) + rest[..., i, j][()] * z[a], z[b])]
-                gradient[a] = gradient[a] + f * z[b]
-                gradient[b] = gradient[b] + half
-    level, small = consts[f"level{k}"], consts[f"level{k}_rest"]
-    one = 1 + 0 * z[0]
-    return algebra.sharp_sum([(-level, one), *products, (-small, one)]), gradient
-
-
-def _solved(A: list[list[Any]], b: list[Any]) -> list[Any]:
-    """A^-1 b by elimination, A positive."""
-    n, A, b = len(b), [[*row] for row in A], [*b]
-    for k in range(n):
-        for i in range(k + 1, n):
-            factor = A[i][k] / A[k][k]
-            for j in range(k + 1, n):
-                A[i][j] = A[i][j] - factor * A[k][j]
-            b[i] = b[i] - factor * b[k]
-    for k in reversed(range(n)):
-        for j in range(k + 1, n):
-            b[k] = b[k] - A[k][j] * b[j]
-        b[k] = b[k] / A[k][k]
-    return b

@@ -30,7 +30,7 @@ Number = Any  # of an mpmath context
 
 def darboux(m: Array, b: Array, p: Array, eps: Array, r: Array) -> tuple[Array, Array, Array]:
     """D_eps at (m, b), and its a; r = |a|^2.  Matrices m, any kind of number."""
-    a = algebra.plain_resolvent(algebra.mat(eps) / 2 * m, (b - algebra.vec(eps * eps / 4 * r) * p)[..., None])[..., 0]
+    a = algebra.resolvent(algebra.mat(eps) / 2 * m, (b - algebra.vec(eps * eps / 4 * r) * p)[..., None])[..., 0]
     m1 = m + algebra.mat(eps) * algebra.wedge(a, p)
     return m1, b + algebra.vec(eps) / 2 * algebra.act(m + m1, a), a
 

@@ -27,6 +27,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame, System, call
 from kreisel.errors import InputError
+from kreisel.iteration import repeat
 from kreisel.methods.composition import symmetric_composition
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Guard, Scheme
@@ -110,7 +111,7 @@ def kick(system: System, state: State, time: Array, consts: Constants) -> State:
         return state
     still = tuple(z if i in carried else 0 * z for i, z in enumerate(state))
     rate = call(system.flow, still, consts)
-    return tuple(z if i in carried else z + algebra.increment(time, rate[i]) for i, z in enumerate(state))
+    return tuple(z if i in carried else z + time * rate[i] for i, z in enumerate(state))
 
 
 def coadjoint(system: System, X: Array, state: State) -> State:
@@ -124,7 +125,7 @@ def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tu
     momentum: Any = system.space.momentum
 
     def turn(N: Array) -> Array:
-        return algebra.increment(system.space.sign * eps / 2, call(inverse_inertia, (N,), consts))
+        return system.space.sign * eps / 2 * call(inverse_inertia, (N,), consts)
 
     M = momentum(*state)
     N, defect = newton(turn, M) if M.shape[-1] == 3 else sweeps(turn, M)
@@ -171,7 +172,7 @@ def sweeps(turn: Linear, M: Array) -> tuple[Array, Array]:
         new, defect = sweep(turn, M, N)
         return (new,), defect
 
-    (N,), defect = algebra.repeat(improved, (M,), SWEEP_LIMIT**2, MOST_SWEEPS, ("skew",))
+    (N,), defect = repeat(improved, (M,), SWEEP_LIMIT**2, MOST_SWEEPS, ("skew",))
     return N, defect
 
 

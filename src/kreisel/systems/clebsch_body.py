@@ -10,9 +10,10 @@ from dataclasses import replace
 
 from kreisel.algebra import dot, identity, mat, sqrt, turned
 from kreisel.contract import MOVING_SPACE, Relation
+from kreisel.implicit import branch
 from kreisel.invariants import pencil_spectrum
-from kreisel.systems import clebsch_general, euler_top, implicit, quadratic_potential
-from kreisel.systems.matrices import diagonal
+from kreisel.matrices import diagonal
+from kreisel.systems import clebsch_general, euler_top, quadratic_potential
 
 
 def outer(P):
@@ -77,7 +78,7 @@ def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
 
 
 def largest_step(M, P, *, J):
-    return implicit.largest_step(M, J, outer(P))
+    return branch.largest_step(M, J, outer(P))
 
 
 SYSTEM = replace(

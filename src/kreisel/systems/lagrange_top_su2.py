@@ -17,8 +17,8 @@ from dataclasses import replace
 from kreisel.algebra import act, axial, dot, identity, log
 from kreisel.contract import Relation
 from kreisel.invariants import stack, trace
+from kreisel.matrices import su2
 from kreisel.systems import lagrange_top
-from kreisel.systems.matrices import su2
 
 
 def squares(m, a, *, p, eps=0):

@@ -11,8 +11,8 @@ from dataclasses import replace
 from kreisel.algebra import act, axial, dot, identity, log
 from kreisel.contract import Relation
 from kreisel.invariants import stack, trace
+from kreisel.matrices import su2
 from kreisel.systems import lagrange_top_moving as moving
-from kreisel.systems.matrices import su2
 
 
 def squares(M, P, *, A, eps=0):

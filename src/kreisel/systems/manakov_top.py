@@ -6,10 +6,10 @@ Suris 2001, Introduction]
 
 from kreisel.contract import FREE_SPACE, Frame, Parameter, System
 from kreisel.invariants import metric_spectrum
+from kreisel.matrices import diagonal
 from kreisel.systems.checks import distinct
 from kreisel.systems.clebsch_general import quotients
 from kreisel.systems.euler_top import energy, flow, inverse_inertia, velocity
-from kreisel.systems.matrices import diagonal
 
 
 def spectrum(M, *, a):  # coefficients of det(lambda A + M - mu)

@@ -22,7 +22,6 @@ from kreisel.algebra import (
     dot,
     hat,
     identity,
-    increment,
     mat,
     pairing,
     skew,
@@ -71,7 +70,7 @@ def whole(p, q):
 
 
 def kicked(M, G, X, eps):
-    return M + increment(eps, bracket(G, X))
+    return M + eps * bracket(G, X)
 
 
 def about(M, *, u, v, eps):  # R = cay(Y)

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import dot, identity, increment, sqrt, vec, wedge
+from kreisel.algebra import dot, identity, sqrt, vec, wedge
 from kreisel.contract import SPHERE_SPACE, Frame, Map, Parameter, System, on_sphere
 from kreisel.errors import InputError
 from kreisel.invariants import stack
+from kreisel.matrices import diagonal
 from kreisel.systems import neumann, neumann_veselov
 from kreisel.systems.checks import distinct
-from kreisel.systems.matrices import diagonal
 
 
 def nonzero(mu, letter):
@@ -71,12 +71,10 @@ def lax(x, q, *, b, mu, lam):
 
 def moved(x, q, *, b, mu, eps):
     """Veselov's map in R^2n from (x, 0), (q, mu/x): x1 with the signs of x, the new (y, z) and its momentum."""
-    p = mu / x
-    k, f, df = neumann_veselov.factors(b=b, eps=eps)
-    y, u, w = x + k * x, q + k * q, p + k * p
+    y, u, w = neumann_veselov.stretched(b, eps, x, q, mu / x)
     tau = vec(neumann_veselov.root(dot(y, y), dot(u, y), dot(u, u) + dot(w, w), eps))
-    y1, z1 = tau * y + increment(eps, u), increment(eps, w)
-    return x * sqrt((y1 * y1 + z1 * z1) / (x * x)), y1, z1, u / tau + (f * y + df * y), w / tau
+    y1, z1 = tau * y + eps * u, eps * w
+    return x * sqrt((y1 * y1 + z1 * z1) / (x * x)), y1, z1, u / tau + eps * b * y, w / tau
 
 
 def step(x, q, *, b, mu, eps):

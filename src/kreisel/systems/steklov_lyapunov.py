@@ -13,7 +13,7 @@ Conclusions.  The Lax pair was found from the requirement of involution; it was 
 from kreisel.algebra import bracket, identity, mat, pairing, vec
 from kreisel.contract import ADJOINT_PAIR_SPACE, Frame, Parameter, System
 from kreisel.invariants import stack, trace
-from kreisel.systems.matrices import diagonal
+from kreisel.matrices import diagonal
 
 
 def coefficients(*, b, s, l):

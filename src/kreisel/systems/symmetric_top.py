@@ -12,7 +12,6 @@ from kreisel.algebra import (
     cayley_act,
     dot,
     identity,
-    impulse,
     moebius,
     pairing,
     project_out,
@@ -20,12 +19,11 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
+from kreisel.baecklund import lagrange_top, lagrange_top_moving
 from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.invariants import bordered_spectrum
-from kreisel.systems import lagrange_top
-from kreisel.systems import lagrange_top_moving as moving
+from kreisel.matrices import border
 from kreisel.systems.checks import nonzero_vector
-from kreisel.systems.matrices import border
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
@@ -33,30 +31,30 @@ def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
 
 
 def step(M, P, *, A, eps):
-    M = M - impulse(eps, P, A)
+    M = M - eps * wedge(P, A)
     return M, cayley_act(-eps / 2 * M, P)
 
 
 def inverse(M, P, *, A, eps):
     P = cayley_act(eps / 2 * M, P)
-    return M + impulse(eps, P, A), P
+    return M + eps * wedge(P, A), P
 
 
 def adjoint(M, P, *, A, eps):
     P = cayley_act(-eps / 2 * M, P)
-    return M - impulse(eps, P, A), P
+    return M - eps * wedge(P, A), P
 
 
 def involution(M, P, *, A, eps):
-    return -(M - impulse(eps, P, A)), P
+    return -(M - eps * wedge(P, A)), P
 
 
 def half_kick(M, P, *, A, eps):
-    return M - impulse(eps / 2, P, A), P
+    return M - eps / 2 * wedge(P, A), P
 
 
 def half_kick_back(M, P, *, A, eps):
-    return M + impulse(eps / 2, P, A), P
+    return M + eps / 2 * wedge(P, A), P
 
 
 def shifted(M, P, *, A, eps):
@@ -109,12 +107,12 @@ def lagrangian(g, h, p, *, A, eps):
 
 
 def rational_case(n, draw):
-    state, params, e, mu, rho = moving.rational_case(n, draw)
+    state, params, e, mu, rho = lagrange_top_moving.rational_case(n, draw)
     return state, {"A": params["A"]}, e, mu, rho
 
 
 def gaussian_case(n, draw):
-    state, params, e, mu, rho = moving.gaussian_case(n, draw)
+    state, params, e, mu, rho = lagrange_top_moving.gaussian_case(n, draw)
     return state, {"A": params["A"]}, e, mu, rho
 
 
@@ -157,7 +155,7 @@ SYSTEM = System(
         source="Suris 2001, section 1 (Introduction)",
     ),
     baecklund=replace(
-        moving.BAECKLUND,
+        lagrange_top_moving.BAECKLUND,
         spin=None,
         darboux=lambda M, P, e, *, rho, lam: lagrange_top.darboux(M, P, e, rho=rho, lam=lam),
         case=rational_case,

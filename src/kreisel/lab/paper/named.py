@@ -7,8 +7,8 @@ from kreisel.contract import System
 from kreisel.invariants import faddeev_leverrier, trace
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, law_row, row
+from kreisel.matrices import su2
 from kreisel.systems import REGISTRY, lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving
-from kreisel.systems.matrices import su2
 
 EARLIER = "Introduction, the map of Bobenko and Suris 1999"
 ONE = identity(2)

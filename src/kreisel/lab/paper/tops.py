@@ -37,8 +37,8 @@ from kreisel.lab.paper.rows import (
     right_derivative,
     row,
 )
+from kreisel.matrices import border
 from kreisel.systems import heavy_top, lagrange_top, lagrange_top_moving, symmetric_top
-from kreisel.systems.matrices import border
 
 HEAVY, TOP, MOVING = heavy_top.SYSTEM, lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM
 SYMMETRIC = symmetric_top.SYSTEM

@@ -17,17 +17,16 @@ Rijkeboer, Linear Algebra Appl. 186 (1993); Meini, Math. Comp. 71 (2002)]
 
 import numpy as np
 
-from kreisel.algebra import identity, mat, pairing, repeat, solve, sqrt, through_inverse
-from kreisel.systems.matrices import diagonal
+from kreisel.algebra import Array, holds_objects, identity, mat, pairing, solve, sqrt
+from kreisel.iteration import repeat
+from kreisel.matrices import diagonal
 
 DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
 SMALL = 1e-18  # of |A|^2 over the 4th power of gamma: what is left of Y is of the order of A^T Y^-1 A
-SMALL_CHANGE = 1e-33  # the square of a correction of X that no longer matters
-CORRECTIONS, MOST_CORRECTIONS = 2, 6
 YS = 48
 
 
-def branch(M, J, Q, square, eps):
+def turn(M, J, Q, square, eps):
     """X on the branch by cyclic reduction, from Q and its square: U -> U^2 in each doubling, A -> 0 and B -> Y.
 
     The matrices to be divided by stay positive.  gamma^2 = sum J/sum J^-1, which for two moments is their product.
@@ -55,24 +54,29 @@ def branch(M, J, Q, square, eps):
     return skew_part(D @ solve(W + one, W - one) / J[..., None, :])  # (W + 1)^-1 (W - 1)
 
 
-def corrected(X, residual, c):
-    """X - c o residual(X), some times, and the square of the last correction; X is right up to round-off before.
+def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
+    """A^T S^-1 A, A S^-1 A^T and A S^-1 A for S (..., n, n) symmetric and positive.
 
-    What a solution leaves has a steady part, from the rounding of constants, and the integrals drift with it.  Six
-    random bodies of n = 4, the worst of the integrals in bands after 20 000 steps at 0.5, 0.9 and 0.99 of the longest
-    step: 3.0, 18 and 21 corrected once by a formula with c_jk for 1/(J_j + J_k); 0.6, 1.0 and 2.6 here.
+    Numbers without a LAPACK go by S = L D L^T: of the symmetric products a record then keeps what is asked for.
     """
+    if not holds_objects(S):
+        B = solve(S, A)
+        return A.mT @ B, A @ solve(S, A.mT), A @ B
+    n = S.shape[-1]
+    S, B = S.astype(object), np.concatenate([A, A.mT], -1).astype(object)
+    for k in range(n - 1):
+        factor = S[..., k, k + 1 :, None] * (1 / S[..., k, k, None, None])
+        S[..., k + 1 :, k + 1 :] = S[..., k + 1 :, k + 1 :] - factor * S[..., k : k + 1, k + 1 :]
+        B[..., k + 1 :, :] = B[..., k + 1 :, :] - factor * B[..., k : k + 1, :]
+    scaled = B / S.diagonal(axis1=-2, axis2=-1)[..., None]
+    left, right = B[..., :n].mT, B[..., n:].mT
+    return left @ scaled[..., :n], right @ scaled[..., n:], right @ scaled[..., :n]
 
-    def once(X):
-        change = c * residual(X)
-        return (X - change,), pairing(change, change)
 
-    if X.shape[-1] > 3:
-        (X,), defect = repeat(once, (X,), SMALL_CHANGE, MOST_CORRECTIONS, ("skew",))
-        return X, defect
-    for _ in range(CORRECTIONS):
-        (X,), defect = once(X)
-    return X, defect
+def corrected(X, residual, c):
+    """X - c o residual(X), and the square of the correction, which tells how far X was off."""
+    change = c * residual(X)
+    return X - change, pairing(change, change)
 
 
 def symmetric_part(A):

@@ -1,0 +1,146 @@
+"""Bäcklund transformations of Clebsch's case, the special flow, state (M, P).
+
+On the spectral curve (mu - rho C + M) Q = P/rho, <P, Q> = 1, with C = B - max b and lambda = rho; then
+
+    M_1 = M + (2 rho/<Q, Q>) Q ^ CQ,   P_1 = 2 Q <Q, P>/<Q, Q> - P.
+
+[the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md]
+"""
+
+import numpy as np
+
+from kreisel.algebra import (
+    act,
+    cayley_plane,
+    complex_number,
+    diagonal_resolvent,
+    dot,
+    identity,
+    mat,
+    parts,
+    skew,
+    solve,
+    together,
+    vec,
+    wedge,
+)
+from kreisel.baecklund.lagrange_top import block
+from kreisel.contract import Baecklund
+from kreisel.matrices import border
+
+
+def shifted_diagonal(*, b):
+    """c = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
+    return {"c": b - b.max(-1, keepdims=True)}
+
+
+def eigenvector(M, P, *, c, mu, rho):
+    return diagonal_resolvent(vec(mu) - vec(rho) * c, M, P) * vec(1 / rho)
+
+
+def curve(M, P, *, c, mu):
+    """rho with <P, Q> = rho: the one root with Re rho > 0, since c <= 0; from a pencil, then by Newton's method."""
+    alive = dot(P, P) > 0
+    rho = _root(M, np.where(vec(alive), P, 1), c, mu).astype(np.result_type(M.dtype, mu))
+    for _ in range(4):
+        d = vec(mu) - vec(rho) * c
+        Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
+        rho = rho - (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
+    return np.where(alive, rho, np.nan)
+
+
+def _root(M, P, c, mu):
+    """kappa = -1/rho are the eigenvalues of -A^-1 diag(c, -1), A = [[M + mu, P], [P^T, 0]]."""
+    A = border(M + mat(mu) * identity(M.shape[-1]), P).astype(complex if np.iscomplexobj(mu) else float)
+    ends = np.concatenate([np.broadcast_to(c, P.shape), -1 + 0 * P[..., :1]], -1).astype(float)
+    kappa = np.linalg.eigvals(np.linalg.solve(A, -ends[..., None] * identity(M.shape[-1] + 1)))
+    least = np.take_along_axis(kappa, kappa.real.argmin(-1)[..., None], -1)[..., 0]
+    return -1 / (least if np.iscomplexobj(mu) else least.real)
+
+
+def step(M, P, Q, *, c, rho):
+    M1 = M + mat(2 * rho / dot(Q, Q)) * wedge(Q, c * Q)
+    return M1, P - vec(rho) * act(M + M1, Q)
+
+
+def pair(M, P, Q, *, c, mu, rho):
+    """M += sum K_ij Q_i ^ CQ_j, K the inverse of <Q_i, Q_j>/(rho_i + rho_j); P turns in the plane of the Q_i.
+
+    Multiples of the Q_i do as well: mu rho Q = u + i w has u near P and w = Im rho (rho C - M) Q small for short steps.
+    """
+    (u, _), (r, i) = parts(vec(mu * rho) * Q), parts(rho)
+    w = c * parts(vec(rho * rho) * Q)[1] - act(M, parts(vec(rho) * Q)[1])
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    both, squares = uu + ww, 2 * r * r + i * i
+    scale = 4 * r / (both * both * i * i + 4 * r * r * (uu * ww - uw * uw))
+    kuu = scale * (uu * i * i - 2 * uw * i * r + ww * squares)
+    kww = scale * (uu * squares + 2 * uw * i * r + ww * i * i)
+    kuw = scale * r * ((uu - ww) * i - 2 * uw * r)
+    kick = mat(kuu) * wedge(u, c * u) + mat(kww) * wedge(w, c * w) + mat(kuw) * (wedge(u, c * w) + wedge(w, c * u))
+    return M + kick, cayley_plane(vec(-2 * r / (i * both)) * u, w, P)
+
+
+def arc(M, P, Q):
+    return P, Q
+
+
+def arc_of_pair(M, P, Q, *, rho):
+    (u, w), (r, i) = parts(Q), parts(rho)
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    return u, vec(i * (uu + ww) - 2 * r * uw) * u + vec(2 * r * uu) * w
+
+
+def darboux(M, P, Q, *, rho, lam):  # N L = L_new N,  N = lambda' - rho (1 - 2 QQ^T/QQ)
+    n = M.shape[-1]
+    return mat(lam - rho) * identity(n) + mat(2 * rho / dot(Q, Q)) * Q[..., :, None] * Q[..., None, :]
+
+
+def rational_case(n, draw):
+    """b, M, Q and rho at random; then mu rho <Q, Q> = 1 + rho^2 <Q, CQ> and P = rho (mu - rho C + M) Q."""
+    b, M, Q, rho = draw((n,)), skew(draw((n * (n - 1) // 2,)), n), draw((n,)), abs(draw((1,)))[0]
+    c = shifted_diagonal(b=b)["c"]
+    mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
+    return (M, rho * (mu * Q - rho * c * Q + act(M, Q))), {"b": b}, Q, mu, rho
+
+
+def gaussian_case(n, draw):
+    """Q = u + iw, rho and the direction of b at random; then mu and the size of b, P and M from their equations.
+
+    With D = mu - rho C: M skew and (D + M) Q = P/rho, <P, Q> = 1 need <Q, DQ> = 1/rho and <w, Im DQ> = 0.
+    """
+    b, u, w, (r, i), K = draw((n,)), draw((n,)), draw((n,)), draw((2,)), skew(draw((n * (n - 1) // 2,)), n)
+    c, rho = shifted_diagonal(b=b)["c"], complex_number(r, i)
+    one = parts(1 / rho)
+
+    def conditions(x, y, t):  # of mu = x + iy, tC: linear
+        re, im = (x - t * r * c) * u - (y - t * i * c) * w, (x - t * r * c) * w + (y - t * i * c) * u
+        return np.array([dot(u, re) - dot(w, im), dot(u, im) + dot(w, re), dot(w, im)])
+
+    units = np.stack([conditions(*e) for e in identity(3).tolist()], -1)
+    x, y, t = solve(units, np.array([[one[0]], [one[1]], [0 * r]]))[:, 0]
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    size = uu * ww - uw * uw
+    u1, w1 = (ww * u - uw * w) / size, (uu * w - uw * u) / size  # dual to u, w
+    P = u1 + K[0] - u1 * dot(u, K[0]) - w1 * dot(w, K[0])
+    alpha = one[0] * P - ((x - t * r * c) * u - (y - t * i * c) * w)  # M u and M w
+    beta = one[1] * P - ((x - t * r * c) * w + (y - t * i * c) * u)
+    free = identity(n) - u[:, None] * u1 - w[:, None] * w1
+    M = wedge(alpha, u1) + wedge(beta, w1) - dot(beta, u) * wedge(u1, w1) + free.T @ K @ free
+    return (M, P), {"b": t * b}, together(u, w), complex_number(x, y) - rho * (t * c).max(), rho
+
+
+BAECKLUND = Baecklund(
+    point=curve,
+    vector=eigenvector,
+    defect=lambda M, P, Q: dot(P, Q) - 1,
+    step=step,
+    pair=pair,
+    arc=arc,
+    arc_of_pair=arc_of_pair,
+    darboux=darboux,
+    block=block,
+    case=rational_case,
+    pair_case=gaussian_case,
+    odd=-1,
+    source="the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md",
+)

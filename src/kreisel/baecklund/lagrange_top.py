@@ -1,0 +1,132 @@
+"""Bäcklund transformations of the Lagrange top, rest frame, state (m, a).
+
+On the spectral curve (mu - m) e = 2 (a - rho p), <e, e> = 4 rho, with rho = 1/lambda^2; then
+
+    m_1 = m + e ^ p,   a_1 = a + (m + m_1) e / 2 = 2 e <e, a>/<e, e> - a.
+
+[the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md]
+"""
+
+import numpy as np
+
+from kreisel.algebra import (
+    act,
+    complex_number,
+    dot,
+    identity,
+    mat,
+    parts,
+    project_out,
+    shifted_resolvent,
+    skew,
+    sqrt,
+    together,
+    vec,
+    wedge,
+)
+from kreisel.contract import Baecklund
+from kreisel.matrices import border
+
+
+def eigenvector(m, a, *, p, mu, rho):
+    return 2 * shifted_resolvent(mu, m, a - vec(rho) * p)
+
+
+def curve(m, a, *, p, mu):  # <e, e> = 4 rho, the root of a quadratic equation with rho mu^2 -> |a|^2
+    u, w = 2 * shifted_resolvent(mu, m, a), 2 * shifted_resolvent(mu, m, p + 0 * a)
+    half, product = 2 + dot(u, w), dot(u, u) * dot(w, w)
+    root = sqrt(half * half - product)
+    near, far = dot(u, u) / (half + root), dot(u, u) / (half - root)
+    if not np.iscomplexobj(near):
+        return near
+    right = (near.imag * mu.imag <= 0) | ~(far.imag * mu.imag < 0)  # Im rho and Im mu^-2 have one sign
+    return np.where(right, near, far)
+
+
+def step(m, a, e, *, p):
+    m1 = m + wedge(e, p)
+    return m1, a + act(m + m1, e) / 2  # the half-turn of a about e, iterated, is unstable
+
+
+def pair(m, a, e, *, p, rho):  # e = u + i w
+    (u, w), (_, im) = parts(e), parts(4 * rho)
+    g = vec(im / dot(w, w)) * w
+    m1 = m + wedge(g, p)
+    return m1, a + (act(m + m1, g) + u * vec(dot(g, p)) - g * vec(dot(u, p))) / 2
+
+
+def arc(m, a, e):
+    return a, e
+
+
+def arc_of_pair(m, a, e, *, rho):
+    (u, w), (re, im) = parts(e), parts(4 * rho)
+    ww = dot(w, w)
+    return w, vec(im * im - re * ww) * w - vec(im * ww) * u
+
+
+def darboux(m, a, e, *, rho, lam):  # N l = l_new N
+    n, square = m.shape[-1], lam * lam
+    corner = mat(1 - square * rho) * identity(n) + square / 2 * e[..., :, None] * e[..., None, :]
+    out = border(corner, -lam * e)
+    out[..., -1, -1] = 1 + square * rho
+    return out
+
+
+def block(m, a):  # pi m pi,  pi = I - a a^T / |a|^2
+    return project_out(m, a) / mat(dot(a, a))
+
+
+def spin(m, a, *, alpha):  # omega - m = (1/alpha - 1) pi m pi, turning with the body
+    return mat((1 - alpha) / alpha) * block(m, a)
+
+
+def largest_step(m, a, *, p):
+    """The eps at which the two roots of the quadratic equation for rho meet; infinite if they never do."""
+
+    def exists(eps):
+        return np.isfinite(curve(m, a, p=p, mu=2 / eps))
+
+    with np.errstate(all="ignore"):
+        low = 1 / np.sqrt(np.sqrt(dot(a, a) * dot(p, p)))  # always reached
+        high = 1e8 * low
+        forever = exists(high)
+        for _ in range(80):
+            middle = np.sqrt(low * high)
+            found = exists(middle)
+            low, high = np.where(found, middle, low), np.where(found, high, middle)
+    return np.where(forever, np.inf, low)
+
+
+def rational_case(n, draw):
+    """m, e, p and mu at random; then rho = <e, e>/4 and a = rho p + (mu - m) e / 2."""
+    m, e, p, mu = skew(draw((n * (n - 1) // 2,)), n), draw((n,)), draw((n,)), abs(draw((1,)))[0]
+    rho = dot(e, e) / 4
+    return (m, rho * p + (mu * e - act(m, e)) / 2), {"p": p, "alpha": abs(draw((1,)))[0]}, e, mu, rho
+
+
+def gaussian_case(n, draw):
+    """m, mu and e = u + iw at random; then rho = <e, e>/4, and (mu - m) e = 2 (a - rho p) tells p and a."""
+    m, u, w, (x, y, alpha) = skew(draw((n * (n - 1) // 2,)), n), draw((n,)), draw((n,)), abs(draw((3,)))
+    rho = complex_number((dot(u, u) - dot(w, w)) / 4, dot(u, w) / 2)
+    p = (act(m, w) - x * w - y * u) / dot(u, w)
+    a = parts(rho)[0] * p + (x * u - y * w - act(m, u)) / 2
+    return (m, a), {"p": p, "alpha": alpha}, together(u, w), complex_number(x, y), rho
+
+
+BAECKLUND = Baecklund(
+    point=curve,
+    vector=eigenvector,
+    defect=lambda m, a, e, *, rho: dot(e, e) - 4 * rho,
+    step=step,
+    pair=pair,
+    arc=arc,
+    arc_of_pair=arc_of_pair,
+    darboux=darboux,
+    block=block,
+    spin=spin,
+    largest_step=largest_step,
+    case=rational_case,
+    pair_case=gaussian_case,
+    source="the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md",
+)
