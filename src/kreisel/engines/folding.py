@@ -74,15 +74,9 @@ def _either(method: str, plain: Callable[[float, float], Any]) -> Callable[[Any,
     return function
 
 
-def _plain_error(x: float, y: float) -> float:
-    return float(Fraction(x) + Fraction(y) - Fraction(x + y))
-
-
 FUNCTIONS = {
     "fma": _fma,
     "sqrt": lambda x: x.sqrt() if isinstance(x, Scalar) else math.sqrt(x),
     "sign": lambda x: x.sign() if isinstance(x, Scalar) else (-1.0 if x < 0 else 1.0),
     "max": _either("maximum", max),
-    "plain_sum": lambda x, y: _either("record_two_sum", lambda x, y: (x + y, 0.0))(x, y)[0],
-    "sum_error": lambda x, y: _either("record_two_sum", lambda x, y: (0.0, _plain_error(x, y)))(x, y)[1],
 }

@@ -43,8 +43,7 @@ def operation(line: Line) -> tuple[str, str, str]:
 def arranged(lines: list[Line], outputs: list[str]) -> list[Line]:
     """Fused sums and shared reciprocals.
 
-    A product that one sum alone needs is fused into it, unrounded: the corrections that keep round-off from adding
-    up rest on that (`kreisel.algebra.cayley_columns`).  Several quotients by one number take its reciprocal.
+    A product that one sum alone needs is fused into it.  Several quotients by one number take its reciprocal.
     """
     return list(_arranged(tuple(lines), tuple(outputs)))
 

@@ -204,30 +204,12 @@ class Scalar:
         """x * y + self for plain x, y, rounded once."""
         return self._new(f"fma({x!r}, {y!r}, {self.signed})", self.name)
 
-    def record_two_sum(self, other: Any) -> tuple[Any, Any]:
-        if not isinstance(other, Scalar):
-            return (self, 0.0) if other == 0 else _two_sum(self, other)
-        return (0.0, 0.0) if (other.name == self.name and other.negative != self.negative) else _two_sum(self, other)
-
-    def record_product_error(self, other: Any, product: Any) -> Any:
-        if not isinstance(other, Scalar):
-            if other not in (0, 1, -1, 2, -2):
-                raise TypeError(f"a recorded number times {other!r}: the error of such a product is not recorded")
-            return 0.0
-        error = self._new(f"fma({self.name}, {other.name}, -{product.name})", self.name, other.name, product.name)
-        return -error if product.negative else error
-
     @property
     def signed(self) -> str:
         return f"(-{self.name})" if self.negative else self.name
 
     def __repr__(self) -> str:
         return self.signed
-
-
-def _two_sum(x: Scalar, y: Any) -> tuple[Scalar, Scalar]:
-    needs = (x.name, y.name) if isinstance(y, Scalar) else (x.name,)
-    return x._new(f"plain_sum({text(x)}, {text(y)})", *needs), x._new(f"sum_error({text(x)}, {text(y)})", *needs)
 
 
 def _names(*numbers: Any) -> tuple[str, ...]:
