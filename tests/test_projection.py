@@ -1,4 +1,4 @@
-"""Round-off in one place: the projection of the state onto the invariants of the start (`kreisel.engines.projection`)."""
+"""Round-off in one place: the state is put back on the invariants of the start, every K steps."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ from numba import njit
 from numpy import ascontiguousarray, eye, full
 from numpy.linalg import solve
 
-from kreisel.engines.fused import fma, plain_sum, sign, sum_error
+from kreisel.engines.fused import fma, sign
 
 '''
 

@@ -44,18 +44,6 @@ else:
 
 
 @cuda.jit(device=True, inline="always")
-def plain_sum(x, y):
-    return x + y
-
-
-@cuda.jit(device=True, inline="always")
-def sum_error(x, y):
-    total = x + y
-    part = total - x
-    return (x - (total - part)) + (y - part)
-
-
-@cuda.jit(device=True, inline="always")
 def sign(x):
     return -1.0 if x < 0.0 else 1.0
 

@@ -27,24 +27,6 @@ def fma(typing_context: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 @intrinsic
-def plain_sum(typing_context: Any, x: Any, y: Any) -> Any:
-    """x + y, rounded."""
-    return _of((x, y), ir.IRBuilder.fadd)
-
-
-@intrinsic
-def sum_error(typing_context: Any, x: Any, y: Any) -> Any:
-    """x + y less their rounded sum, exactly (Knuth's two-sum)."""
-
-    def emit(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
-        total = builder.fadd(x, y)
-        part = builder.fsub(total, x)
-        return builder.fadd(builder.fsub(x, builder.fsub(total, part)), builder.fsub(y, part))
-
-    return _of((x, y), emit)
-
-
-@intrinsic
 def sign(typing_context: Any, x: Any) -> Any:
     """-1 where x < 0, else 1."""
 
