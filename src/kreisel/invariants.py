@@ -13,6 +13,7 @@ import numpy as np
 from kreisel.algebra import (
     Array,
     act,
+    axial,
     coordinates_of,
     dot,
     holds_objects,
@@ -83,7 +84,11 @@ def casimirs(M: Array, P: Array, most: int = 4) -> Array:
 
     The first two are |P|^2 and |P|^2 <M, M> - |M P|^2; for n = 3 the second is (M . P)^2.
     """
-    n, B = M.shape[-1], faddeev_leverrier(M, 2 * most - 2)[1]
+    n = M.shape[-1]
+    if n == 3:
+        along = dot(axial(M), P)
+        return stack([dot(P, P), along * along])
+    B = faddeev_leverrier(M, 2 * most - 2)[1]
     return stack([form(P, B[k], P) for k in range(0, min(n, 2 * most), 2)])
 
 
@@ -94,6 +99,11 @@ def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
     <p, B_k p> (lambda^-2), up to sign, with c and B of `faddeev_leverrier(m)`; odd k vanish.
     """
     n = m.shape[-1]
+    if n == 3:  # B_2 = u u^T for m = hat(u)
+        u = axial(m)
+        along_b, along_p = dot(u, b), dot(u, p)
+        first = [dot(b, b), dot(u, u) + 2 * dot(b, p)]
+        return stack([*first, along_b * along_b, 2 * along_b * along_p, along_p * along_p])
     c, B = faddeev_leverrier(m, 2 * most)
     out = []
     for k in range(0, min(n, 2 * most), 2):
