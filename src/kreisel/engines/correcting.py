@@ -15,7 +15,7 @@ TAU = 1e-6  # of a row of length 1: what depends on the others to less is left a
 FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
 WIDTH = 8  # lanes at once
 FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
-NUMBERS = 18  # in the table
+NUMBERS = 20  # in the table
 # K: parts of 10^k.  With SHARE projections take 1 to 5 % of the time, measured for n = 3, 5, 10, alone and in lanes.
 INTERVALS = tuple(int(m * 10**e / 10) for e in range(2, 12) for m in (10, 20, 25, 40, 50, 80))
 SHARE = 0.011  # operations of a projection that an operation of a step may cost
@@ -30,7 +30,7 @@ def put_sum(room, high, low, p, e):
 
 
 {compiled}
-def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin):
+def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin, free):
     d, k = {size_of_state}, len(outs)
     base = d + len(columns) + len(literals)
     count = base + len(ops)
@@ -91,6 +91,9 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
             for j in range(k):
                 targets[at, j, 2] = entry(room, outs[j], w)
         return
+    for i in range(count):
+        for w in range({width}):
+            set_entry(room, S + i, w, 0.0)
     start = 0
     for j in range(k):
         for w in range({width}):
@@ -119,7 +122,7 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
         start = ends[j]
         for i in range(d):
             g = get(room, S + i)
-            put(room, J + j * d + i, g)
+            put(room, J + j * d + i, g if i >= free else times(g, 0.0))
             put(room, S + i, times(g, 0.0))
     nothing = times(get(room, 0), 0.0)
     total = nothing
@@ -218,19 +221,21 @@ TABLE = '''
 
 @cfunc("void(i8, i8, i8, i8, i8)", cache=True, error_model="numpy")
 def project(table, place, first, last, begin):
-    """The lanes from first to last; `table` has the numbers below, `place` is room for them."""
-    t = carray(longs(table), ({numbers},))
-    lanes, d, constants, k, columns_used, literals_used, length_of_ops, length_of_cones = t[:8]
-    ops = carray(integers(t[8]), (length_of_ops, 3))
-    outs, ends = carray(integers(t[9]), (k,)), carray(integers(t[10]), (k,))
-    cones, columns = carray(integers(t[11]), (length_of_cones,)), carray(integers(t[12]), (columns_used,))
-    literals = carray(doubles(t[13]), (literals_used,))
-    targets, worst = carray(doubles(t[14]), (lanes, k, 3)), carray(doubles(t[15]), (lanes, k))
-    z, c = carray(doubles(t[16]), (lanes, d)), carray(doubles(t[17]), (lanes, constants))
-    count = d + columns_used + literals_used + length_of_ops
-    room = carray(doubles(place), (3 * count + k * (d + k + 1) + 4, {width}))
-    for lane in range(first, last, {width}):
-        block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin)
+    """The lanes from first to last; `table` has the numbers below and where the next one is, `place` is room."""
+    while table != 0:
+        t = carray(longs(table), ({numbers},))
+        lanes, d, constants, k, columns_used, literals_used, length_of_ops, length_of_cones = t[:8]
+        ops = carray(integers(t[8]), (length_of_ops, 3))
+        outs, ends = carray(integers(t[9]), (k,)), carray(integers(t[10]), (k,))
+        cones, columns = carray(integers(t[11]), (length_of_cones,)), carray(integers(t[12]), (columns_used,))
+        literals = carray(doubles(t[13]), (literals_used,))
+        targets, worst = carray(doubles(t[14]), (lanes, k, 3)), carray(doubles(t[15]), (lanes, k))
+        z, c = carray(doubles(t[16]), (lanes, d)), carray(doubles(t[17]), (lanes, constants))
+        count = d + columns_used + literals_used + length_of_ops
+        room = carray(doubles(place), (3 * count + k * (d + k + 1) + 4, {width}))
+        for lane in range(first, last, {width}):
+            block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin, t[18])
+        table = t[19]
 '''
 
 
@@ -316,11 +321,13 @@ class Corrections:
     every    steps between two projections; `done` of them were made since the last one
     targets  the values at the start, in two doubles each, and the size of their terms (lanes, invariants, 3)
     worst    the largest correction of each yet, as a distance in state space in units of eps_machine |z|
+    bound    as `targets`, of what binds an orientation to the state
     """
 
-    def __init__(self, labels: tuple[str, ...], every: int, lanes: int):
+    def __init__(self, labels: tuple[str, ...], every: int, lanes: int, bonds: int = 0):
         self.labels, self.every, self.done = labels, every, 0
         self.targets, self.worst = np.zeros((lanes, len(labels), 3)), np.zeros((lanes, len(labels)))
+        self.bound = np.zeros((lanes, bonds, 3))
 
     def peek(self, z: Floats) -> Floats:
         """`worst` with what the state z lacks at this moment (lanes, invariants); nothing changes."""
@@ -365,27 +372,40 @@ class Corrections:
 
     def snapshot(self) -> dict[str, Floats]:
         """All that the next steps depend on."""
-        return {"targets": self.targets, "worst": self.worst, "done": np.array(float(self.done))}
+        done = np.array(float(self.done))
+        return {"targets": self.targets, "bound": self.bound, "worst": self.worst, "done": done}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         """Go on from a snapshot."""
-        self.targets[:], self.worst[:] = snapshot["targets"], snapshot["worst"]
+        for name in ("targets", "bound", "worst"):
+            getattr(self, name)[:] = snapshot[name]
         self.done = int(snapshot["done"])
 
 
 class Projection(Corrections):
     """The compiled projection of rows z (lanes, d), which kernels call by its address."""
 
-    def __init__(self, program: Program, every: int, z: Floats, constants: Floats, width: int):
+    def __init__(self, program: Program, also: Program | None, every: int, z: Floats, constants: Floats, width: int):
         from kreisel.engines.cpu import load
 
-        super().__init__(program.labels, every, len(z))
-        self._z, self._room, self._compiled = z, program.rows * width, load(source(width)).project
-        sizes = [*z.shape, constants.shape[1], len(program.outs), len(program.columns), len(program.literals)]
-        self._held = (*program.arrays, self.targets, self.worst, z, constants)  # as long as their addresses are used
-        addresses = [array.ctypes.data for array in self._held]
-        self._table = np.array([*sizes, len(program.ops), len(program.cones), *addresses], dtype=np.int64)
+        super().__init__(program.labels, every, len(z), 0 if also is None else len(also.outs))
+        self._z, self._compiled = z, load(source(width)).project
+        self._room = width * max(program.rows, 0 if also is None else also.rows)
+        self._held: list[np.ndarray] = []  # as long as their addresses are used
+        second = 0 if also is None else self._table(also, self.bound, np.zeros(self.bound.shape[:2]), z, constants, 0)
+        self._first = self._table(program, self.targets, self.worst, z, constants, second)
         self._call(1)
+
+    def _table(
+        self, program: Program, targets: Floats, worst: Floats, z: Floats, constants: Floats, following: int
+    ) -> int:
+        """The address of a table of all that is needed for a program."""
+        sizes = [*z.shape, constants.shape[1], len(program.outs), len(program.columns), len(program.literals)]
+        arrays = (*program.arrays, targets, worst, z, constants)
+        addresses = [array.ctypes.data for array in arrays]
+        table = [*sizes, len(program.ops), len(program.cones), *addresses, program.first, following]
+        self._held += [*arrays, np.array(table, dtype=np.int64)]
+        return self._held[-1].ctypes.data
 
     @property
     def weave(self) -> Woven:
@@ -395,11 +415,11 @@ class Projection(Corrections):
     @property
     def arguments(self) -> tuple[int, ...]:
         """What a kernel takes for it."""
-        return self.done, self.every, self._compiled.address, self._table.ctypes.data
+        return self.done, self.every, self._compiled.address, self._first
 
     def _call(self, begin: int) -> None:
         room = np.zeros(self._room)
-        self._compiled.ctypes(self._table.ctypes.data, room.ctypes.data, 0, len(self._z), begin)
+        self._compiled.ctypes(self._first, room.ctypes.data, 0, len(self._z), begin)
 
     def apply(self) -> None:
         """Project the state, in place."""

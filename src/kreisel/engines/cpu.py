@@ -27,7 +27,7 @@ from kreisel.engines.correcting import WIDTH as WIDE
 from kreisel.engines.correcting import Projection, Weave, interval, plain
 from kreisel.engines.kept import module
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.engines.projection import program_of
+from kreisel.engines.projection import program_of, program_of_orientation
 from kreisel.engines.recording import (
     Recording,
     flat_constants,
@@ -136,10 +136,11 @@ class Kernel:
             record = Recording(scheme, self.constants, columns, stage_columns)
             in_vectors = len(self.z) > 1 and record.straight
             program = program_of(scheme, columns) if project else None
+            also = program_of_orientation(scheme) if project else None
             width, weave = (WIDE if in_vectors else 1), plain
             if program is not None:
-                every = interval(program.cost, record.work * scheme.stage_count)
-                self.projection = Projection(program, every, self.z, self.constants, width)
+                every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
+                self.projection = Projection(program, also, every, self.z, self.constants, width)
                 weave = self.projection.weave
             text = lanes.source(record, EXACT, weave) if in_vectors else _one_by_one(record, weave)
             self.source = _head(scheme, record) + weave.head + text

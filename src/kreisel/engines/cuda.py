@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.engines.correcting import FLAT, TAU, Corrections, block, interval
 from kreisel.engines.cpu import load
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.engines.projection import Program, program_of
+from kreisel.engines.projection import Program, program_of, program_of_orientation
 from kreisel.engines.recording import Recording, flat_constants, flat_stages, indented
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
@@ -117,11 +117,11 @@ def set_entry(room, row, w, value):
 {block}
 
 @cuda.jit
-def project(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, first, begin):
+def project(ops, outs, cones, ends, literals, columns, targets, worst, free, z, c, room, first, begin):
     place = cuda.grid(1)
     lane = first + place
     if place < room.shape[1] and lane < z.shape[1]:
-        block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, lane + 1, begin)
+        block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, lane + 1, begin, free)
 '''
 
 
@@ -188,8 +188,8 @@ def _loaded(constants: list[str], stage: str) -> list[str]:
 class Projection(Corrections):
     """The projection on a GPU, one thread a state, of z (d, lanes) and constants (count, lanes) that lie there."""
 
-    def __init__(self, program: Program, every: int, cuda: Any, z: Any, constants: Any):
-        super().__init__(program.labels, every, z.shape[1])
+    def __init__(self, program: Program, also: Program | None, every: int, cuda: Any, z: Any, constants: Any):
+        super().__init__(program.labels, every, z.shape[1], len(also.outs) if also else 0)
         text = PROJECTION.format(
             tau=TAU,
             flat=FLAT,
@@ -197,21 +197,31 @@ class Projection(Corrections):
             block=block(INLINE, "@cuda.jit(device=True)", "z[i, at]", "c[columns[i], at]", 1),
         )
         self._kernel, self._cuda, self._z, self._constants = load(text).project, cuda, z, constants
-        ops, outs, ends, cones, columns, literals = map(cuda.to_device, program.arrays)
-        self._program = ops, outs, cones, ends, literals, columns
         self._known = cuda.to_device(self.targets), cuda.to_device(self.worst)
-        self._room = program.rows, min(z.shape[1], max(THREADS, ROOM // (8 * program.rows)))
+        self._bound = cuda.to_device(self.bound)
+        self._programs = [(*self._there(program), *self._known, program.first)]
+        if also is not None:
+            scratch = cuda.to_device(np.zeros(self.bound.shape[:2]))
+            self._programs.append((*self._there(also), self._bound, scratch, also.first))
+        rows = max(program.rows, also.rows if also else 0)
+        self._room = rows, min(z.shape[1], max(THREADS, ROOM // (8 * rows)))
         self._call(1)
         self._read()
 
     def _call(self, begin: int) -> None:
         room = self._cuda.to_device(np.zeros(self._room))
         blocks = -(-self._room[1] // THREADS)
-        for first in range(0, len(self.targets), self._room[1]):
-            self._kernel[blocks, THREADS](*self._program, *self._known, self._z, self._constants, room, first, begin)
+        for program in self._programs:
+            for first in range(0, len(self.targets), self._room[1]):
+                self._kernel[blocks, THREADS](*program, self._z, self._constants, room, first, begin)
+
+    def _there(self, program: Program) -> tuple[Any, ...]:
+        ops, outs, ends, cones, columns, literals = map(self._cuda.to_device, program.arrays)
+        return ops, outs, cones, ends, literals, columns
 
     def _read(self) -> None:
-        self.targets, self.worst = (array.copy_to_host() for array in self._known)
+        arrays = (*self._known, self._bound)
+        self.targets, self.worst, self.bound = (array.copy_to_host() for array in arrays)
 
     def apply(self) -> None:
         """Project the state on the GPU, in place."""
@@ -229,7 +239,7 @@ class Projection(Corrections):
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         super().restore(snapshot)
-        for array, value in zip(self._known, (self.targets, self.worst), strict=True):
+        for array, value in zip((*self._known, self._bound), (self.targets, self.worst, self.bound), strict=True):
             array.copy_to_device(value)
 
 
@@ -251,10 +261,11 @@ class Kernel:
         self._stages = self._on_gpu(stages.transpose(1, 2, 0))
         self._state = self._on_gpu(self.z.T)
         program = program_of(scheme, columns) if project and engine == "cuda" else None
+        also = program_of_orientation(scheme) if program else None
         self.projection: Projection | None = None
         if program is not None:
-            every = interval(program.cost, record.work * scheme.stage_count)
-            self.projection = Projection(program, every, self._cuda, self._state, self._constants)
+            every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
+            self.projection = Projection(program, also, every, self._cuda, self._state, self._constants)
 
     def _on_gpu(self, values: Floats) -> Any:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))

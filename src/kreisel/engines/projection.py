@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, operation
 from kreisel.engines.recording import recorded_arguments
 from kreisel.engines.trace import Scalar, Tape
+from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
 
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
@@ -51,6 +52,7 @@ class Program:
     names    of the invariants as recorded, and `labels` as a user knows them
     ops      (L, 3): what is done (`OPERATIONS`), and the registers of both operands
     outs     the registers of the invariants
+    first    the first number of z that may change
     cones    the operations that each invariant depends on and that depend on z, the last one first; `ends` of each
     """
 
@@ -63,6 +65,7 @@ class Program:
     ends: np.ndarray
     literals: Floats
     columns: np.ndarray
+    first: int = 0
 
     @property
     def registers(self) -> int:
@@ -84,6 +87,19 @@ class Program:
     def arrays(self) -> tuple[np.ndarray, ...]:
         """All numbers of it."""
         return self.ops, self.outs, self.ends, self.cones, self.columns, self.literals
+
+
+def program_of_orientation(scheme: Scheme) -> Program | None:
+    """What binds an orientation to the state, of which the orientation alone gives way; None where there is none."""
+    if scheme.held is None:
+        return None
+    tape = Tape()
+    parts, _ = recorded_arguments(scheme, tape, {})
+    entries = [entry for value in scheme.held(parts) for entry in np.ravel(value)]
+    sizes = [layout.size(kind, scheme.n) for _, kind in scheme.components]
+    first = [letter for letter, _ in scheme.components].index(ORIENTATION)
+    program = _program(tape, {entry.name: ORIENTATION for entry in entries if isinstance(entry, Scalar)}, sum(sizes))
+    return None if program is None else replace(program, first=sum(sizes[:first]))
 
 
 def program_of(scheme: Scheme, columns: Mapping[str, slice]) -> Program | None:

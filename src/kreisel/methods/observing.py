@@ -110,6 +110,30 @@ def _entries(X: Array) -> Array:
     return algebra.axial(X) if X.shape[-1] == 3 else algebra.coordinates(X)
 
 
+def held_by_orientation(model: Model, components: Components) -> Callable[[tuple[Array, ...]], list[Array]] | None:
+    """What an orientation g leaves constant: its own orthogonality, and what is carried, seen from the other frame.
+
+    g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None where the
+    method does not step the system's own variables.
+    """
+    space = model.system.space
+    count, rest = len(space.letters), model.system.frame is Frame.REST
+    if components[:count] != space.components or len(components) == count or components[count][0] != ORIENTATION:
+        return None
+
+    def held(z: tuple[Array, ...]) -> list[Array]:
+        g = z[count]
+        out = [algebra.dot(g, g)] if g.ndim == 1 else [algebra.coordinates_of("symmetric", g.mT @ g)]
+        turn = algebra.rotation_matrix(g) if g.ndim == 1 else g
+        turn = turn.mT if rest else turn
+        for i in space.carried or (0,):
+            turned = algebra.act(turn, z[i]) if space.kinds[i] == "vector" else turn @ z[i] @ turn.mT
+            out.append(algebra.coordinates_of(space.kinds[i], turned))
+        return out
+
+    return held
+
+
 def orientation_outcome(model: Model) -> Outcome:
     """What g means in the frame of the system."""
     carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"

@@ -91,6 +91,7 @@ class Scheme:
     jump                                the same as the flow of a top, which an engine knows at any time; or None
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; also takes `basis`
     reopen(x)              -> z         from an observed state back to the method's own variables
+    held(z)                -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
 
     A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
@@ -118,6 +119,7 @@ class Scheme:
     numbers: str = "any"  # as in the record: what step and rate work on
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
+    held: Callable[[tuple[Array, ...]], list[Array]] | None = None
 
     @property
     def stage_count(self) -> int:

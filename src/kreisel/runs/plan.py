@@ -17,7 +17,7 @@ from kreisel.engines import layout
 from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import InputError, nearest, shown
 from kreisel.methods import Scheme, default_method, scheme
-from kreisel.methods.observing import ORIENTATION
+from kreisel.methods.observing import ORIENTATION, held_by_orientation
 from kreisel.model import Model, State
 
 if TYPE_CHECKING:
@@ -172,6 +172,7 @@ def make_plan(
     if tol is not None:
         raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={shown(order)} came.")
     plan = scheme(model, method, dt, order, orientation is not None)
+    plan = replace(plan, held=held_by_orientation(model, plan.components))
     parts = _parts(model, state, orientation)
     engine = _known_engine(engine)
     plan, start, printer = _lanes(model, plan, parts, engine)
