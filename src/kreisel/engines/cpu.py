@@ -22,7 +22,7 @@ import numba
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.engines import arrays, lanes
+from kreisel.engines import arrays, lanes, layout
 from kreisel.engines.correcting import WIDTH as WIDE
 from kreisel.engines.correcting import Projection, Weave, interval, plain
 from kreisel.engines.kept import module
@@ -35,7 +35,7 @@ from kreisel.engines.recording import (
     indented,
     recorded_outputs,
 )
-from kreisel.methods.scheme import Scheme
+from kreisel.methods.scheme import Plain, Scheme
 
 if TYPE_CHECKING:
     from kreisel.engines.levels import Printer
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 EXACT = 'cache=True, nogil=True, error_model="numpy"'
 FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
 WIDTH = 64  # shares of the lanes are whole multiples of it
+LARGE_WORK = 20  # operations of a structured kernel for each of the n entries of a vector
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 
@@ -129,9 +130,12 @@ class Kernel:
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
         self.projection: Projection | None = None
+        self._in_python: Callable[[], Floats] | None = None  # the projection, where the kernel does not call it
         if printer is not None:
             head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
             self.source = printer(columns, stage_columns, head, EXACT)
+            if project and scheme.plain is not None:
+                self._project_plain(scheme, scheme.plain)
         else:
             record = Recording(scheme, self.constants, columns, stage_columns)
             in_vectors = len(self.z) > 1 and record.straight
@@ -146,9 +150,42 @@ class Kernel:
             self.source = _head(scheme, record) + weave.head + text
         self._kernel = load(self.source).kernel
 
+    def _project_plain(self, scheme: Scheme, before: Plain) -> None:
+        """Project the state as it was before it was put into the form of the kernel, there and back."""
+        inner, kinds = before.scheme, [kind for _, kind in before.scheme.components]
+        outer = [kind for _, kind in scheme.components]
+        constants, columns = flat_constants(inner, len(self.z))
+        program = program_of(inner, columns)
+        if program is None:
+            return
+
+        def there(z: Floats) -> Floats:
+            return np.array(layout.flatten(before.back(layout.restore(z, outer, scheme.n), **scheme.basis), kinds))
+
+        state, also = there(self.z), program_of_orientation(inner)
+        every = interval(program.cost + (also.cost if also else 0), LARGE_WORK * scheme.n * scheme.stage_count)
+        self.projection = Projection(program, also, every, state, constants, WIDE if len(state) > 1 else 1)
+
+        def project() -> Floats:
+            state[:] = there(self.z)
+            projection.apply()
+            self.z[:] = layout.flatten(before.into(layout.restore(state, kinds, scheme.n), **scheme.basis), outer)
+            return self.z
+
+        projection, self._in_python = self.projection, project
+        projection.seen = there
+
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if self.projection is not None and self._in_python is not None:
+            self.projection.in_parts(out, every, self._advance, self._in_python)
+        else:
+            self._advance(out, every)
+            if self.projection is not None:
+                self.projection.count(len(out) * every)
+
+    def _advance(self, out: Floats, every: int) -> None:
         parts = list(shares(len(self.z), len(out) * every * len(self.z)))
-        more = self.projection.arguments if self.projection else ()
+        more = self.projection.arguments if self.projection and self._in_python is None else ()
 
         def work_on(part: tuple[int, int]) -> None:
             self._kernel(self.z, self.constants, self.stages, out, every, *part, *more)
@@ -160,8 +197,6 @@ class Kernel:
                 work = [pool.submit(work_on, part) for part in parts]
             for done in work:
                 done.result()
-        if self.projection:
-            self.projection.count(len(out) * every)
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}

@@ -27,7 +27,7 @@ from kreisel.engines.products import Change, Inverse, Upkeep
 from kreisel.engines.structured import AXIS, Columns, Dense, Matrix, Rows, Vector, changed_inverse
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.errors import InputError
-from kreisel.methods.scheme import Scheme
+from kreisel.methods.scheme import Plain, Scheme
 
 AXIS_NAME, TURN_NAME = "axis", "turn"
 TURN = f"c_{TURN_NAME}"
@@ -162,7 +162,16 @@ class Form:
             reopen=lambda x: into(scheme.reopen(x)),
             numbers="structured",
             basis=basis.arrays if basis else {},
+            plain=Plain(
+                scheme,
+                (lambda z, **known: basis.with_arrays(known).back(z)) if basis else lambda z: self._back(z),
+                (lambda z, **known: basis.with_arrays(known).into(z)) if basis else self._into,
+            ),
         )
+
+    def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The inverse of `_into`."""
+        return tuple(algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
 
     def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         """The state as the kernel has it, without inverses yet."""
@@ -174,8 +183,7 @@ class Form:
 
     def _observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
         def of_rows(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            back = (algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
-            return observe(tuple(back), **known)
+            return observe(self._back(z), **known)
 
         return of_rows
 
@@ -372,10 +380,14 @@ class Basis:
         """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
 
         def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            given = {name.removeprefix(BASIS): known.pop(name) for name in self.arrays if name in known}
-            return observe(replace(self, **given).back(z), **known)
+            given = {name: known.pop(name) for name in self.arrays if name in known}
+            return observe(self.with_arrays(given).back(z), **known)
 
         return of_blocks
+
+    def with_arrays(self, known: Mapping[str, Array]) -> Basis:
+        """The basis with these `arrays` in the place of its own."""
+        return replace(self, **{name.removeprefix(BASIS): value for name, value in known.items()})
 
     def back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         """The components of blocks."""

@@ -31,6 +31,7 @@ from kreisel.engines.trace import Scalar, Tape
 from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
 
+MOST_N = 8  # beyond, recording takes seconds, and nothing is projected
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
 SAMPLES, INDEPENDENT = 256, 1e-7
 OPERATIONS = {"+": 0, "-": 1, "*": 2, "/": 3, "sqrt": 4}
@@ -104,16 +105,20 @@ def program_of_orientation(scheme: Scheme) -> Program | None:
 
 def program_of(scheme: Scheme, columns: Mapping[str, slice]) -> Program | None:
     """The invariants that a scheme conserves, on recorded numbers; None where there is nothing to project."""
+    if scheme.n > MOST_N:
+        return None
     tape = Tape()
     parts, known = recorded_arguments(scheme, tape, {"c": columns})
     size = sum(layout.size(kind, scheme.n) for _, kind in scheme.components)
     found: dict[str, str] = {}  # by the recorded name, without factors that are constant
-    for name, value in scheme.observe(parts, **known).items():
+    outputs = scheme.observe(parts, **known)
+    lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
+    for name, value in outputs.items():
         entries = np.asarray(value, dtype=object)
         for place, entry in enumerate(entries.flat if scheme.outcomes[name].kept else ()):
             if isinstance(entry, Scalar):
                 label = f"{name}[{place}]" if entries.ndim else name
-                found.setdefault(_without_factors(tape, entry.name, size), label)
+                found.setdefault(_without_factors(lines, varying, entry.name), label)
     program = _program(tape, found, size)
     if program is None or len(program.cones) > MOST_CHOSEN:
         return program
@@ -128,9 +133,8 @@ def _varying(lines: list[Line], size: int) -> set[str]:
     return names
 
 
-def _without_factors(tape: Tape, name: str, size: int) -> str:
+def _without_factors(lines: Mapping[str, Line], varying: set[str], name: str) -> str:
     """The name of x for c x, c constant: where c x is conserved for every c, so is x."""
-    lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
     while name in lines:
         x, what, y = operation(lines[name])
         if what == "*" and (x in varying) != (y in varying):

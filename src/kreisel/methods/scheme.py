@@ -77,6 +77,15 @@ class Guard:
 
 
 @dataclass(frozen=True)
+class Plain:
+    """A scheme before it was put into another form, and the way of states there and back; both also take `basis`."""
+
+    scheme: Scheme
+    back: Callable[..., tuple[Array, ...]]
+    into: Callable[..., tuple[Array, ...]]
+
+
+@dataclass(frozen=True)
 class Scheme:
     """A method for one model.
 
@@ -92,6 +101,7 @@ class Scheme:
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; also takes `basis`
     reopen(x)              -> z         from an observed state back to the method's own variables
     held(z)                -> arrays    constant along a trajectory, which bind an orientation to the state; or None
+    plain                               of a scheme in the form of an engine: as it was before; or None
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
 
     A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
@@ -120,6 +130,7 @@ class Scheme:
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
+    plain: Plain | None = None
 
     @property
     def stage_count(self) -> int:
