@@ -1,219 +1,184 @@
-"""Do rounding errors walk at random?  Every integral of every map over decades of steps.
+"""What rounding does to a run: integrals and states after 10^5 to 10^9 steps, with and without the projection.
 
-A random walk of N rounding errors stays within a few bands eps_machine * (sensitivity * sqrt(N) + size), the
-unit of `kr.drift`; a bias, however small, grows through the band like sqrt(N).  For each run and each integral:
+integrals   the largest change of anything conserved, in units in the last place of its scale (`kr.drift`, ulps), at the
+            saved rows of a run; and the largest correction; of every system here by its own method
+states      the largest error of the state, over the number of steps, of random Lagrange tops, against the closed form
+            of the iterates of the same map (`kr.at`), which makes no step
+picture     docs/round-off.png: one top by RK4, by DOP853, by the map as it is and by the projected map
 
-ratio  max |change| in bands; the requirement is 2 or less
-z      last change over what the run's own 1000 increments make of a random walk: about normal, |z| < 4, without bias
-slope  last change over N, the bias a step if there is one
-
-and for each map over all its runs, of the first Casimir (|a|^2, |P|^2) and the deformed energy:
-
-rms z     1 for a random walk, growing like sqrt(N) for a bias
-exponent  of N in the root mean square of the last change: 1/2 for a walk, 1 for a bias
+    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--part integrals|states|picture]
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cases import RESULTS, Case, cases, machine
+from cases import cases, machine, parser, write
 
 import kreisel as kr
+from kreisel.lab import exact
+from kreisel.methods import default_method
+from kreisel.systems import REGISTRY
 
-STEPS_OF_TIME = (0.05, 0.2, 0.33, 1.0)  # 0.2: short decimals are where a bias shows
-DECADES = (10**6, 10**7, 10**8)
-
-DECADES_QUICK = (10**5, 10**6, 10**7)
-LONGEST = (10**8, 10**9, 10**10)  # of 0.2
-SAVED = 1000
-ALLOWED, SIGNIFICANT = 2.0, 4.0
-
-
-def runs_of(
-    case: Case, states: dict[str, dict[str, Any]], dt: float, steps: int, method: str = "suris", order: int = 1
-) -> list[dict[str, dict[str, float]]]:
-    """For each state, per kept integral: ratio, z, slope and last change in bands.
-
-    All states run as lanes of one ensemble, which has the bits of single runs.
-    """
-    each = [case.model.state(**state) for state in states.values()]
-    start = {letter: np.stack([state[letter] for state in each]) for letter in each[0]}
-    options = {"dt": dt, "steps": steps, "every": steps // SAVED, "method": method, "order": order}
-    ensemble = kr.simulate(case.model, case.model.state(**start), progress=False, **options)
-    return [_rows(ensemble.isel(lane=lane), steps) for lane in range(len(states))]
+ROWS = 100
+PICTURE = Path(__file__).parents[1] / "docs" / "round-off.png"
+DT = 0.1
+START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
 
 
-def _rows(run: Any, steps: int) -> dict[str, dict[str, float]]:
-    table = kr.drift(run)
-    rows = {}
-    for name, told in table[table["conserved"]].iterrows():
-        series = _series(run, str(name))
-        increments, last = np.diff(series), float(series[-1] - series[0])
-        spread = float(increments.std() * np.sqrt(len(increments)))
-        rows[str(name)] = {
-            "ratio": _short(told["ratio"]),
-            "z": _short(last / spread) if spread > 0 else 0.0,
-            "slope": _short(last / steps),
-            "bands": _short(last / told["roundoff"]) if told["roundoff"] > 0 else 0.0,
-        }
-    return rows
-
-
-def _short(x: float) -> float:
-    return float(f"{x:.4g}")
-
-
-def _series(run: Any, label: str) -> np.ndarray:
-    """The values of "energy_eps" or "spectrum_eps[1]", a row of `kr.drift`, against time."""
-    name, _, part = label.rstrip("]").partition("[")
-    values = np.asarray(run[name].values)
-    return values[:, int(part)] if part else values
-
-
-def one_map(case: Case, decades: tuple[int, ...], times: tuple[float, ...] = STEPS_OF_TIME) -> dict[str, Any]:
-    """All runs of a map, and what they say together."""
-    runs = [
-        {"state": label, "dt": dt, "steps": steps, "integrals": rows}
-        for steps in decades
-        for dt in times
-        for label, rows in zip(case.states, runs_of(case, case.states, dt, steps), strict=True)
-    ]
-    return {"n": case.n, "worst_ratio": _worst(runs, decades), "trend": _trends(runs, decades), "runs": runs}
-
-
-def _worst(runs: list[dict[str, Any]], decades: tuple[int, ...]) -> dict[str, dict[str, float]]:
-    out: dict[str, dict[str, float]] = {}
-    for run in runs:
-        for name, row in run["integrals"].items():
-            worst = out.setdefault(name, {f"{steps:.0e}": 0.0 for steps in decades})
-            worst[f"{run['steps']:.0e}"] = max(worst[f"{run['steps']:.0e}"], round(row["ratio"], 3))
-    return out
-
-
-def _trends(runs: list[dict[str, Any]], decades: tuple[int, ...]) -> dict[str, dict[str, Any]]:
+def integrals(steps: int) -> dict[str, Any]:
+    """For each system and n the worst change and correction, by its own method; the tops' maps with suris too."""
     out = {}
-    for name in ("casimir[0]", "energy_eps"):
-        z, rms = {}, []
-        for steps in decades:
-            rows = [run["integrals"][name] for run in runs if run["steps"] == steps]
-            z[f"{steps:.0e}"] = np.array([row["z"] for row in rows])
-            rms.append(np.sqrt(steps * np.mean([row["bands"] ** 2 for row in rows])))
-        slopes = [abs(run["integrals"][name]["slope"]) for run in runs if run["steps"] == decades[-1]]
-        out[name] = {
-            "rms_z": {k: round(float(np.sqrt((v**2).mean())), 2) for k, v in z.items()},
-            "max_abs_z": {k: round(float(abs(v).max()), 2) for k, v in z.items()},
-            "exponent": round(float(np.polyfit(np.log(decades), np.log(rms), 1)[0]), 2),
-            "largest_slope": max(slopes),
-        }
+    for name, system in REGISTRY.items():
+        for n in (3, 4, 5):
+            if system.n not in (None, n):
+                continue
+            draw = exact.float_random(np.random.default_rng([7, n]))
+            model = exact.random_model(system, n, draw)
+            state = dict(zip(system.space.letters, exact.random_state(system.space, n, draw), strict=True))
+            methods = {default_method(model)} | ({"suris"} if system.map and not system.map.symmetric else set())
+            for method in sorted(methods - {"dop853", "exact"}):
+                count = steps if n == 3 else steps // 10
+                row = _still(model, state, method, {"rosochatius": 0.02}.get(name, DT), count)
+                out[f"{name}, n = {n}, {method}"] = row
+                print(f"{name}, n = {n}, {method}: {row}", flush=True)
     return out
 
 
-def verdict(result: dict[str, Any]) -> list[str]:
-    """The integrals beyond the requirement, and the Casimirs with a trend, at the longest runs."""
-    told = []
-    for name, found in result.items():
-        for integral, ratios in found["worst_ratio"].items():
-            last = list(ratios.values())[-1]
-            if last > ALLOWED:
-                told.append(f"{name}: {integral} at {last:.2f} bands")
-        for integral, trend in found["trend"].items():
-            z = list(trend["max_abs_z"].values())[-1]
-            if z > SIGNIFICANT:
-                told.append(f"{name}: {integral} has a trend, |z| = {z:.1f}")
-    return told
+def _still(model: Any, state: Any, method: str, dt: float, steps: int) -> dict[str, Any]:
+    begun = time.perf_counter()
+    row: dict[str, Any] = {"dt": dt, "ulps": {}}
+    for count in (steps // 100, steps):
+        run = kr.simulate(model, state, dt=dt, steps=count, every=count // ROWS, method=method, progress=False)
+        table = kr.drift(run)
+        table = table[table.conserved & (table.ulps < np.inf)]
+        row["ulps"][f"{count:.0e}"] = round(float(table.ulps.max()), 1)
+    row |= {"correction": round(float(table.correction.max()), 1), "every": run.attrs["projection"]}
+    return row | {"seconds": round(time.perf_counter() - begun, 1)}
 
 
-def measure(
-    sizes: Sequence[tuple[int, tuple[int, ...]]],
-    times: tuple[float, ...] = STEPS_OF_TIME,
-    only: str = "",
-    output: Path | None = None,
-) -> dict[str, Any]:
-    """The maps of each (n, decades), as written to results/roundoff.json, which grows map by map.
-
-    Maps without `only` in their name keep what the file has of them.
-    """
-    there = only and output is not None and output.exists()
-    maps: dict[str, Any] = json.loads(output.read_text())["maps"] if there and output else {}
-    result = {"machine": machine(), "dt": times, "saved": SAVED, "verdict": verdict(maps), "maps": maps}
-    _head()
-    for n, decades in sizes:
-        for case in cases(n):
-            begun = time.perf_counter()
-            label = f"{case.name}, n = {n}"
-            if only not in label:
-                continue
-            maps[label] = one_map(case, decades, times)
-            _print(label, maps[label], time.perf_counter() - begun)
-            result["verdict"] = verdict(maps)
-            if output is not None:
-                output.parent.mkdir(exist_ok=True)
-                output.write_text(json.dumps(result, indent=1, default=float) + "\n")
-    print("\nBeyond 2 bands or with a trend (|z| > 4):", *(result["verdict"] or ["nothing"]), sep="\n  ")
-    return result
+def states(steps: int, lanes: int) -> dict[str, Any]:
+    """Errors over the number of steps, of the map of order 1 and of its iterates in closed form."""
+    draw = np.random.default_rng(5)
+    top = kr.LagrangeTop(p=draw.normal(size=(lanes, 3)))
+    a = draw.normal(size=(lanes, 3))
+    x0 = top.state(m=draw.normal(size=(lanes, 3)), a=a / np.sqrt((a * a).sum(-1, keepdims=True)))
+    out: dict[str, Any] = {"lanes": lanes, "dt": DT}
+    for project in (True, False):
+        rows = {}
+        for count in [10**k for k in range(5, 10) if 10**k <= steps]:
+            true = kr.at(top, x0, float(count), method="suris", dt=DT, order=1)
+            told = {"dt": DT, "steps": count, "every": count, "method": "suris", "order": 1, "project": project}
+            end = kr.simulate(top, x0, progress=False, **told).isel(time=-1)
+            error = np.max([abs(end[k].values - true[k].values).max(-1) for k in "ma"], 0) / count
+            rows[f"{count:.0e}"] = {"median": float(f"{np.median(error):.2g}"), "worst": float(f"{error.max():.2g}")}
+            print(f"project = {project}, {count:.0e} steps: {rows[f'{count:.0e}']}", flush=True)
+        out["projected" if project else "raw"] = rows
+    return out
 
 
-def _head() -> None:
-    print("Worst ratio to the band of kr.drift over all states and steps; trends of the first Casimir and the energy.")
-    print(
-        f"\n{'map':<28}{'steps':>7}{'casimirs':>10}{'energy':>8}{'others':>8}   "
-        f"{'rms z (Casimir, energy)':<25}{'exponents':<13}seconds"
-    )
+def picture(steps: int) -> dict[str, Any]:
+    """Change of the energy and error of the state against steps, by four methods."""
+    import matplotlib.pyplot as plt
+
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    counts = np.unique(np.geomspace(10, steps, 33).astype(np.int64))
+    curves: dict[str, Any] = {}
+    reference = {
+        kind: kr.at(
+            top, START, counts * (1.0 if dt else DT), **({"method": "suris", "dt": dt, "order": 1} if dt else {})
+        )
+        for kind, dt in (("map", DT), ("flow", None))
+    }
+    for label, kind in (
+        ("RK4", "flow"),
+        ("DOP853", "flow"),
+        ("the map as it is", "map"),
+        ("the map, projected", "map"),
+    ):
+        true, most = reference[kind], 10**5 if label == "DOP853" else steps
+        rows = [_row(top, label, int(count), true.isel(time=k)) for k, count in enumerate(counts) if count <= most]
+        curves[label] = {
+            "steps": counts[: len(rows)].tolist(),
+            "integral": [r[0] for r in rows],
+            "state": [r[1] for r in rows],
+        }
+        print(label, curves[label]["integral"][-1], curves[label]["state"][-1], flush=True)
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.8), layout="constrained")
+    for axis, what, title in zip(
+        axes, ("integral", "state"), ("change of the energy", "error of the state"), strict=True
+    ):
+        for label, curve in curves.items():
+            axis.loglog(curve["steps"], np.maximum(curve[what], 1e-17), label=label, marker=".", lw=1.2)
+        axis.set(xlabel="steps of 0.1", title=title, ylim=(5e-18, 30))
+        axis.grid(alpha=0.3)
+    axes[0].legend(frameon=False)
+    figure.savefig(PICTURE, dpi=150, metadata={"Software": "Kreisel"})
+    return curves
 
 
-def _print(label: str, found: dict[str, Any], seconds: float) -> None:
-    worst, trend = found["worst_ratio"], found["trend"]
-    sizes = list(next(iter(worst.values())))
-    for steps in sizes:
-        groups = [
-            max([ratios[steps] for name, ratios in worst.items() if group(name)], default=0.0)
-            for group in (_is_casimir, _is_energy, lambda name: not (_is_casimir(name) or _is_energy(name)))
-        ]
-        z = ", ".join(f"{row['rms_z'][steps]:.2f}" for row in trend.values())
-        line = f"{label:<28}{steps:>7}{groups[0]:>10.2f}{groups[1]:>8.2f}{groups[2]:>8.2f}   {z:<25}"
-        if steps == sizes[-1]:
-            line += f"{', '.join(str(row['exponent']) for row in trend.values()):<13}{seconds:.0f}"
-        print(line, flush=True)
+def _row(top: Any, label: str, count: int, true: Any) -> tuple[float, float]:
+    """The largest change of the energy (deformed, of the map) over the last thousandth, and the error of the state."""
+    options: dict[str, Any] = {"dt": DT, "steps": count, "every": count, "progress": False}
+    if label == "RK4":
+        m, a = runge_kutta(np.array(START["m"]), np.array(START["a"]), DT, count)
+        energy = float(abs(m @ m / 2 + a[2] - (np.dot(START["m"], START["m"]) / 2 + START["a"][2])))
+        return energy, float(max(abs(m - true.m.values).max(), abs(a - true.a.values).max()))
+    if label == "DOP853":
+        run, name = kr.simulate(top, START, method="dop853", **options), "energy"
+    else:
+        project = label.endswith("projected")
+        run, name = kr.simulate(top, START, method="suris", order=1, project=project, **options), "energy_eps"
+    end = run.isel(time=-1)
+    error = max(float(abs(end[k].values - true[k].values).max()) for k in "ma")
+    return float(abs(end[name] - run[name][0])), error
 
 
-def _is_casimir(name: str) -> bool:
-    return name.startswith("casimir")
+def runge_kutta(m: Any, a: Any, dt: float, steps: int) -> tuple[Any, Any]:
+    """RK4 for m' = p x a, a' = m x a, p = e_3, compiled."""
+    from numba import njit
 
+    @njit
+    def rate(x: Any) -> Any:
+        return np.array(
+            [-x[4], x[3], 0.0, x[1] * x[5] - x[2] * x[4], x[2] * x[3] - x[0] * x[5], x[0] * x[4] - x[1] * x[3]]
+        )
 
-def _is_energy(name: str) -> bool:
-    return name.startswith("energy")
+    @njit
+    def run(x: Any, dt: float, steps: int) -> Any:
+        for _ in range(steps):
+            k1 = rate(x)
+            k2 = rate(x + dt / 2 * k1)
+            k3 = rate(x + dt / 2 * k2)
+            k4 = rate(x + dt * k3)
+            x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return x
+
+    out = run(np.concatenate([m, a]), dt, steps)
+    return out[:3], out[3:]
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Measure, print a table, write the JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--long", action="store_true", help="another decade, 1e9 steps for n = 3 (some ten minutes)")
-    form.add_argument(
-        "--longest",
-        action="store_true",
-        help="1e8, 1e9 and 1e10 steps of 0.2 for n = 3, to results/roundoff_longest.json (an hour of one core)",
-    )
-    form.add_argument("--quick", action="store_true", help="a decade less (about half a minute)")
-    parser.add_argument("--only", default="", help="only maps whose name contains this; the others keep their results")
-    parser.add_argument("--output", type=Path)
-    options = parser.parse_args(arguments)
-    name = "roundoff_longest.json" if options.longest else "roundoff.json"
-    output = options.output or RESULTS / name
-    if options.longest:
-        sizes, times = [(3, LONGEST)], (0.2,)
-    else:
-        decades = DECADES_QUICK if options.quick else (*DECADES, 10**9) if options.long else DECADES
-        sizes, times = [(3, decades), (4, DECADES_QUICK[:-1] if options.quick else DECADES)], STEPS_OF_TIME
-    measure(sizes, times, options.only, output)
-    print(f"\nWritten: {output}")
+    options = parser(__doc__, "roundoff")
+    options.add_argument("--steps", type=float, default=1e8)
+    options.add_argument("--lanes", type=int, default=100)
+    options.add_argument("--part", action="append", choices=("integrals", "states", "picture"))
+    asked = options.parse_args(arguments)
+    steps, parts = int(asked.steps), asked.part or ("integrals", "states", "picture")
+    told = json.loads(asked.output.read_text()) if asked.part and asked.output.exists() else {}
+    told |= {"machine": machine(), "steps": steps}
+    if "integrals" in parts:
+        told["integrals"] = integrals(steps)
+        told["maps"] = {case.name: _still(case.model, case.states["standard"], "suris", DT, steps) for case in cases()}
+    if "states" in parts:
+        told["states"] = states(min(steps, 10**8), asked.lanes)
+    if "picture" in parts:
+        told["picture"] = picture(steps)
+    write(told, asked.output)
 
 
 if __name__ == "__main__":
