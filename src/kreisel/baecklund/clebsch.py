@@ -1,8 +1,8 @@
 """Bäcklund transformations of Clebsch's case, the special flow, state (M, P).
 
-On the spectral curve (mu - rho C + M) Q = P/rho, <P, Q> = 1, with C = B - max b and lambda = rho; then
+On the spectral curve (mu - rho C + M) Q = P/rho, <P, Q> = 1, with C = B - max b and rho = -lambda; then
 
-    M_1 = M + (2 rho/<Q, Q>) Q ^ CQ,   P_1 = 2 Q <Q, P>/<Q, Q> - P.
+    M_1 = M + (2 rho/<Q, Q>) Q ^ CQ,   P_1 = P - rho (M + M_1) Q = 2 Q <Q, P>/<Q, Q> - P.
 
 [the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md]
 """
@@ -76,7 +76,7 @@ def pair(M, P, Q, *, c, mu, rho):
     kuu = scale * (uu * i * i - 2 * uw * i * r + ww * squares)
     kww = scale * (uu * squares + 2 * uw * i * r + ww * i * i)
     kuw = scale * r * ((uu - ww) * i - 2 * uw * r)
-    kick = mat(kuu) * wedge(u, c * u) + mat(kww) * wedge(w, c * w) + mat(kuw) * (wedge(u, c * w) + wedge(w, c * u))
+    kick = wedge(u, c * (vec(kuu) * u + vec(kuw) * w)) + wedge(w, c * (vec(kuw) * u + vec(kww) * w))
     return M + kick, cayley_plane(vec(-2 * r / (i * both)) * u, w, P)
 
 

@@ -45,7 +45,7 @@ def curve(m, a, *, p, mu):  # <e, e> = 4 rho, the root of a quadratic equation w
 
 def step(m, a, e, *, p):
     m1 = m + wedge(e, p)
-    return m1, a + act(m + m1, e) / 2  # the half-turn of a about e, iterated, is unstable
+    return m1, a + act(m + m1, e) / 2
 
 
 def pair(m, a, e, *, p, rho):  # e = u + i w
