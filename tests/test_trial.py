@@ -63,6 +63,13 @@ def parts_of(tmp_path: Path, minutes: float, *words: str) -> tuple[int, dict[str
     return done.returncode, json.loads(out.read_text())["parts"]
 
 
+def test_one_case_can_be_repeated(tmp_path: Path) -> None:
+    command = [sys.executable, str(TRIAL), "--part", "calls", "--seed", "1", "--case", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300, cwd=tmp_path)
+    told = json.loads(done.stdout)
+    assert (told["case"], told["outcome"]) == (1, "physical: refused"), told
+
+
 def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     """The mutant: `check_archive` finds no fault."""
     (tmp_path / "sitecustomize.py").write_text(

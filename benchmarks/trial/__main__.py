@@ -58,6 +58,7 @@ def inside(asked: argparse.Namespace) -> int:
     if asked.case is not None:
         part = chosen[0]
         part.before(asked.inside)
+        part.warm(asked.inside)
         folder = asked.inside / "cases" / str(asked.case)
         print(json.dumps(pool.carried_out(part, asked.case, asked.seed, folder), indent=1))
         return 0

@@ -230,7 +230,7 @@ def calls() -> list[Call]:
         call("physical.ellipsoid.state", "vector", "vector", function_=_ellipsoid("state"), weight_=3),
         call("physical.Units", "mass", "lever", "rate", then_=ignored, weight_=2),
         call("lab.laws.check", "model", "seed", function_=_law, weight_=0.05, then_=ignored),
-        call("lab.investigate", "anything", n="count", eps="eps", degree="count", iterates="count", steps="count",
+        call("lab.investigate", "anything", n="dimension", eps="eps", degree="count", iterates="count", steps="count",
              optional_="n eps degree iterates steps", then_=ignored, weight_=0.5),
     ]  # fmt: skip
 

@@ -349,6 +349,7 @@ KINDS: dict[str, Function] = {
     "save": _choice(["drift"], ["drift", "trajectories"], ["frequencies"], ["x"], [], "drift", 3),
     "seed": _choice(0, 1, 7, -1),
     "count": _choice(1, 2, 5, 10, 0, -1),
+    "dimension": _choice(3, 4, 5, 1, 0, -1),  # kernels for n = 10 take half a minute to compile
     "eps": _choice(None, 1, "1/3", 0, 0.25),
     "words": _choice("m", "energy", "a", "P"),
 }
