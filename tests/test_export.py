@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,61 @@ def test_one_state_without_lanes(top: object, x0: object, tmp_path: Path) -> Non
     assert (pd.read_parquet(tmp_path / "run.parquet")["a[0]"].values == run.a.values[:, 0]).all()
 
 
+def test_states_at_one_time(top: object, tmp_path: Path) -> None:
+    run = kr.simulate(top, top.state(m=[[0.1, 0.2, 1.5], [0.3, 0.2, 1.5]], a=(0.6, 0, 0.8)), **OPTIONS)
+    for number, one in enumerate((run.isel(time=-1), run.isel(lane=1), run.isel(time=-1, lane=1))):
+        kr.export(one, tmp_path / f"{number}.nc")
+        with xr.open_dataset(tmp_path / f"{number}.nc", engine="h5netcdf") as back:
+            assert all(np.array_equal(back[key].values, one[key].values) for key in one.variables)
+        kr.export(one, tmp_path / f"{number}.parquet")
+        table = pd.read_parquet(tmp_path / f"{number}.parquet")
+        assert np.array_equal(table["a[2]"].values, one.a.values[..., 2].ravel())
+        assert np.array_equal(table["time"].values, np.broadcast_to(one.time.values, len(table)))
+        assert set(table["lane"]) == set(np.atleast_1d(one.lane.values))
+    kr.export(run.isel(time=slice(0, 0)), tmp_path / "none.parquet")
+    table = pd.read_parquet(tmp_path / "none.parquet")
+    assert (len(table), "a[2]" in table) == (0, True)
+
+
+def test_one_lane_of_a_sweep(top: object, x0: object, tmp_path: Path) -> None:
+    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, list={"system.alpha": [1.0, 0.0]}, **OPTIONS)
+    kr.export(run.isel(lane=1), tmp_path / "s.parquet")
+    table = pd.read_parquet(tmp_path / "s.parquet")
+    assert "must not be 0" in table["message"][0]
+    assert len(table) == 1
+
+
+def test_what_the_analyses_return(top: object, x0: object, tmp_path: Path) -> None:
+    run = kr.simulate(top, x0, **OPTIONS)
+    events, spectrum = kr.analysis.events(run, "a[0]"), kr.analysis.power_spectrum(run, "a[0]")
+    for name, data in (("events", events), ("spectrum", spectrum)):
+        for end in ("nc", "parquet"):
+            kr.export(data, tmp_path / f"{name}.{end}")
+    with xr.open_dataset(tmp_path / "events.nc", engine="h5netcdf") as back:
+        assert (back.rising.values == events.rising.values).all()
+        assert (back.a.values == events.a.values).all()
+    table = pd.read_parquet(tmp_path / "events.parquet")
+    assert (table["time"].values == events.time.values).all()
+    assert (table["a[1]"].values == events.a.values[:, 1]).all()
+    assert (pd.read_parquet(tmp_path / "spectrum.parquet")["frequency"] == spectrum.frequency.values).all()
+
+
+def test_variables_of_any_kind(tmp_path: Path) -> None:
+    run = xr.Dataset({"so": ("lane", [True, False])}, {"lane": ["one", "zwö"]})
+    for end in ("nc", "parquet"):
+        kr.export(run, tmp_path / f"run.{end}")
+    with xr.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as back:
+        assert (back.so.values.tolist(), back.lane.values.tolist()) == ([1, 0], ["one", "zwö"])
+    assert pd.read_parquet(tmp_path / "run.parquet")["lane"].tolist() == ["one", "zwö"]
+    for values, name in ((np.array(["2020"], dtype="M8[ns]"), "day"), (np.array([{}]), "day"), (np.ones(1), "a/b")):
+        with pytest.raises(kr.InputError, match=f"expected variables of numbers or text.* got '{name}'"):
+            kr.export(xr.Dataset({name: ("time", values)}), tmp_path / "no.nc")
+    for values in (np.array([1j]), np.array([1, "x"], dtype=object)):
+        with pytest.raises(kr.RunError, match="type that the format cannot hold"):
+            kr.export(xr.Dataset({"z": ("time", values)}), tmp_path / "no.parquet")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.nc", "run.parquet"]
+
+
 def test_attributes_of_any_kind(archive: Path, tmp_path: Path) -> None:
     run = kr.open_run(archive)
     run.attrs |= {
@@ -85,12 +141,23 @@ def test_attributes_of_any_kind(archive: Path, tmp_path: Path) -> None:
         "large": 10**30,
         "many": [1, 2.5],
         "so": True,
+        "exactly": Decimal("0.1"),
+        "array": np.array([1.0, 2.0]),
+        "matrix": np.eye(2),
+        "keys": {(1, 2): {3}},
+        "half": "a\ud800\0b",
+        5: 6,
     }
     kr.export(run, tmp_path / "run.nc")
+    kr.export(run, tmp_path / "run.parquet")
     with xr.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as back:
         told = back.attrs
     assert (told["words"], told["table"], told["nothing"]) == ('["a", "b"]', '{"x": 1}', "null")
     assert (told["large"], told["many"].tolist(), told["so"]) == (str(10**30), [1, 2.5], 1)
+    assert (told["exactly"], told["array"].tolist(), told["matrix"]) == ('"0.1"', [1, 2], "[[1.0, 0.0], [0.0, 1.0]]")
+    assert (told["keys"], told["half"], told["5"]) == ('"{(1, 2): {3}}"', "a\\ud800\\x00b", 6)
+    told = json.loads(pq.read_schema(tmp_path / "run.parquet").metadata[b"kreisel"])
+    assert (told["exactly"], told["array"], told["keys"]) == ("0.1", [1, 2], "{(1, 2): {3}}")
 
 
 def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 NUMBERS_AT_ONCE = 1 << 20
+TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
+ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has its rows
 
 
 def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -30,7 +32,8 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
     out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
 
     NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
-    and lane, a column for each component, such as "m[2]", and the attributes as JSON in the metadata under "kreisel".
+    and lane (of `kr.analysis` for each event or frequency), a column for each component, such as "m[2]", and the
+    attributes as JSON in the metadata under "kreisel".
     Needs the extra `export`.  Raises `InputError` for what cannot be exported, and `RunError` where it cannot be
     written.
     """
@@ -57,39 +60,58 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
         raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
     except RunError:
         raise
-    except (ValueError, RuntimeError) as error:  # a damaged chunk, or what HDF5 makes of a full disk
+    except Exception as error:  # a damaged chunk, what HDF5 makes of a full disk, or what a format cannot hold
         raise RunError(
-            f"{where} could not be written: {error}. Usual cause: a damaged archive or a full disk."
+            f"{where} could not be written: {error}. Usual cause: a damaged archive, a full disk, or a name or a type "
+            "that the format cannot hold."
         ) from error
 
 
 def _netcdf(run: xr.Dataset, out: Path) -> None:
     import h5netcdf
 
+    types = {k: v.dtype for k, v in run.variables.items()}
+    wrong = [k for k, t in types.items() if t.kind not in "biufcSU" or not str(k).strip(".") or "/" in str(k)]
+    if wrong:
+        raise InputError(
+            f"expected variables of numbers or text, their names without /, for NetCDF, got {shown(wrong[0])} of the "
+            f"type {types[wrong[0]]}. Leave it out with run.drop_vars."
+        )
     with h5netcdf.File(out, "w") as file:
         file.dimensions = {str(k): v for k, v in run.sizes.items()}
-        file.attrs.update({k: _plain(v) for k, v in run.attrs.items()})
+        file.attrs.update({str(k): _plain(v) for k, v in run.attrs.items()})
         for name, variable in run.variables.items():
+            packed = variable.ndim and variable.size
             made = file.create_variable(
                 str(name),
-                variable.dims,
-                variable.dtype,
-                **({"chunks": _chunks(variable), "compression": "gzip", "shuffle": True} if variable.size else {}),
+                tuple(map(str, variable.dims)),
+                {"b": np.dtype("i1"), "U": TEXT}.get(variable.dtype.kind, variable.dtype),
+                **({"chunks": _chunks(variable), "compression": "gzip", "shuffle": True} if packed else {}),
             )
-            made.attrs.update({k: _plain(v) for k, v in variable.attrs.items()})
+            made.attrs.update({str(k): _plain(v) for k, v in variable.attrs.items()})
             for part in _parts(variable):
-                made[part] = variable[part].values
+                values = variable[part].values
+                made[part] = values.astype(object) if values.dtype.kind == "U" else values
 
 
 def _plain(value: Any) -> Any:
     """NetCDF has text, numbers and arrays of numbers; truth values become 1 and 0, anything else JSON."""
     if isinstance(value, str):
-        return value
+        return value.encode(errors="backslashreplace").decode().replace("\0", "\\x00")
+    value = value.tolist() if isinstance(value, np.ndarray) else value
     entries = value if isinstance(value, list) else [value]
     if not all(isinstance(v, int | float | np.generic) for v in entries):
-        return json.dumps(value)
+        return _json(value)
     numbers = np.asarray(value)
-    return (numbers * 1)[()] if numbers.dtype.kind in "biuf" else json.dumps(value)
+    return (numbers * 1)[()] if numbers.dtype.kind in "biuf" else _json(value)
+
+
+def _json(value: Any) -> str:
+    """JSON of anything: arrays as lists, and as text what has no JSON."""
+    try:
+        return json.dumps(value, default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
+    except (TypeError, ValueError, RecursionError):  # keys that are tuples, or lists within themselves
+        return json.dumps(shown(value))
 
 
 def _chunks(variable: xr.Variable) -> tuple[int, ...]:
@@ -111,15 +133,14 @@ def _parquet(run: xr.Dataset, out: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    lead = "time" if "time" in run.dims else "lane"
-    width = run.sizes[lead] if lead in run.sizes else 1
-    numbers = max(1, sum(v.size for v in run.variables.values()) // max(1, width))
-    step = max(1, NUMBERS_AT_ONCE // numbers)
-    told = {b"kreisel": json.dumps(dict(run.attrs), default=str).encode()}
+    lead = next((d for d in ROWS if run.sizes.get(d)), "")
+    width = run.sizes.get(lead, 1)
+    step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
+    told = {b"kreisel": json.dumps({str(k): json.loads(_json(v)) for k, v in run.attrs.items()}).encode()}
     writer = None
     try:
-        for first in range(0, width, step):
-            block = run.isel({lead: slice(first, first + step)}) if lead in run.sizes else run
+        for first in range(0, max(width, 1), step):
+            block = run.isel({lead: slice(first, first + step)}) if lead else run
             table = pa.table(dict(_columns(block.load()))).replace_schema_metadata(told)
             writer = writer or pq.ParquetWriter(out, table.schema)
             writer.write_table(table)
@@ -129,23 +150,23 @@ def _parquet(run: xr.Dataset, out: Path) -> None:
 
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
-    """Columns with a row for each time and lane."""
-    lead = [d for d in ("time", "lane") if d in block.sizes]
+    """Columns with a row for each time and lane; what varies along neither stands in every row."""
+    import xarray as xr
+
+    lead = [d for d in ROWS if d in block.sizes]
     sizes = [block.sizes[d] for d in lead]
     if "lane" in lead and "lane" not in block.variables:
         yield "lane", np.broadcast_to(np.arange(block.sizes["lane"]), sizes).ravel()
     variables: dict[Any, Any] = dict(block.variables)
     for name, variable in variables.items():
-        if name == "message":
-            texts = [bytes(row.tolist()).rstrip(b"\0").decode(errors="replace") for row in variable.values]
-            yield "message", np.broadcast_to(np.array(texts, dtype=object), sizes).ravel()
-            continue
-        if not set(lead) & set(variable.dims):
-            continue
+        if name == "message" and variable.dims[-1:] == ("character",):
+            rows = variable.values.reshape(-1, variable.shape[-1]).tolist()
+            texts = [bytes(row).rstrip(b"\0").decode(errors="replace") for row in rows]
+            variable = xr.Variable(variable.dims[:-1], np.array(texts, dtype=object).reshape(variable.shape[:-1]))
         rest = [d for d in variable.dims if d not in lead]
         full = variable.set_dims({**dict(zip(lead, sizes, strict=True)), **{d: variable.sizes[d] for d in rest}})
-        values = full.transpose(*lead, *rest).values.reshape(math.prod(sizes), -1)
         shape = [variable.sizes[d] for d in rest]
+        values = full.transpose(*lead, *rest).values.reshape(math.prod(sizes), math.prod(shape))
         for place in range(values.shape[1]):
             index = ",".join(str(i) for i in np.unravel_index(place, shape)) if rest else ""
             yield f"{name}[{index}]" if rest else str(name), values[:, place]
