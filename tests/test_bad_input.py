@@ -562,13 +562,6 @@ def test_products_that_leave_the_range_of_doubles_before_the_first_step(model: A
     [
         lambda: kr.Steklov(b=(1.0,), nu=1.0),
         lambda: kr.Lyapunov(b=[[0.0]], nu=1.0),
-        lambda: kr.nutation(
-            kr.LagrangeTop(p=(0.5596695042661168, 1.286004527671718, 0.5505819223340684), alpha=0.6301932871931134),
-            {
-                "m": (-8.135190021022614e-161, -3.770704002860177e-161, -1.1295822720776918e-160),
-                "a": (6.048879358306984e-21, -4.3643615991794525e-21, 6.244064413481183e-21),
-            },
-        ),
     ],
 )
 def test_sizes_and_slowness(call: Any) -> None:

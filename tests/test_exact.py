@@ -484,6 +484,17 @@ def test_kinds_of_motion(name: str) -> None:
     assert kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b}).kind == KINDS[name]
 
 
+@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-12, 1e-20, 1e-60, 1e-160])
+@pytest.mark.parametrize("length", [1.0, 1e-20])
+def test_an_axis_that_passes_close_to_the_vertical(size: float, length: float) -> None:
+    """It turns by half a turn there, but for an angle of the size of m."""
+    p = np.array([0.662416675302187, -1.2184562792983742, -0.5012569866881104])
+    m = size * np.array([-0.8135190021022613, -0.37707040028601764, -1.1295822720776918])
+    a = np.array([0.6048879358306984, -0.43643615991794527, 0.6244064413481183])
+    told = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": length * a})
+    assert told.precession == pytest.approx(-np.pi, abs=3 * size / np.sqrt(length) + 1e-14)
+
+
 @pytest.mark.parametrize("number", range(6))
 def test_figures_against_the_motion(number: int) -> None:
     m, b, p = random_tops(20)[number]

@@ -9,7 +9,7 @@ from typing import Any
 from kreisel.errors import InputError
 from kreisel.methods.exact import motion
 from kreisel.methods.motion import Motion
-from kreisel.methods.nutation import Number, Nutation, number
+from kreisel.methods.nutation import Integrals, Number, Nutation, number
 from kreisel.runs.plan import check_model, checked_state
 
 
@@ -75,7 +75,7 @@ def _figures(system: Any, parts: tuple[Any, ...]) -> Figures:
         period=math.inf if known.separatrix else float(2 * top.half_period),
         lowest=float((x2 if kind.startswith("sleeping") else x1) / 2 + height),
         highest=float(x2 / 2 + height),
-        precession=float(_precession(top)),
+        precession=float(_precession(ctx, known)),
         spin=float(number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / alpha),
     )
 
@@ -94,24 +94,34 @@ def _kind(here: Motion) -> str:
     return "falling asleep" if math.isfinite(here.e_foldings()) else "sleeping, unstable"
 
 
-def _precession(top: Nutation) -> Number:
+def _precession(ctx: Any, known: Integrals) -> Number:
     """The integral of |p| (c A - z J)/(A P2 - z^2) over a period, in two complete integrals of the third kind.
 
     z = z1 + (z2 - z1) sn^2 splits it into 1/(|b||p| - z) and 1/(|b||p| + z); a pole on the orbit has the weight 0.
+    Where the orbit passes close to a pole, the distance is computed in more digits.
     """
-    ctx, known, (x1, x2, x3) = top.ctx, top.integrals, top.x
     if known.P2 == 0 or known.separatrix:
         return ctx.nan
-    A, J, c, E = (number(ctx, v) for v in (known.A, known.J, known.c, known.E))
-    top_most, low, swing = ctx.sqrt(number(ctx, known.A * known.P2)), x1 / 2 + E, (x2 - x1) / 2
     vertical = known.c**2 * known.A == known.J**2 * known.P2  # the orbit reaches +p, -p, or both
-    total = ctx.zero
-    for sign in (1, -1):
-        if vertical and known.c * sign == abs(known.c) * (1 if known.J > 0 else -1 if known.J < 0 else 0):
-            continue
-        gap = top_most - sign * low
-        weight = (c * A / top_most - sign * J) / 2
-        total += weight / gap * ctx.ellippi(sign * swing / gap, (x2 - x1) / (x3 - x1))
+    signs = [
+        sign
+        for sign in (1, -1)
+        if not vertical or known.c * sign != abs(known.c) * (1 if known.J > 0 else -1 if known.J < 0 else 0)
+    ]
+    digits = ctx.dps
+    while True:
+        x1, x2, x3 = Nutation(ctx, known).x
+        A, J, c, E = (number(ctx, v) for v in (known.A, known.J, known.c, known.E))
+        top_most, low, swing = ctx.sqrt(number(ctx, known.A * known.P2)), x1 / 2 + E, (x2 - x1) / 2
+        closest = min((top_most - sign * (low if sign < 0 else low + swing) for sign in signs), default=top_most)
+        if closest > top_most * ctx.mpf(10) ** (-ctx.dps // 2):
+            break
+        ctx.dps *= 2
+    m, weights = (x2 - x1) / (x3 - x1), [(c * A / top_most - sign * J) / 2 for sign in signs]
+    gaps = [top_most - sign * low for sign in signs]
+    poles = [sign * swing / gap for sign, gap in zip(signs, gaps, strict=True)]
+    ctx.dps = digits
+    total = sum(w / gap * ctx.ellippi(n, m) for w, gap, n in zip(weights, gaps, poles, strict=True))
     if vertical and x1 == x2:
         return ctx.nan  # asleep or hanging
     return 4 * ctx.sqrt(number(ctx, known.P2)) / ctx.sqrt(x3 - x1) * total
