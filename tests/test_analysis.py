@@ -93,6 +93,24 @@ def test_a_fast_top_precesses_as_the_textbook_says():
     assert abs(found.nutation_frequency / wheel.time_unit / wheel.nutation_rate(spin) - 1) < 2e-2
 
 
+def test_every_lane_has_its_own_axes_and_parameters():
+    tops = kr.LagrangeTop(p=[P, (0.5, 0, 1)], alpha=[0.7, 1.1])
+    x0 = tops.state(m=M0, a=[A0, (0, 0.6, 0.8)])
+    run = kr.simulate(tops, x0, dt=0.1, steps=300, orientation=(1, 0, 0, 0), progress=False)
+    angles, rates, cut = analysis.euler_angles(run), analysis.rates(run), analysis.events(run, "a[2]", 0.5)
+    assert np.allclose(angles.theta, rates.tilt, atol=1e-12)
+    for lane in (0, 1):
+        one = run.isel(lane=lane)
+        assert np.allclose(analysis.euler_angles(one).phi, angles.phi[:, lane], atol=1e-12)
+        assert np.allclose(analysis.rates(one).precession, rates.precession[:, lane], atol=1e-12)
+        times = cut["time"].values[cut["lane"].values == lane]
+        assert np.allclose(analysis.events(one, "a[2]", 0.5)["time"], times, atol=1e-11)
+        assert np.allclose(analysis.events(run.isel(lane=[lane]), "a[2]", 0.5)["time"], times, atol=1e-11)
+        assert np.isfinite(analysis.mean_rates(one).measured).all()
+    with pytest.raises(kr.InputError, match="expected a run of some lanes of its system, which has 2"):
+        analysis.rates(run.isel(lane=0).drop_vars("lane"))
+
+
 def test_angles_complain():
     body = kr.Clebsch(b=(1, 2, 3))
     run = kr.simulate(body, body.state(M=(1, 0, 0.3), P=(0, 0.6, 0.8)), dt=0.1, steps=50, progress=False)
@@ -293,6 +311,10 @@ def short() -> Any:
     return kr.simulate(top, x0, dt=0.1, steps=40, orientation=(1, 0, 0, 0))
 
 
+def without(run: Any, name: str) -> Any:
+    return run.drop_attrs().assign_attrs({k: v for k, v in run.attrs.items() if k != name})
+
+
 @pytest.mark.parametrize(
     "call",
     [
@@ -313,6 +335,21 @@ def short() -> Any:
         lambda run: kr.drift(1.5),
         lambda run: analysis.power_spectrum(run.rename(a="other"), lambda m, a: a[..., 0]),
         lambda run: analysis.rates(run.assign_attrs(system={1, 2})),
+        lambda run: analysis.rates(run.map(lambda v: v * (1.7e308 if v.name == "m" else 1), keep_attrs=True)),
+        lambda run: analysis.events(run, "a[0]", system=kr.LagrangeTop(p=(0, 0, 1, 0))),
+        lambda run: analysis.section(run, "a[0]", system=kr.LagrangeTop(p=(0, 0, 1, 0))),
+        lambda run: analysis.euler_angles(run, system=kr.LagrangeTop(p=(0, 0, 1, 0))),
+        lambda run: analysis.mean_rates(run, system=kr.LagrangeTop(p=(0, 0, 1, 0))),
+        lambda run: analysis.rates(without(run, "n"), system=kr.LagrangeTop(p=(0, 0, 1, 0))),
+        lambda run: analysis.rates(run.assign_attrs(parameters='{"p": [0, 0, 1, 0]}')),
+        lambda run: analysis.euler_angles(run.drop_attrs()),
+        lambda run: analysis.euler_angles(run.assign_attrs(parameters='"x"')),
+        lambda run: analysis.euler_angles(run.assign_attrs(parameters=[1])),
+        *(
+            lambda run, factor=factor, act=act: act(run.assign(a=run.a * factor))
+            for factor in (0.0, 1e-200, 1e160, 1e300)
+            for act in (analysis.euler_angles, analysis.rates, analysis.mean_rates)
+        ),
     ],
 )
 @pytest.mark.filterwarnings("error")

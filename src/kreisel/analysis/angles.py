@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
 from kreisel.analysis.events import events
 from kreisel.contract import Frame
 from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
+from kreisel.runs.archive import is_own
 from kreisel.runs.geometry import (
     components,
     fixed_vector,
+    is_upright,
     model_for,
     orientation_of,
     to_third_axis,
@@ -71,8 +74,11 @@ def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     from scipy.spatial.transform import Rotation
 
     q = orientation_of(a_run(run))
-    S, B = _alignment(run, system)
-    turned = Rotation.from_matrix(S) * rotations(run) * Rotation.from_matrix(B).inv()
+    S, B = (
+        Rotation.from_matrix(np.broadcast_to(v, (*q.shape[:-1], 3, 3)).reshape(-1, 3, 3))
+        for v in _alignment(run, system)
+    )
+    turned = S * rotations(run) * B.inv()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # on the vertical
         angles = turned.as_euler("ZXZ").reshape((*q.shape[:-1], 3))
@@ -86,25 +92,26 @@ def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
 
 
 def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
-    """Turns of space and body that make the vertical and the axis the third ones; identities where there are none."""
-    try:
-        model = model_for(run, system)
-        state, g = components(run, model), orientation_of(run).reshape(-1, 4)[:1]
-        carried = state[model.system.space.leading]
-        first = carried.reshape(-1, 3)[:1]
-        up, axis = (v.reshape(-1, 3)[0] for v in vertical_and_axis(model, first))
-    except InputError:
-        if system is not None:
-            raise
-        return np.eye(3), np.eye(3)
-    from scipy.spatial.transform import Rotation
+    """Turns of space and body that make the vertical and the axis the third ones, ([lane,] 3, 3).
 
-    turn = Rotation.from_quat(g[0], scalar_first=True)
+    Identities where there are none.
+    """
+    if system is None and (is_own(a_run(run, "system").attrs) or not is_upright(model_for(run, None))):
+        return np.eye(3), np.eye(3)
+    model = model_for(run, system)
+    g = algebra.rotation_matrix(orientation_of(run)[0])
+    up, axis = vertical_and_axis(model, components(run, model)[model.system.space.leading][0])
     if model.system.frame is Frame.REST:
-        axis = turn.inv().apply(axis)
+        axis = act(g.mT, axis)
     else:
-        up = turn.apply(up)
-    return to_third_axis(_snapped(up)), to_third_axis(_snapped(axis))
+        up = act(g, up)
+    return _third(up), _third(axis)
+
+
+def _third(vectors: Array) -> Array:
+    """`to_third_axis` of each of the vectors (..., 3)."""
+    turns = [to_third_axis(_snapped(v)) for v in vectors.reshape(-1, 3)]
+    return np.reshape(turns, (*vectors.shape, 3))
 
 
 def _snapped(v: Array) -> Array:
@@ -140,18 +147,22 @@ def rates(run: xr.Dataset, system: Any = None) -> xr.Dataset:
 
 def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
     e, k = vertical_and_axis(model, state[model.system.space.leading])
-    omega = axial(model.call(model.system.velocity, *state))
     cosine, node = dot(e, k), np.cross(e, k)
     sine = np.sqrt(dot(node, node))
     here = np.where(sine > VERTICAL, sine, np.nan)
-    up, along = dot(omega, e), dot(omega, k)
-    return {
-        "tilt": np.arctan2(sine, cosine),
-        "precession": (up - cosine * along) / here**2,
-        "own_turn": (along - cosine * up) / here**2,
-        "nutation": dot(omega, node) / here,
-        "spin": along,
-    }
+    with np.errstate(all="ignore"):
+        omega = axial(model.call(model.system.velocity, *state))
+        up, along = dot(omega, e), dot(omega, k)
+        rates = {
+            "tilt": np.arctan2(sine, cosine),
+            "precession": (up - cosine * along) / here**2,
+            "own_turn": (along - cosine * up) / here**2,
+            "nutation": dot(omega, node) / here,
+            "spin": along,
+        }
+    if not all(np.isfinite(v[sine > VERTICAL]).all() for v in rates.values()):
+        raise InputError("expected a run whose angular velocity a double can hold, got a larger one. Use other units.")
+    return rates
 
 
 def mean_rates(run: xr.Dataset, system: Any = None) -> pd.DataFrame:

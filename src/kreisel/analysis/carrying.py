@@ -30,7 +30,8 @@ class Carrier:
     def __call__(self, z: tuple[Array, ...], h: Array) -> tuple[Array, ...]:
         """The states `h` (lanes,) later.  Raises `InputError` where the rows are too far apart."""
         while True:
-            out, error = self._march(z, h, self.pieces)
+            with np.errstate(all="ignore"):  # what overflows is never accurate
+                out, error = self._march(z, h, self.pieces)
             if error <= ACCURATE:
                 return out
             self.pieces *= 2

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame
+from kreisel.contract import Frame, component_axes
 from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
@@ -54,20 +54,43 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
         if letter not in run:
             raise InputError(f"The run lacks {letter} of its state. Give the run as kr.simulate returned it.")
         value = np.asarray(run[letter].values, dtype=np.float64)
-        out.append(algebra.hat(value) if kind == "skew" and model.n == 3 else value)
+        value = algebra.hat(value) if kind == "skew" and model.n == 3 else value
+        inner = value.shape[1 + ("lane" in run[letter].dims) :]
+        expected = (int(kind[2:]),) if kind.startswith("R^") else (model.n,) * component_axes(kind)
+        if inner != expected:
+            raise InputError(
+                f"expected a run with n = {model.n}, {letter} of the shape {expected} at each time, got {inner}. Give "
+                "the run as kr.simulate returned it, and its own system."
+            )
+        out.append(value)
     return tuple(out)
 
 
 def model_for(run: xr.Dataset, system: Model | None) -> Model:
-    """The model of a run; a system of the user's own must be given.  Raises `InputError`."""
+    """The model of a run, of the lanes that it has; a system of the user's own must be given.  Raises `InputError`."""
     a_run(run, "system")
     if system is None:
         if is_own(run.attrs):
             raise InputError(f"{run.attrs['system']} is a system of your own: give it as system=...")
-        return model_of(run.attrs)
+        system = model_of(run.attrs)
     if not isinstance(system, Model) or system.system.name != run.attrs["system"]:
         raise InputError(f"The run is of {run.attrs['system']}; {shown(system)} came as its system.")
-    return system
+    n = run.attrs.get("n", system.n)
+    if n != system.n:
+        raise InputError(f"expected the system of the run, with n = {n}, got {shown(system)}, with n = {system.n}.")
+    lanes = np.asarray(run["lane"].values if "lane" in run.coords else 0.5)
+    if system.batch and not (lanes.dtype.kind in "iu" and ((lanes >= 0) & (lanes < system.batch[0])).all()):
+        raise InputError(
+            f"expected a run of some lanes of its system, which has {system.batch[0]}, got {shown(lanes)} as lanes. "
+            "Give the run as kr.simulate returned it, and its own system."
+        )
+    return system.lanes(lanes)
+
+
+def is_upright(model: Model) -> bool:
+    """Whether the system has a vertical and an axis: a top with n = 3, under gravity."""
+    other = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
+    return model.n == 3 and other is not None and bool(other.any())
 
 
 def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
@@ -85,7 +108,14 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
     if not other.any():
         raise InputError("Without gravity or a lever there is no vertical or no axis: a parameter is 0.")
     pair = (other, carried) if space else (carried, other)
-    up, axis = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in np.broadcast_arrays(*pair))
+    with np.errstate(all="ignore"):
+        up, axis = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in np.broadcast_arrays(*pair))
+    if not (up.any(-1) & axis.any(-1) & np.isfinite(up).all(-1) & np.isfinite(axis).all(-1)).all():
+        letter = model.system.space.letters[model.system.space.leading]
+        raise InputError(
+            f"expected {letter} and the parameter that it is compared with of a length that a double can hold, other "
+            "than 0, got others. Usual cause: other units, or a run whose numbers were changed."
+        )
     return up, axis
 
 

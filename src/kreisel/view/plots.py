@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel.errors import InputError, brief
-from kreisel.runs.archive import is_own, model_of
+from kreisel.runs.archive import is_own
 from kreisel.runs.drift import MACHINE_EPSILON, all_series, read
-from kreisel.runs.geometry import carried_letter, kinds_of
+from kreisel.runs.geometry import carried_letter, kinds_of, model_for
 from kreisel.runs.reading import a_run
 from kreisel.view.style import Theme, theme_of
 
@@ -38,7 +38,7 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     """
     for each in (run, compare):
         if each is not None or each is run:
-            a_run(each, "system", "title", "method", "n")
+            a_run(each, "system", "title", "method", "n", "steps")
         if each is not None and "dt" not in each.attrs:
             raise InputError("A run of kr.simulate was expected; states at given times, of kr.at, came.")
     if compare is not None and compare.attrs["system"] != run.attrs["system"]:
@@ -109,7 +109,7 @@ def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
     if is_own(run.attrs):  # the flow is not at hand
         return float(np.linalg.norm(np.diff(read(run[letter][:2]), axis=0)))
-    model = model_of(run.attrs)
+    model = model_for(run, None)
     kinds = dict(model.system.space.components)
     start = {k: read(run[k][0]) for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
@@ -138,17 +138,20 @@ def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
 def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: Theme) -> None:
     reference = run.attrs["method"] == "dop853"
     if compare is not None:
-        worst = np.fmax.reduce(list(_envelopes(compare, everything=True).values()))
-        label = f"worst integral by {compare.attrs['method']}"
+        changes = list(_envelopes(compare, everything=True).values())
+        worst = np.fmax.reduce(changes) if changes else np.full(len(_thinned_time(compare)), np.nan)
+        label = f"worst integral by {brief(compare.attrs['method'], MOST_TITLE)}"
         axes.plot(_thinned_time(compare), worst, color=theme.faint, label=label)
     for number, (family, change) in enumerate(_envelopes(run, everything=reference).items()):
         colour = theme.colours[number % len(theme.colours)]
         label = family.replace("_eps", " of the map")
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
-    time = np.linspace(0, float(run["time"][-1]), 400)[1:]
+    ends = [0.0, *read(run["time"][[0, -1]]).tolist()]
+    first, last = min(ends), max(ends) if max(ends) > min(ends) else run.attrs["dt"]
+    time = np.linspace(0, last, 400)[1:]
     band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
     axes.plot(time, band, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
-    axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(0, time[-1]))
+    axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(first, last))
     axes.set_ylim(bottom=1e-17)
     axes.set_title("integrals of the flow" if reference else "what the method keeps")
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))

@@ -20,12 +20,12 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.contract import Frame
-from kreisel.errors import InputError
+from kreisel.errors import InputError, printable
 from kreisel.methods.observing import ORIENTATION
 from kreisel.model import Model
-from kreisel.runs.archive import is_own, model_of
+from kreisel.runs.archive import is_own
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
-from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, orientation_of, to_third_axis
+from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, model_for, orientation_of, to_third_axis
 from kreisel.runs.plan import within
 from kreisel.runs.reading import a_run
 from kreisel.view import bodies
@@ -61,7 +61,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     frames = run.isel(time=rows)
     if not all(np.isfinite(frames[each].values).all() for each in kinds_of(run.attrs)):
         raise InputError("expected a run whose state is finite, got one with NaN or infinity.")
-    shown = _Shown(frames, letter, None if is_own(run.attrs) else model_of(run.attrs), lane)
+    shown = _Shown(frames, letter, None if is_own(run.attrs) else model_for(frames, None))
     tip = shown.tip
     if not (np.isfinite(tip).all() and np.isfinite(shown.carried).all()):
         raise InputError(f"{letter} is not finite at every saved time; `kreisel check` says where.")
@@ -103,7 +103,7 @@ def _joined(points: Array, radius: float) -> bool:
 
 
 def _text(value: Any) -> str:
-    text = str(value)
+    text = printable(value)
     return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "\u2026"
 
 
@@ -142,9 +142,8 @@ def _told(run: xr.Dataset, lane: int, frames: int) -> list[str]:
 class _Shown:
     """Tip, turns, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up."""
 
-    def __init__(self, run: xr.Dataset, letter: str, model: Model | None, lane: int):
-        self.run, self.letter = run, letter
-        self.model = None if model is None else _of_lane(model, lane)
+    def __init__(self, run: xr.Dataset, letter: str, model: Model | None):
+        self.run, self.letter, self.model = run, letter, model
         self.kinds = kinds_of(run.attrs)
         self.space = run.attrs.get("frame") == Frame.REST.value
         self.carried = np.asarray(run[letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
@@ -262,14 +261,6 @@ class _Shown:
         self.arrow = np.array([0.0, 0.0, 1.25 * size])
         self.legend["arrow"] = told
         return to_third_axis(up / np.linalg.norm(up))
-
-
-def _of_lane(model: Model, lane: int) -> Model:
-    """The model of one lane of a batch of parameters."""
-    if not model.batch:
-        return model
-    fits = {p.letter: model.axes[p.letter] for p in model.system.parameters}
-    return model.system(**{k: v[lane] if v.ndim > fits[k] else v for k, v in model.params.items()})
 
 
 def _drifts(run: xr.Dataset) -> dict[str, Any]:
