@@ -458,7 +458,7 @@ def test_analysis_of_anything() -> None:
 
 
 @pytest.mark.parametrize(
-    "path", [[], 3, None, b"run.zarr", "x" * 5000, "~", "", "/", "a\0b", "..", {"a": 1}, np.arange(3)]
+    "path", [[], 3, None, b"run.zarr", "x" * 5000, "~", "", "/", "a\0b", "..", {"a": 1}, np.arange(3), "\ud800"]
 )
 def test_paths_of_any_kind(path: Any, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -514,6 +514,56 @@ def test_a_page_of_numbers_beyond_single_precision(top: Any, x0: Any) -> None:
     for lane in (2, -1, [], "x"):
         with pytest.raises(kr.InputError, match="lane"):
             kr.view(kr.simulate(top, top.state(m=[x0["m"]] * 2, a=x0["a"]), dt=0.1, steps=5), lane=lane)
+
+
+def shows(run: Any) -> str:
+    """A run as a notebook shows it."""
+    return repr(run.kreisel) + run.kreisel._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((name, np.zeros((0, 3))) for name in ("title", "method", "options", "parameters", "equations", "references")),
+        *(("parameters", value) for value in (True, {"p": [0, 0, 1]}, None)),
+        *(("options", value) for value in ("[1]", "NaN", '{"order": "x"}', '{"order": [2]}')),
+        *(("dt", value) for value in (0, -0.1, np.nan, "0.1", None)),
+        *(("steps", value) for value in (1.5, "3", [3])),
+        ("n", "3"),
+        ("frame", np.array(["rest", "rest"])),
+    ],
+)
+@pytest.mark.parametrize("act", [kr.cite, kr.drift, kr.plot, kr.view, shows, kr.analysis.rates])
+def test_attributes_that_are_none_of_a_run(act: Any, name: str, value: Any) -> None:
+    run = kr.simulate(TOP, STATE, **OPTIONS).assign_attrs({name: value})
+    if name == "options" and isinstance(value, str) and act is not kr.cite:  # it alone needs them
+        act(run)
+        return
+    with pytest.raises(kr.InputError, match=r"expected the attributes|expected a whole|object was expected"):
+        act(run)
+
+
+@pytest.mark.parametrize("name", ["references", "source", "method", "options"])
+def test_a_run_to_cite_without_an_attribute(name: str) -> None:
+    run = kr.simulate(TOP, STATE, **OPTIONS)
+    del run.attrs[name]
+    with pytest.raises(kr.InputError, match=rf"expected .* got .*{name}"):
+        kr.cite(run)
+
+
+@pytest.mark.filterwarnings("error")
+def test_figures_of_a_single_row(top: Any, x0: Any, tmp_path: Path) -> None:
+    run = kr.simulate(top, x0, dt=0.1, steps=20)
+    for here, other in ((run, run.isel(time=[0])), (run.isel(time=[0]), run), (run.isel(time=[0]), None)):
+        kr.plot(here, compare=other).savefig(tmp_path / "run.png")
+    kr.plot(run.isel(time=slice(None, None, -1))).savefig(tmp_path / "run.png")
+    kr.view(run.isel(time=[0])).save(tmp_path / "run.html")
+
+
+def test_a_page_of_half_a_character(top: Any, x0: Any, tmp_path: Path) -> None:
+    run = kr.simulate(top, x0, dt=0.1, steps=20)
+    kr.view(run.assign_attrs(title="a\ud800", equations="b\udfff")).save(tmp_path / "run.html")
+    assert "a\\ud800" in (tmp_path / "run.html").read_text()
 
 
 @pytest.mark.parametrize("name", kr.systems())

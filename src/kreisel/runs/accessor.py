@@ -14,6 +14,7 @@ from kreisel.errors import InputError
 from kreisel.model import Model
 from kreisel.runs.citing import cite
 from kreisel.runs.drift import broken, drift
+from kreisel.runs.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +60,7 @@ class Kreisel:
         return cite(self._run)
 
     def __repr__(self) -> str:
-        attrs, table = self._run.attrs, self.drift()
+        attrs, table = a_run(self._run, "title", "n", "steps", rows=False).attrs, self.drift()
         head = f"<{attrs['title']}, n = {attrs['n']}, {attrs['steps']:,} steps>"
         return "\n".join([head, table.to_string(), *broken(table)])
 

@@ -35,7 +35,7 @@ from kreisel.runs import checkpoint, manifest
 from kreisel.runs.drift import KINDS
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan, make_plan
-from kreisel.runs.reading import parsed, place
+from kreisel.runs.reading import an_object, order_of, parsed, place
 from kreisel.runs.replacing import (
     LARGEST_METADATA,
     agree,
@@ -747,20 +747,7 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
             f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
             "run its TOML file or kr.simulate again with more steps."
         )
-    return find(attrs["system"])(**_object(attrs, "parameters"))
-
-
-def _object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """An attribute that holds a JSON object.  Raises `InputError`."""
-    if not isinstance(attrs.get(name), str):
-        raise InputError(
-            f"expected the attributes of a run, got no text {name}. Usual cause: a sweep, whose lanes are no runs, "
-            "or an operation of xarray, which drops attributes."
-        )
-    told = parsed(attrs[name], f"The attribute {name}")
-    if not isinstance(told, dict):
-        raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")
-    return told
+    return find(attrs["system"])(**an_object(attrs, "parameters"))
 
 
 def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
@@ -772,7 +759,7 @@ def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> 
         steps=steps,
         every=attrs["every"],
         method=attrs["method"],
-        order=_object(attrs, "options").get("order"),
+        order=order_of(attrs),
         orientation=start.get(ORIENTATION),
         engine=attrs.get("engine", "cpu"),
         project=attrs["projection"] > 0,

@@ -30,7 +30,7 @@ from kreisel.runs.archive import (
 )
 from kreisel.runs.blocks import COMPUTED, MISSING
 from kreisel.runs.drift import KINDS, lane_scales
-from kreisel.runs.reading import parsed
+from kreisel.runs.reading import order_of
 from kreisel.runs.recomputing import lanes_again, steps_again
 from kreisel.runs.replacing import require_replaceable, settled, stands
 from kreisel.runs.sweep import open_sweep
@@ -246,8 +246,7 @@ def _blocks(run: xr.Dataset) -> Iterator[xr.Dataset]:
 
 def _definition(run: xr.Dataset) -> Scheme:
     """What computes the integrals from the states, as in the run."""
-    options = parsed(run.attrs["options"], "The attribute options")
-    return scheme(model_of(run.attrs), run.attrs["method"], run.attrs["dt"], options.get("order"), oriented=False)
+    return scheme(model_of(run.attrs), run.attrs["method"], run.attrs["dt"], order_of(run.attrs), oriented=False)
 
 
 def _block_faults(block: xr.Dataset, attrs: Mapping[str, Any], again: Scheme | None) -> Iterator[str]:

@@ -11,7 +11,7 @@ from kreisel.contract import System
 from kreisel.errors import InputError
 from kreisel.methods import METHODS, default_method, sources
 from kreisel.model import Model
-from kreisel.runs.reading import parsed
+from kreisel.runs.reading import as_made, order_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,8 +44,14 @@ def cite(what: xr.Dataset | Model | System) -> str:
         attrs = getattr(what, "attrs", None)
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
             raise InputError(f"A run, or a system, was expected; {type(what).__name__} came. Say kr.cite(run).")
-        told, version = str(attrs["references"]), str(attrs["source"]).removeprefix("kreisel ")
-        method, order = attrs["method"], parsed(attrs["options"], "The attribute options").get("order")
+        missing = [name for name in ("references", "source", "method") if name not in as_made(attrs)]
+        if missing:
+            raise InputError(
+                f"expected a run with its attributes, got one without {', '.join(missing)}. Give it as kr.simulate or "
+                "kr.open_run returned it."
+            )
+        told, version = attrs["references"], attrs["source"].removeprefix("kreisel ")
+        method, order = attrs["method"], order_of(attrs)
     known = bibliography()
     here, unknown = _keys(told, known)
     keys = dict.fromkeys([*here, *(sources(method, order) if method in METHODS else ())])

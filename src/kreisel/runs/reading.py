@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,18 @@ from kreisel.errors import InputError, shown
 DEEPEST = 32  # levels; a sweep's description needs six
 MOST_BITS = 4096  # of a whole number: longer ones can neither be printed nor used
 NESTING = (dict, list, tuple)
+OF_A_RUN: dict[str, Any] = {  # attributes and their types
+    **dict.fromkeys(("title", "references", "source", "system", "equations", "components", "frame", "parameters"), str),
+    **dict.fromkeys(("method", "options"), str),
+    **dict.fromkeys(("n", "steps", "every", "rows_in_block"), Integral),
+    "dt": Real,
+}
 
 
 def parsed(text: str | bytes, what: str) -> Any:
     """The data in a JSON text; `what` names it in the message.  Raises `InputError`."""
+    if not isinstance(text, str | bytes):
+        raise InputError(f"{what}: expected text, got {shown(text)}.")
     try:
         value = json.loads(text)
     except RecursionError:
@@ -53,11 +63,45 @@ def place(path: Any, needed: str) -> Path:
     try:
         given = Path(path) if isinstance(path, str | os.PathLike) else Path()
         where = Path() if len(given.parts) == 1 and given.name.startswith("~") else given.expanduser()
-    except (TypeError, RuntimeError):  # of bytes; ~name of nobody
+        os.fsencode(where)
+    except (TypeError, RuntimeError, UnicodeEncodeError):  # of bytes; ~name of nobody; half a character
         where = Path()
     if not where.name or "\0" in str(where) or where.name == "..":
         raise InputError(f"{needed}; {shown(str(path) if isinstance(path, os.PathLike) else path)} came.")
     return where
+
+
+def as_made(attrs: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The attributes of a run themselves.  Raises `InputError` where one is not of the type that a run has."""
+    wrong = [name for name, kind in OF_A_RUN.items() if name in attrs and not isinstance(attrs[name], kind)]
+    if wrong or not 0 < attrs.get("dt", 1.0) < math.inf:
+        name = wrong[0] if wrong else "dt"
+        raise InputError(
+            f"expected the attributes of a run as Kreisel made them, got {name} = {shown(attrs[name])}. Usual cause: "
+            "it was set by hand. Give the run as kr.simulate or kr.open_run returned it."
+        )
+    return attrs
+
+
+def an_object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """An attribute that holds a JSON object.  Raises `InputError`."""
+    if not isinstance(attrs.get(name), str):
+        raise InputError(
+            f"expected the attributes of a run, got no text {name}. Usual cause: a sweep, whose lanes are no runs, "
+            "or an operation of xarray, which drops attributes."
+        )
+    told = parsed(attrs[name], f"The attribute {name}")
+    if not isinstance(told, dict):
+        raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")
+    return told
+
+
+def order_of(attrs: Mapping[str, Any]) -> int | None:
+    """The order of the method, among the options of a run.  Raises `InputError`."""
+    order = an_object(attrs, "options").get("order")
+    if not isinstance(order, int | None):
+        raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
+    return order
 
 
 def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
@@ -71,17 +115,17 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
             "An archive is opened by kr.open_run(path)."
         )
     missing = [name for name in attributes if name not in run.attrs]
-    missing += ["system, a word,"] if not isinstance(run.attrs.get("system", ""), str) else []
     missing += ["time"] if "time" not in run.variables else []
     if missing:
         raise InputError(
             f"expected a run with its times and attributes, got a Dataset without {', '.join(missing)}. Usual cause: "
             "an operation of xarray, which drops attributes; xarray.set_options(keep_attrs=True) keeps them."
         )
-    last = [str(name) for name, v in run.variables.items() if "time" in v.dims[1:]]
+    as_made(run.attrs)
+    last = [str(name) for name, v in run.variables.items() if "time" in v.dims[1:] or "lane" in v.dims[2:]]
     if rows and (run["time"].dims != ("time",) or not run.sizes["time"] or (last and "kreisel_sweep" not in run.attrs)):
         raise InputError(
-            f"expected a run with at least one row, and time as the first axis, got one with the times "
+            f"expected a run with at least one row, and time, then lane as the first axes, got one with the times "
             f"{run['time'].shape}{' and ' + shown(last) if last else ''}. run.isel(time=[-1]) keeps the axis."
         )
     if rows and not all(math.isfinite(t) for t in run["time"][[0, -1]].values):

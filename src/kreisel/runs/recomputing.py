@@ -15,7 +15,7 @@ from kreisel.runs.archive import is_own, model_of, versions
 from kreisel.runs.blocks import TROUBLES, Sweep, results_of
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, make_plan
-from kreisel.runs.reading import parsed
+from kreisel.runs.reading import order_of, parsed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +72,7 @@ def _plan(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
         steps=steps,
         every=steps,
         method=attrs["method"],
-        order=parsed(attrs["options"], "The attribute options").get("order"),
+        order=order_of(attrs),
         orientation=start[ORIENTATION].values if ORIENTATION in saved else None,
         engine="cpu",
         project=False,

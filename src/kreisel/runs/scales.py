@@ -18,7 +18,7 @@ from kreisel.methods import scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.runs.drift import KINDS, read
 from kreisel.runs.plan import Plan
-from kreisel.runs.reading import parsed
+from kreisel.runs.reading import order_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,8 +42,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     try:
         model = model_of(attrs)
         model = model.lanes(some["lane"].values) if "lane" in run.coords else model
-        order = parsed(attrs["options"], "The attribute options").get("order")
-        made = scheme(model, attrs["method"], attrs["dt"], order, ORIENTATION in run)
+        made = scheme(model, attrs["method"], attrs["dt"], order_of(attrs), ORIENTATION in run)
         states = {k: read(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
     except (InputError, KeyError):
         return None

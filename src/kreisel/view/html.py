@@ -62,8 +62,10 @@ def state_html(state: State) -> str:
 def run_html(run: xr.Dataset) -> str:
     """What a run is, and how still its Casimirs and integrals stand."""
     from kreisel.runs.drift import broken, drift
+    from kreisel.runs.reading import a_run
 
-    attrs, found = run.attrs, drift(run)
+    needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
+    attrs, found = a_run(run, *needed, rows=False).attrs, drift(run)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
     steps = f"{attrs['steps']:,} steps of {attrs['dt']:g}, " if "dt" in attrs else ""
     rows = f"{run.sizes.get('time', 1):,} saved states"
