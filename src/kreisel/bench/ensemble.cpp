@@ -38,11 +38,9 @@ template <class Map, int C, int CHAINS> static void march(double *z, const doubl
             march<Map, C, CHAINS>(z, c, first, steps);                                                               \
     }
 #define EXPORTS(name, Map, C)                                                                                        \
-    EXPORT(name, Map<true>, C, 1)                                                                                    \
-    EXPORT(name, Map<true>, C, 2)                                                                                    \
-    EXPORT(name, Map<true>, C, 3)                                                                                    \
-    EXPORT(name##_plain, Map<false>, C, 2)                                                                           \
-    EXPORT(name##_plain, Map<false>, C, 3)
+    EXPORT(name, Map, C, 1)                                                                                          \
+    EXPORT(name, Map, C, 2)                                                                                          \
+    EXPORT(name, Map, C, 3)
 
 EXPORTS(lagrange_top, LagrangeTop, 5)
 EXPORTS(lagrange_top_moving, LagrangeTopMoving, 5)

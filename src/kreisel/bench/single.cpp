@@ -1,4 +1,4 @@
-// One trajectory of each map, n = 3, with and without correction.
+// One trajectory of each map, n = 3.
 
 typedef double Real;
 #include "maps.hpp"
@@ -11,8 +11,7 @@ template <class Map> static void advance(double *z, const double *c, long steps)
 }
 
 #define EXPORT(name, Map)                                                                                            \
-    extern "C" void name(double *z, const double *c, long steps) { advance<Map<true>>(z, c, steps); }                \
-    extern "C" void name##_plain(double *z, const double *c, long steps) { advance<Map<false>>(z, c, steps); }
+    extern "C" void name(double *z, const double *c, long steps) { advance<Map>(z, c, steps); }
 
 EXPORT(lagrange_top, LagrangeTop)
 EXPORT(lagrange_top_moving, LagrangeTopMoving)
