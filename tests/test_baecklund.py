@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import kreisel as kr
 import walks
+from kreisel import algebra
 from kreisel.engines import layout
 from kreisel.engines.cpu import Kernel
 from kreisel.lab import exact
@@ -60,6 +62,35 @@ def test_a_dropped_stage_is_caught_by_the_order(
 def start(name: str, n: int, seed: int = 0) -> tuple[object, tuple[np.ndarray, ...]]:
     draw = exact.float_random(np.random.default_rng([seed, n]))
     return exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
+
+
+def growth(model: object, z: tuple[np.ndarray, ...]) -> float:
+    """The change of Casimirs and spectrum over 40 steps of 2, from a state 1e-9 off the level set of rho, over 1e-9."""
+    off = (z[0], z[1] * (1 + 1e-9)) if model.system.space.constraints else (z[0] * (1 + 1e-9), *z[1:])
+    plan, w = scheme(model, "baecklund", 2.0, 4, False).on(z), off
+    with np.errstate(all="ignore"):
+        for _ in range(40):
+            w = plan.advance(*w)
+    functions = (model.system.space.casimirs, *model.system.integrals.values())
+    before, after = (np.concatenate([np.ravel(model.call(f, *x)) for f in functions]) for x in (off, w))
+    return float((abs(after - before) / 1e-9 / (1 + abs(before))).max())
+
+
+@pytest.mark.parametrize("seed", range(3, 7))
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_nothing_grows_across_the_level_sets(name: str, seed: int) -> None:
+    assert growth(*start(name, 3, seed)) < 1e-3
+
+
+def test_with_rho_fixed_it_does() -> None:
+    top = REGISTRY["lagrange-top"]
+
+    def fixed(m, a, *, p, mu, rho):
+        return 2 * algebra.shifted_resolvent(mu, m, a - rho * p)
+
+    mutant = replace(top, baecklund=replace(top.baecklund, vector=fixed))
+    model, z = start("lagrange-top", 3, 3)
+    assert not growth(mutant(**model.params), z) < 10
 
 
 @pytest.mark.parametrize(("n", "order", "oriented"), [(3, 2, True), (3, 4, False), (3, 10, True), (4, 2, False)])

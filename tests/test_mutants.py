@@ -185,8 +185,8 @@ def next_to_rho(m, a, *, p, mu, rho):
     return top_maps.eigenvector(m, a, p=p, mu=mu, rho=rho + 1)
 
 
-def rho_without_slope(m, a, *, p, mu, rho):
-    return top_maps.eigenvector(m, a, p=p, mu=mu, rho=getattr(rho, "value", rho))
+def fixed_rho(m, a, *, p, mu, rho):
+    return 2 * laws.algebra.shifted_resolvent(mu, m, a - vec(rho) * p)
 
 
 def frozen(system: System) -> System:  # rho frozen at a wrong value: no longer that of the state
@@ -204,18 +204,18 @@ def frozen(system: System) -> System:  # rho frozen at a wrong value: no longer 
     return transformed(system, vector=rest if system is TOP else body if system.derive else top)
 
 
-def backwards(system: System) -> System:  # a pair with its eigenvector's conjugate, but not its rho's
+def stretched(system: System) -> System:  # a pair with a wrong real part of its eigenvector
     pair, derived = system.baecklund.pair, system.derive is not None
 
     def other(e):
         re, im = laws.algebra.parts(e)
-        return laws.algebra.together(re, -im)
+        return laws.algebra.together(2 * re, im)
 
-    def top(M, P, e, *, A, rho):
-        return pair(M, P, other(e), A=A, rho=rho)
+    def top(M, P, e, *, A):
+        return pair(M, P, other(e), A=A)
 
-    def body(M, P, e, *, c, mu, rho):
-        return pair(M, P, other(e), c=c, mu=mu, rho=rho)
+    def body(M, P, e, *, c, mu):
+        return pair(M, P, other(e), c=c, mu=mu)
 
     return transformed(system, pair=body if derived else top)
 
@@ -232,8 +232,8 @@ def old_momentum_transform(m, a, e, *, p):
     return m + wedge(e, p), a + act(m, e)
 
 
-def lost_curvature(m, a, e, *, p, rho):  # the pair without the term across
-    m1, _ = top_maps.pair(m, a, e, p=p, rho=rho)
+def lost_curvature(m, a, e, *, p):  # the pair without the term across
+    m1, _ = top_maps.pair(m, a, e, p=p)
     return m1, a + act(m + m1, laws.algebra.parts(e)[0])
 
 
@@ -253,12 +253,12 @@ MUTANTS = [
     ("spectral-point", transformed(TOP, point=forgotten_rho, vector=next_to_rho), 3),
     ("integrals-of-baecklund", transformed(TOP, step=old_momentum_transform), 3),
     *(("integrals-of-baecklund", frozen(system), n) for system in (TOP, MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
-    *(("conjugate-pair", backwards(system), n) for system in (MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
+    *(("conjugate-pair", stretched(system), n) for system in (MOVING, CLEBSCH, NEUMANN) for n in (3, 4)),
     ("conjugate-pair", transformed(TOP, darboux=unscaled_darboux), 3),
     ("darboux", transformed(TOP, darboux=unscaled_darboux), 3),
     ("darboux", transformed(TOP, step=flipped_step), 3),
     ("poisson-baecklund", transformed(TOP, step=old_momentum_transform), 3),
-    ("poisson-baecklund", transformed(TOP, vector=rho_without_slope), 3),  # without the derivative of rho
+    ("poisson-baecklund", transformed(TOP, vector=fixed_rho), 3),  # without the derivative of rho
     ("symmetric-baecklund", transformed(TOP, step=old_momentum_transform), 3),
     ("symmetric-baecklund", transformed(CLEBSCH, odd=1), 3),
     ("commuting-baecklund", transformed(TOP, step=old_momentum_transform), 3),

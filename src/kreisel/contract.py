@@ -235,11 +235,11 @@ class Baecklund:
 
     point(*state, mu)            the rho that goes with mu on the branch with D_eps -> 1 as eps -> 0, not finite
                                  or complex where there is none
-    vector(*state, mu, rho)      e
+    vector(*state, mu, rho)      e, for the rho of the very state, by a step of Newton's method
     defect(*state, e, mu, rho)   a function that vanishes on the curve
-    step(*state, e, mu, rho)     D_eps for real mu
-    pair(*state, e, mu, rho)     D_eps D_conj(eps) for complex mu, in real arithmetic
-    arc, arc_of_pair(*state, e, mu, rho) (x, y): the carried vector turns by R_y R_x, R a half-turn
+    step(*state, e, mu)          D_eps for real mu
+    pair(*state, e, mu)          D_eps D_conj(eps) for complex mu, in real arithmetic
+    arc, arc_of_pair(*state, e)  (x, y): the carried vector turns by R_y R_x, R a half-turn
     darboux(*state, e, mu, rho, lam)     N with N L = L_new N
     odd                          +1 or -1: rho goes with mu to odd rho with -mu
     block(*state)                the part of the momentum that does not touch the carried vector; g also turns by

@@ -1,9 +1,10 @@
 """Bäcklund transformations of Clebsch's case, the special flow, state (M, P).
 
-On the spectral curve (mu - rho C + M) Q = P/rho, <P, Q> = 1, with C = B - max b and rho = -lambda; then
+On the spectral curve (mu - rho C + M) Q = P, <P, Q> = rho, with C = B - max b and rho = -lambda; then
 
-    M_1 = M + (2 rho/<Q, Q>) Q ^ CQ,   P_1 = P - rho (M + M_1) Q = 2 Q <Q, P>/<Q, Q> - P.
+    M_1 = M + (2 rho/<Q, Q>) Q ^ CQ,   P_1 = P - (M + M_1) Q = 2 Q <Q, P>/<Q, Q> - P.
 
+Q belongs to the rho of the very state, by a step of Newton's method, as in `lagrange_top`.
 [the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md]
 """
 
@@ -35,7 +36,10 @@ def shifted_diagonal(*, b):
 
 
 def eigenvector(M, P, *, c, mu, rho):
-    return diagonal_resolvent(vec(mu) - vec(rho) * c, M, P) * vec(1 / rho)
+    d = vec(mu) - vec(rho) * c
+    Q = diagonal_resolvent(d, M, P)
+    H = diagonal_resolvent(d, M, c * Q)
+    return Q + vec((dot(P, Q) - rho) / (1 - dot(P, H))) * H
 
 
 def curve(M, P, *, c, mu):
@@ -58,18 +62,19 @@ def _root(M, P, c, mu):
     return -1 / (least if np.iscomplexobj(mu) else least.real)
 
 
-def step(M, P, Q, *, c, rho):
-    M1 = M + mat(2 * rho / dot(Q, Q)) * wedge(Q, c * Q)
-    return M1, P - vec(rho) * act(M + M1, Q)
+def step(M, P, Q, *, c):
+    M1 = M + mat(2 * dot(P, Q) / dot(Q, Q)) * wedge(Q, c * Q)
+    return M1, P - act(M + M1, Q)
 
 
-def pair(M, P, Q, *, c, mu, rho):
+def pair(M, P, Q, *, c, mu):
     """M += sum K_ij Q_i ^ CQ_j, K the inverse of <Q_i, Q_j>/(rho_i + rho_j); P turns in the plane of the Q_i.
 
-    Multiples of the Q_i do as well: mu rho Q = u + i w has u near P and w = Im rho (rho C - M) Q small for short steps.
+    Multiples of the Q_i do as well: mu Q = u + i w has u near P and w = Im (rho C - M) Q small for short steps.
     """
-    (u, _), (r, i) = parts(vec(mu * rho) * Q), parts(rho)
-    w = c * parts(vec(rho * rho) * Q)[1] - act(M, parts(vec(rho) * Q)[1])
+    rho = dot(P, Q)
+    (u, _), (r, i) = parts(vec(mu) * Q), parts(rho)
+    w = c * parts(vec(rho) * Q)[1] - act(M, parts(Q)[1])
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
     both, squares = uu + ww, 2 * r * r + i * i
     scale = 4 * r / (both * both * i * i + 4 * r * r * (uu * ww - uw * uw))
@@ -84,8 +89,8 @@ def arc(M, P, Q):
     return P, Q
 
 
-def arc_of_pair(M, P, Q, *, rho):
-    (u, w), (r, i) = parts(Q), parts(rho)
+def arc_of_pair(M, P, Q):
+    (u, w), (r, i) = parts(Q), parts(dot(P, Q))
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
     return u, vec(i * (uu + ww) - 2 * r * uw) * u + vec(2 * r * uu) * w
 
@@ -100,7 +105,7 @@ def rational_case(n, draw):
     b, M, Q, rho = draw((n,)), skew(draw((n * (n - 1) // 2,)), n), draw((n,)), abs(draw((1,)))[0]
     c = shifted_diagonal(b=b)["c"]
     mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
-    return (M, rho * (mu * Q - rho * c * Q + act(M, Q))), {"b": b}, Q, mu, rho
+    return (M, rho * (mu * Q - rho * c * Q + act(M, Q))), {"b": b}, rho * Q, mu, rho
 
 
 def gaussian_case(n, draw):
@@ -126,13 +131,13 @@ def gaussian_case(n, draw):
     beta = one[1] * P - ((x - t * r * c) * w + (y - t * i * c) * u)
     free = identity(n) - u[:, None] * u1 - w[:, None] * w1
     M = wedge(alpha, u1) + wedge(beta, w1) - dot(beta, u) * wedge(u1, w1) + free.T @ K @ free
-    return (M, P), {"b": t * b}, together(u, w), complex_number(x, y) - rho * (t * c).max(), rho
+    return (M, P), {"b": t * b}, rho * together(u, w), complex_number(x, y) - rho * (t * c).max(), rho
 
 
 BAECKLUND = Baecklund(
     point=curve,
     vector=eigenvector,
-    defect=lambda M, P, Q: dot(P, Q) - 1,
+    defect=lambda M, P, Q, *, rho: dot(P, Q) - rho,
     step=step,
     pair=pair,
     arc=arc,

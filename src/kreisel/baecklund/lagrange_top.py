@@ -4,6 +4,9 @@ On the spectral curve (mu - m) e = 2 (a - rho p), <e, e> = 4 rho, with rho = 1/l
 
     m_1 = m + e ^ p,   a_1 = a + (m + m_1) e / 2 = 2 e <e, a>/<e, e> - a.
 
+The rho of the start is that of all states, but maps with it fixed are unstable across the level sets: for long steps
+what rounding adds grows up to three times a step.  So e belongs to the rho of the very state, by a step of Newton's
+method from that of the start.
 [the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md]
 """
 
@@ -29,7 +32,8 @@ from kreisel.matrices import border
 
 
 def eigenvector(m, a, *, p, mu, rho):
-    return 2 * shifted_resolvent(mu, m, a - vec(rho) * p)
+    e, h = 2 * shifted_resolvent(mu, m, a - vec(rho) * p), 2 * shifted_resolvent(mu, m, p + 0 * a)
+    return e - vec((dot(e, e) - 4 * rho) / (4 + 2 * dot(e, h))) * h
 
 
 def curve(m, a, *, p, mu):  # <e, e> = 4 rho, the root of a quadratic equation with rho mu^2 -> |a|^2
@@ -48,9 +52,9 @@ def step(m, a, e, *, p):
     return m1, a + act(m + m1, e) / 2
 
 
-def pair(m, a, e, *, p, rho):  # e = u + i w
-    (u, w), (_, im) = parts(e), parts(4 * rho)
-    g = vec(im / dot(w, w)) * w
+def pair(m, a, e, *, p):  # e = u + i w
+    u, w = parts(e)
+    g = vec(2 * dot(u, w) / dot(w, w)) * w
     m1 = m + wedge(g, p)
     return m1, a + (act(m + m1, g) + u * vec(dot(g, p)) - g * vec(dot(u, p))) / 2
 
@@ -59,10 +63,10 @@ def arc(m, a, e):
     return a, e
 
 
-def arc_of_pair(m, a, e, *, rho):
-    (u, w), (re, im) = parts(e), parts(4 * rho)
-    ww = dot(w, w)
-    return w, vec(im * im - re * ww) * w - vec(im * ww) * u
+def arc_of_pair(m, a, e):
+    u, w = parts(e)
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    return w, vec(4 * uw * uw - (uu - ww) * ww) * w - vec(2 * uw * ww) * u
 
 
 def darboux(m, a, e, *, rho, lam):  # N l = l_new N

@@ -21,8 +21,8 @@ def step(M, P, e, *, A):
     return -m, a
 
 
-def pair(M, P, e, *, A, rho):
-    m, a = rest.pair(-M, P, e, p=A, rho=rho)
+def pair(M, P, e, *, A):
+    m, a = rest.pair(-M, P, e, p=A)
     return -m, a
 
 

@@ -26,14 +26,14 @@ def moved(x, q, M, M1, x1):
     return x1, q - change / vec(dot(x, x))
 
 
-def step(x, q, Q, *, c, rho):
+def step(x, q, Q, *, c):
     M = wedge(x, q)
-    return moved(x, q, M, *clebsch.step(M, x, Q, c=c, rho=rho))
+    return moved(x, q, M, *clebsch.step(M, x, Q, c=c))
 
 
-def pair(x, q, Q, *, c, mu, rho):
+def pair(x, q, Q, *, c, mu):
     M = wedge(x, q)
-    return moved(x, q, M, *clebsch.pair(M, x, Q, c=c, mu=mu, rho=rho))
+    return moved(x, q, M, *clebsch.pair(M, x, Q, c=c, mu=mu))
 
 
 def rational_case(n, draw):
@@ -43,7 +43,7 @@ def rational_case(n, draw):
     Q = d / dot(x, d)
     mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
     D = mu * Q - rho * c * Q
-    return (x, D - x * dot(x, D)), {"b": b}, Q, mu, rho
+    return (x, D - x * dot(x, D)), {"b": b}, rho * Q, mu, rho
 
 
 def gaussian_case(n, draw):
@@ -65,17 +65,17 @@ def gaussian_case(n, draw):
     *c, y, tau = solve(units, wanted[:, None])[:, 0]
     c = np.array(c)
     re = conditions(c, y, tau, x0)[1]
-    return (x, re - x * dot(x, re)), {"b": c}, together(u, w), complex_number(x0, y) - rho * c.max(), rho
+    return (x, re - x * dot(x, re)), {"b": c}, rho * together(u, w), complex_number(x0, y) - rho * c.max(), rho
 
 
 BAECKLUND = Baecklund(
     point=curve,
     vector=eigenvector,
-    defect=lambda x, q, Q: dot(x, Q) - 1,
+    defect=lambda x, q, Q, *, rho: dot(x, Q) - rho,
     step=step,
     pair=pair,
     arc=lambda x, q, Q: (x, Q),
-    arc_of_pair=lambda x, q, Q, *, rho: clebsch.arc_of_pair(q, x, Q, rho=rho),
+    arc_of_pair=lambda x, q, Q: clebsch.arc_of_pair(q, x, Q),
     darboux=lambda x, q, Q, *, rho, lam: clebsch.darboux(wedge(x, q), x, Q, rho=rho, lam=lam),
     block=lambda x, q: 0 * wedge(x, q),
     case=rational_case,

@@ -536,22 +536,9 @@ def darboux(case: Case) -> Sides:
 @_law("J Pi(z) J^T = Pi(D(z)), the derivative of rho included", _has_baecklund)
 def poisson_baecklund(case: Case) -> Sides:
     curve = _curve(case)
-    n, kinds, record = curve.model.n, case.kinds, curve.record
-
-    def with_slopes(curve: _Curve) -> tuple[tuple[Array, ...], Array]:
-        flat = curve.flat(curve.state)
-        duals = exact.independent(np.append(flat, 0 * flat[:1]))
-        state, shift = layout.restore(duals[:-1], kinds, n), duals[-1]
-        e = curve.call(record.vector, *state, rho=shift + curve.rho)
-        defect = curve.call(record.defect, *state, e, rho=shift + curve.rho)
-        *along, across = slopes(np.asarray(defect, dtype=object), len(flat) + 1)
-        along_state = exact.Dual(curve.rho, -np.array(along) / across)  # F(z, rho) = 0: d rho = -F_z/F_rho dz
-        plain = layout.restore(exact.independent(flat), kinds, n)
-        e = curve.call(record.vector, *plain, rho=along_state)
-        new = curve.call(record.step, *plain, e, rho=along_state)
-        return tuple(new), slopes(layout.flatten(tuple(new), kinds), len(flat))
-
-    J = with_slopes(curve)[1]
+    flat = curve.flat(curve.state)
+    new = curve.move(*layout.restore(exact.independent(flat), case.kinds, curve.model.n))  # Newton's step has d rho
+    J = slopes(layout.flatten(new, case.kinds), len(flat))
     yield J @ case.tensor(curve.state) @ J.T, case.tensor(curve.move())
 
 
