@@ -359,7 +359,7 @@ class Corrections:
                     out[row - 1] = state
 
     def beyond(self, worst: Floats, angle: Array) -> Array:
-        """Which corrections (lanes, invariants) roundings of `every` steps cannot explain; a step turns by `angle`."""
+        """Which corrections (lanes, invariants) roundings of `every` steps cannot explain."""
         return worst > FAR * np.sqrt(self.every) * (1 + angle[:, None])
 
     def largest(self, z: Floats) -> dict[str, float]:

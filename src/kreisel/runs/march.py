@@ -184,8 +184,8 @@ class March:
         projection = self.plan.engine.projection
         if projection is not None:
             worst = projection.worst if self.rows < self.plan.rows else projection.peek(self.plan.engine.z)
-            angle = self.plan.dt * abs(self.plan.engine.z).max(-1)  # about that of a step
-            beyond = projection.beyond(worst, angle)
+            with np.errstate(all="ignore"):
+                beyond = projection.beyond(worst, self.plan.dt * abs(self.plan.engine.z).max(-1))
             if beyond.any():
                 name = projection.labels[int(np.where(beyond, worst, 0).max(0).argmax())]
                 self._lose(
