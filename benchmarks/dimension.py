@@ -6,7 +6,7 @@ comparison.  Exponents are those of the least squares line through the logarithm
 n = 1000 the rows of O(n) kernels no longer stay in the first cache.  The thread's processor time, least of some turns.
 
 Accuracy: a million steps at n = 10 with the structured and with the dense kernel, worst of the energy and the Casimirs
-in bands of a random walk of rounding errors.
+in units in the last place.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def fitted(found: dict[str, dict[str, float]], first: int) -> dict[str, float]:
 
 
 def accuracy(steps: int, n: int = 10) -> dict[str, dict[str, float]]:
-    """Worst of the kept energy and the Casimirs, |a|^2 among them, over `steps` steps, in bands, of both kernels."""
+    """Worst of the kept energy and the Casimirs, |a|^2 among them, over `steps` steps, in ulps, of both kernels."""
     out: dict[str, dict[str, float]] = {}
     for name, (model, state) in models(n).items():
         for method, order in COMPARED.get(name, ()):
@@ -132,9 +132,9 @@ def main(arguments: list[str] | None = None) -> None:
     exponents = {str(first): fitted(found, first) for first in FROM}
     for first, row in exponents.items():
         print(f"exponents from n = {first} on: {row}")
-    bands = accuracy(options.steps) if options.steps else {}
+    ulps = accuracy(options.steps) if options.steps else {}
     told = {"machine": machine(), "load_average_before": load, "ns": found, "engines": engines,
-            "exponents": exponents, "accuracy": {"steps": options.steps, "n": 10, "bands": bands}}  # fmt: skip
+            "exponents": exponents, "accuracy": {"steps": options.steps, "n": 10, "ulps": ulps}}  # fmt: skip
     write(told, options.output)
 
 

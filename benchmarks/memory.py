@@ -60,7 +60,7 @@ def main() -> None:
         "growth_MiB": round(tenths[-1] - tenths[1]),
         "peak_memory_MiB": round(peak),
         "archive_MB": round(disk / 1e6),
-        "worst_ratio_to_roundoff": round(worst, 3),
+        "worst_ulps": round(worst, 3),
     }
     path = HERE / "results" / "memory.json"
     path.parent.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Every benchmark that needs no GPU, half an hour; `run.py --all` also follows round-off over 1e8 steps."""
+"""Every benchmark that needs no GPU, half an hour; `run.py --all` also what rounding does over 1e8 steps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def main() -> None:
     print("\n== startup: import and first step, fresh processes (about a minute)")
     startup.main([])
     if options.all:
-        print("\n== roundoff: do rounding errors walk at random? (some minutes)")
+        print("\n== roundoff: what rounding does to integrals and states (some minutes)")
         roundoff.main([])
 
 

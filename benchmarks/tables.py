@@ -91,11 +91,9 @@ def dimension_accuracy() -> str:
     """Worst of energy and Casimirs, of the structured and of the dense kernel."""
     told = _result("dimension")["accuracy"]
     rows = [
-        [name, *(f"{row[k]:.2f}" if k in row else "-" for k in ("large", "cpu"))] for name, row in told["bands"].items()
+        [name, *(f"{row[k]:.0f}" if k in row else "-" for k in ("large", "cpu"))] for name, row in told["ulps"].items()
     ]
-    return _table(
-        [f"n = {told['n']}, {told['steps']:,} steps; energy, Casimirs, in bands", "structured", "dense"], rows
-    )
+    return _table([f"n = {told['n']}, {told['steps']:,} steps; energy, Casimirs, in ulps", "structured", "dense"], rows)
 
 
 def startup() -> str:
