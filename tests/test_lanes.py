@@ -20,8 +20,8 @@ from kreisel.engines.vector_type import register_width
 SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 5e-324, 1e308, 0.1, -3.7)
 OPERATIONS = (
     *("x + y", "x - y", "x * y", "x / y", "(-x) * y", "x * 0.3", "0.3 - x", "1.0 / x", "sqrt(x)", "sqrt((-y))"),
-    *("fma(x, y, 0.7)", "fma((-x), y, (-y))", "fma(0.1, x, y)", "plain_sum(x, y)", "sum_error(x, y)"),
-    *("sum_error(x, 0.1)", "max(x, y)", "max((-x), 0.1)", "sign(x)", "sign((-y))"),
+    *("fma(x, y, 0.7)", "fma((-x), y, (-y))", "fma(0.1, x, y)"),
+    *("max(x, y)", "max((-x), 0.1)", "sign(x)", "sign((-y))"),
 )  # fmt: skip
 BOTH = f"""
 from kreisel.engines.vector_type import gather, load, scatter, store
@@ -68,8 +68,6 @@ def test_vectors_have_the_bits_of_numbers() -> None:
     known = ~np.isnan(one)
     assert (np.signbit(one) == np.signbit(other))[known].all()
     assert (one[-1, :3] == (3.25, -2.75, 0.75)).all()
-    assert one[-1, 14] == 0
-    assert one[SPECIAL.index(1.0) * len(SPECIAL) + SPECIAL.index(1e308), 14] == 1  # what the sum lost
     back = np.empty_like(z)
     module.through_scratch(z, back)
     assert np.array_equal(back, z, equal_nan=True)

@@ -358,9 +358,9 @@ class Corrections:
                 if into == 0:
                     out[row - 1] = state
 
-    def beyond(self, worst: Floats, angle: Array) -> Array:
-        """Which corrections (lanes, invariants) roundings of `every` steps cannot explain."""
-        return worst > FAR * np.sqrt(self.every) * (1 + angle[:, None])
+    def beyond(self, angle: Array) -> Array:
+        """Which corrections (lanes, invariants) roundings of `every` steps, each a turn by `angle`, cannot explain."""
+        return self.worst > FAR * np.sqrt(self.every) * (1 + angle[:, None] ** 2)
 
     def largest(self, z: Floats) -> dict[str, float]:
         """The largest correction of each variable, at the end of a run in the state z."""

@@ -14,6 +14,7 @@ from kreisel.engines import layout
 from kreisel.engines.correcting import TAU, Corrections
 from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import RunError
+from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
 from kreisel.reduction.double import double, jax
 
@@ -74,12 +75,13 @@ def _projection(
     They depend on the record, whose step is one function, and on eps.
     """
     kinds, n = tuple(kind for _, kind in scheme.components), scheme.n
+    own = sum(letter != ORIENTATION for letter, _ in scheme.components)
     key = scheme.step, kinds, n, lanes, repr(scheme.constants.get("eps"))
     if key in _projections:
         return _projections[key]
 
     def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
-        found = scheme.observe(layout.restore(z, kinds, n), **known)
+        found = scheme.observe(layout.restore(z, kinds, n)[:own], **known)
         return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].kept}
 
     def values(z: Array, known: Mapping[str, Array]) -> Array:
@@ -135,6 +137,15 @@ class Projection(Corrections):
         return self._corrected(z)[1] if self.worst.any() else self.worst  # a short run need not compile it
 
 
+def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:
+    """None where nothing is conserved, and for integrals of a user's own that take no JAX arrays."""
+    try:
+        projection = Projection(scheme, z, constants, lanes)
+    except (TypeError, jax.errors.JAXTypeError):
+        return None
+    return projection if projection.labels else None
+
+
 class Compiled:
     """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
 
@@ -147,9 +158,7 @@ class Compiled:
             raise TypeError(f"the scheme {scheme.name} states no step")
         lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
         self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
-        self.projection = Projection(scheme, self.z, self._constants, lanes) if project else None
-        if self.projection is not None and not self.projection.labels:
-            self.projection = None
+        self.projection = _projected(scheme, self.z, self._constants, lanes) if project else None
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self.projection is None:

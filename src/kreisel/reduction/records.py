@@ -219,8 +219,9 @@ class _Record:
             return None
 
         def casimirs(*state: Array) -> Array:
-            z = np.concatenate([s.coordinates(x) for s, x in zip(self.spaces, state, strict=True)], -1)
-            return np.stack([((z @ form) * z).sum(-1) for form in Q], -1)
+            library = np if isinstance(state[0], np.ndarray) else jax.numpy
+            z = library.concatenate([s.coordinates(x) for s, x in zip(self.spaces, state, strict=True)], -1)
+            return library.stack([((z @ form) * z).sum(-1) for form in Q], -1)
 
         return casimirs
 

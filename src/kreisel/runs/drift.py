@@ -63,7 +63,7 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     correction  the largest distance by which the projection had to put the state back for this family of integrals,
                 in units of eps_machine |state|; NaN for a run without projection, and for what is not conserved
     broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
-                1e4 (1 + dt |z|) times what a random walk of rounding errors does, |z| the largest entry of the state
+                1e4 (1 + (dt |z|)^2) times what a random walk of rounding errors does, |z| the largest entry of the state
 
     In an ensemble each row is the worst lane: that of the largest change beside what rounding does in it, or in more
     than some hundred lanes in any of them.  Variables are read in blocks of rows: an archive may be longer than memory.
@@ -108,7 +108,7 @@ def broken(table: pd.DataFrame) -> list[str]:
 
 def far(change: Any, band: Any, scale: Any, turn: float) -> Any:
     """Whether a change is more than roundings can make; the body turns by about `turn` in a step."""
-    return (change > FAR * band * (1 + turn)) & (change > FAR_RELATIVE * scale)
+    return (change > FAR * band * (1 + turn**2)) & (change > FAR_RELATIVE * scale)
 
 
 def _sentence(name: str, row: Any) -> str:

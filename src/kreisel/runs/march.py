@@ -183,11 +183,10 @@ class March:
             self._require(within, guard.fault, guard.cause)
         projection = self.plan.engine.projection
         if projection is not None:
-            worst = projection.worst if self.rows < self.plan.rows else projection.peek(self.plan.engine.z)
             with np.errstate(all="ignore"):
-                beyond = projection.beyond(worst, self.plan.dt * abs(self.plan.engine.z).max(-1))
+                beyond = projection.beyond(self.plan.dt * abs(self.plan.engine.z).max(-1))
             if beyond.any():
-                name = projection.labels[int(np.where(beyond, worst, 0).max(0).argmax())]
+                name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
                 self._lose(
                     np.broadcast_to(~beyond.any(1), (self.filled + 1, self.plan.lanes)),
                     lambda step: f"{name} is not conserved, although the method conserves it, before step {step}",
