@@ -24,9 +24,8 @@ with figure("light", 9.6, 5.4) as (made, theme):
         x0 = top.state(m=(m - m.T) / 2, a=a / np.linalg.norm(a))
         run = kr.simulate(top, x0, dt=0.05, steps=STEPS, every=STEPS // 2000)
         table = kr.drift(run)
-        print(
-            f"n = {n}: {len(table)} integrals, the worst off by {table.ulps[table.conserved].max():.0f} units in the last place"
-        )
+        worst = table.ulps[table.conserved].max()
+        print(f"n = {n}: {len(table)} integrals, the worst off by {worst:.0f} units in the last place")
         assert table.conserved.all() and table.ulps.max() < 400
         path = kr.simulate(top, x0, dt=0.02, steps=4000).a.values
         for axes, (i, j) in zip(row[:2], ((0, 1), (2, n - 1)), strict=True):

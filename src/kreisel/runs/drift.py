@@ -21,7 +21,7 @@ from kreisel.runs.reading import a_run
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 KINDS = ("casimir", "integral", "relation")
 
-# What is kept is broken where it has changed by more than FAR bands for each radian that the body turns in a step, and
+# What is kept is broken where it has changed by more than FAR bands, times the square of a step's angle in radians, and
 # by more than FAR_RELATIVE of its scale.  Measured over 1000 steps of the tops' maps and Clebsch's, n = 3, 4, 5, of
 # states that are random, asleep, at rest, nearly so, of momenta times 1e-8 to 1e8: at most 20 bands for steps up to 3
 # and momenta up to 1, 4e3 at Clebsch's longest steps; roundings grow about as the angle of a step.  A walk of Gaussian
@@ -63,7 +63,7 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     correction  the largest distance by which the projection had to put the state back for this family of integrals,
                 in units of eps_machine |state|; NaN for a run without projection, and for what is not conserved
     broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
-                1e4 (1 + (dt |z|)^2) times what a random walk of rounding errors does, |z| the largest entry of the state
+                1e4 (1 + (dt |z|)^2) times what a random walk of rounding errors does, |z| the state's largest entry
 
     In an ensemble each row is the worst lane: that of the largest change beside what rounding does in it, or in more
     than some hundred lanes in any of them.  Variables are read in blocks of rows: an archive may be longer than memory.
