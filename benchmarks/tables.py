@@ -87,15 +87,6 @@ def _time(ns: float) -> str:
     raise AssertionError
 
 
-def dimension_accuracy() -> str:
-    """Worst of energy and Casimirs, of the structured and of the dense kernel."""
-    told = _result("dimension")["accuracy"]
-    rows = [
-        [name, *(f"{row[k]:.0f}" if k in row else "-" for k in ("large", "cpu"))] for name, row in told["ulps"].items()
-    ]
-    return _table([f"n = {told['n']}, {told['steps']:,} steps; energy, Casimirs, in ulps", "structured", "dense"], rows)
-
-
 def startup() -> str:
     """Seconds of fresh processes."""
     told = _result("startup")
@@ -121,7 +112,7 @@ def gpu_code() -> str:
     return _table(head, rows)
 
 
-TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, dimension_accuracy, startup, gpu_code)
+TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code)
 
 if __name__ == "__main__":
     for table in TABLES:

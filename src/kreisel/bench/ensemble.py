@@ -29,7 +29,7 @@ from kreisel.bench.cases import Case, cases, machine
 from kreisel.bench.compiled import FLAGS, build
 from kreisel.runs.plan import make_plan
 
-DT, LANES, STEPS, TURNS = 0.05, 64 * 96, 20_000, 9  # lanes: whole blocks for every number of chains
+DT, LANES, STEPS, TURNS = 0.05, 64 * 96, 5_000, 9  # lanes: whole blocks for every number of chains
 LONGER = 8  # times as many steps where the clock counts, against the start of the threads
 BY_THE_CLOCK = " by the clock"
 CHECKED, TOLERANCE = 100, 1e-12

@@ -12,7 +12,7 @@ from kreisel.bench import ensemble, saving, single
 from kreisel.bench.cases import cases, machine
 from kreisel.bench.compiled import MISSING, build, compiler
 
-SINGLE_STEPS, ENSEMBLE_STEPS, TURNS = 300_000, 10_000, 5
+SINGLE_STEPS, ENSEMBLE_STEPS, TURNS = 300_000, 5_000, 5
 EVERY, PART = 100, 10  # saving: steps between two rows, and the part of the steps of `kreisel.bench.saving`
 
 
