@@ -92,6 +92,17 @@ def test_a_body_at_rest_is_one_step() -> None:
     assert choose(top, tuple(top.state(m=(0, 0, 0), a=(0, 0, -1)).values()), 10.0, 100.0, 1e-8).steps == 1
 
 
+def test_a_motion_far_faster_than_dt(tmp_path: Path) -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    x0 = {"m": (0.1, 0.2, 1.5), "a": (6e19, 0, 8e19)}
+    auto = {"dt": 0.05, "steps": 20, "order": "auto", "tol": 1e-6}
+    with pytest.raises(kr.InputError, match=r"a motion that 1,000,000 steps in a dt resolve, got one that needs"):
+        kr.simulate(top, x0, **auto)
+    lanes = {"state.a[2]": [0.8, 8e19], "state.a[0]": [0.6, 0]}
+    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, list=lanes, **auto)
+    assert run.failed.values.tolist() == [0, 1]
+
+
 def test_from_a_file_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("top.toml").write_text(

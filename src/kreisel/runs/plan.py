@@ -32,6 +32,7 @@ LARGE = 9  # from here on the structured kernel, where there is one
 COMPUTED = ("constants", "stages", "basis")  # of a scheme
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
+MOST_CHOSEN = 10**6  # steps in a dt that was asked for
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
 
 
@@ -230,7 +231,13 @@ def choices(model: Any, x0: Any, *, dt: Any, steps: Any, every: Any, method: str
 
 
 def settled(choice: Choice, dt: float, steps: int, every: int) -> dict[str, Any]:
-    """The settings of a run with this choice; rows are saved at the same times."""
+    """The settings of a run with this choice; rows are saved at the same times.  Raises `InputError`."""
+    if choice.steps > MOST_CHOSEN * every:
+        raise InputError(
+            f"order='auto': expected a motion that {MOST_CHOSEN:,} steps in a dt resolve, got one that needs "
+            f"{choice.steps // every:,}. Usual cause: a state or parameters far larger than meant. If they are right, "
+            "use a smaller dt and every=..., or say order and dt."
+        )
     return {
         "dt": every * dt / choice.steps,
         "steps": steps // every * choice.steps,
