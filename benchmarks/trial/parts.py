@@ -30,6 +30,6 @@ PARTS = [
     Part("modes", modes.case, 100, 0.02, before=corruptions.make),
     Part("corruptions", corruptions.case, 1000, 0.08, before=corruptions.make),
     Part("configurations", configurations.case, 10_000, 0.43, before=corruptions.make),
-    Part("calls", calls.case, 40_000, 0.2, before=calls.make, warm=arguments.make),
+    Part("calls", calls.case, 40_000, 0.2, seconds=40, before=calls.make, warm=arguments.make),
 ]
 warnings.simplefilter("ignore")
