@@ -28,7 +28,7 @@ TOO_LONG = 1e4  # a step of order 8 that loses the Casimirs, by 1e-10
 @pytest.fixture
 def strict(monkeypatch: pytest.MonkeyPatch) -> None:
     """That much counts as broken."""
-    monkeypatch.setattr(drift, "FAR", 1e-3)
+    monkeypatch.setattr(drift, "FAR", 1e-9)
     for module in (drift, broken_lanes):
         monkeypatch.setattr(module, "FAR_RELATIVE", 1e-12)
 

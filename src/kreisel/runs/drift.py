@@ -108,7 +108,7 @@ def broken(table: pd.DataFrame) -> list[str]:
 
 def far(change: Any, band: Any, scale: Any, turn: float) -> Any:
     """Whether a change is more than roundings can make; the body turns by about `turn` in a step."""
-    return (change > FAR * band * (1 + turn**2)) & (change > FAR_RELATIVE * scale)
+    return (change > FAR * band * (1 + turn * turn)) & (change > FAR_RELATIVE * scale)
 
 
 def _sentence(name: str, row: Any) -> str:
