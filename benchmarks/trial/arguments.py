@@ -10,7 +10,7 @@ from typing import Any
 
 import grammar
 import numpy as np
-from grammar import ENGINES, METHODS, TEXTS, maybe_python, odd
+from grammar import ENGINES, METHODS, TEXTS, maybe_python, never_long, odd
 
 Function = Callable[..., Any]
 
@@ -99,7 +99,7 @@ def drawn(call: Call, here: Around, rng: random.Random) -> tuple[list[Any], dict
 def value(kind: str, here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     """A value of a kind, or not quite."""
     if rng.random() < grammar.ODD and kind not in ALWAYS:
-        return odd(rng, True)
+        return never_long(odd(rng, True)) if kind in ("steps", "extend") else odd(rng, True)
     return KINDS[kind](here, rng, told)
 
 

@@ -15,7 +15,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from grammar import ENGINES, METHODS, ODD, TEXTS, dimension, key, odd, orientation, parameters, plain, scaled, toml
+from grammar import (
+    ENGINES,
+    METHODS,
+    ODD,
+    TEXTS,
+    dimension,
+    key,
+    never_long,
+    odd,
+    orientation,
+    parameters,
+    plain,
+    scaled,
+    toml,
+)
 from grammar import state as state_of
 from pool import note
 from speaking import said
@@ -196,7 +210,7 @@ def configuration(rng: random.Random, folder: Path, sweeping: bool) -> dict[str,
 def settings(rng: random.Random) -> dict[str, Any]:
     """[run]: never more than some hundred steps that can be made."""
     steps = rng.choice([1, 5, 20, 40, 100])
-    out = {"dt": maybe(rng.choice([0.05, 0.1, 0.02]), rng), "steps": _never_long(maybe(steps, rng))}
+    out = {"dt": maybe(rng.choice([0.05, 0.1, 0.02]), rng), "steps": never_long(maybe(steps, rng))}
     if rng.random() < 0.6:
         out["every"] = maybe(rng.choice([1, 2, 3, 7]), rng)
     if rng.random() < 0.3:
@@ -210,13 +224,6 @@ def settings(rng: random.Random) -> dict[str, Any]:
     if rng.random() < 0.06:
         out["engine"] = maybe(rng.choice(ENGINES), rng)
     return out
-
-
-def _never_long(steps: Any) -> Any:
-    """A number of steps that can be asked for and would take long is no fault: other numbers are tried."""
-    if isinstance(steps, int | float) and 10**4 < steps <= 10**15:
-        return 10**16
-    return steps
 
 
 def output(rng: random.Random, folder: Path) -> dict[str, Any]:
@@ -253,7 +260,7 @@ def sweep(data: dict[str, Any], rng: random.Random) -> dict[str, Any]:
             values = {law: maybe(1.0 if law == "sphere" else [0.1, 0.4], rng)}
         values = maybe(values, rng)
         if name in ("run.steps", "run.every"):
-            values = [_never_long(v) for v in values] if isinstance(values, list) else _never_long(values)
+            values = [never_long(v) for v in values] if isinstance(values, list) else never_long(values)
         out.setdefault(kind, {})[name] = values
     if "random" in out or rng.random() < 0.03:
         out |= {"draws": maybe(rng.choice([1, 2, 3]), rng, 0.05), "rng": maybe(1, rng)}

@@ -114,6 +114,13 @@ def odd(rng: random.Random, python: bool = False) -> Any:
     return strange(rng) if python and rng.random() < 0.45 else plain(rng)
 
 
+def never_long(steps: Any) -> Any:
+    """A number of steps that can be asked for and would take long is no fault: other numbers are tried."""
+    if isinstance(steps, int | float) and 10**4 < steps <= 10**15:
+        return 10**16
+    return steps
+
+
 def scaled(value: Any, rng: random.Random) -> Any:
     """A good array with entries at the edge: all of them, or one."""
     array = np.array(value, dtype=object)
