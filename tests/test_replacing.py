@@ -210,6 +210,19 @@ def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
     assert (".run.zarr.replaced", "run.zarr") in states
 
 
+def test_resume_ends_a_replacement_that_was_cut(top: Any, x0: Any, tmp_path: Path) -> None:
+    """Killed between the renames, when nothing else was left to do."""
+    path = tmp_path / "run.zarr"
+    kr.simulate(top, x0, path=path, **OPTIONS)
+    kr.simulate(top, x0, path=tmp_path / "new.zarr", **{**OPTIONS, "steps": 60})
+    path.rename(replacing.replaced(path))
+    (tmp_path / "new.zarr").rename(replacing.part_of(path))
+    run = kr.resume(path)
+    assert run.attrs["steps"] == 60 and [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
+    with pytest.raises(kr.InputError, match="is finished"):
+        kr.resume(path)
+
+
 def test_a_backup_with_a_likely_name_stays(top: Any, x0: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)

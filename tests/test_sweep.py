@@ -302,6 +302,10 @@ def test_the_same_call_goes_on(whole: Path, tmp_path: Path, monkeypatch: pytest.
     (part / "a" / f"zarr.{'0' * 32}.partial").write_bytes(b"left by a kill")
     kept = kr.open_run(part)
     assert (kept.failed.values == 255).tolist() == [False] * 10 + [True] * 14
+    chunk = next(part.glob("energy_start/c/0"))
+    shutil.copy(chunk, chunk.with_name("3"))  # a worker that outlives its client is writing block 3
+    assert np.isfinite(kept.load().energy_start.values[:10]).all() and np.isnan(kept.energy_start.values[10:]).all()
+    chunk.with_name("3").unlink()
     assert "3 of 5 blocks are to do" in checking.check_archive(part)[1][0]
     with pytest.raises(kr.InputError, match=r"another sweep.*sweep\.rng"):
         carried(tmp_path / "s", SWEEP.replace("rng = 7", "rng = 8"))

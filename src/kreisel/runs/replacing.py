@@ -184,18 +184,19 @@ def take_name(path: Path) -> None:
         remove(old)
 
 
-def settle(path: Path) -> None:
-    """End what a kill left of `take_name`; the caller is the one writer."""
+def settle(path: Path) -> bool:
+    """End what a kill left of `take_name`, whether a whole NAME.part got its name; the caller is the one writer."""
     part, old = part_of(path), replaced(path)
     if not stands(old) or why_not(old) is not None:
-        return
+        return False
     if not stands(path):
         if _complete(part):
             take_name(path)
-            return
+            return True
         os.replace(old, path)
     if stands(old):
         remove(old)
+    return False
 
 
 def _complete(part: Path) -> bool:

@@ -109,12 +109,13 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
     Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
     """
-    from kreisel.runs.archive import reopen, target
+    from kreisel.runs.archive import open_archive, reopen, target
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
     with Lock(where):
-        settle(where)
+        if settle(where) and extend is None:  # all that was left to do
+            return open_archive(where)
         archive, march = reopen(where, None if extend is None else whole(extend, "extend"))
         return watched(_write(archive, march, progress))
 

@@ -39,7 +39,7 @@ class Verified(LocalStore):
     """A store that is read only as it was written: a file that is changed, missing or added raises `InputError`."""
 
     def __init__(self, root: Path | str, known: manifest.Listed, partial: bool = False):
-        """`partial`: chunks that are not listed may be missing, since their blocks are still to do."""
+        """`partial`: chunks that are not listed are not read, since their blocks are still to do, or being written."""
         super().__init__(root, read_only=True)
         self._known, self._partial = known, partial
         self._seen: dict[str, tuple[int, ...]] = {}
@@ -47,6 +47,10 @@ class Verified(LocalStore):
     def with_read_only(self, read_only: bool = False) -> Verified:
         """The store itself: it is never written to."""
         return self
+
+    def _to_do(self, key: str) -> bool:
+        """Whether a file is a chunk of a block that is not done."""
+        return self._partial and key not in self._known and manifest.is_chunk(key)
 
     def verify(self, key: str) -> None:
         """Compare a file with the manifest, once for as long as it stays as it is."""
@@ -64,18 +68,22 @@ class Verified(LocalStore):
                 raise damaged(self.root, f"{key} was changed after the run")
             self._seen[key] = mark
         except (FileNotFoundError, NotADirectoryError):
-            if told is not None or (manifest.is_chunk(key) and not self._partial):
+            if told is not None or manifest.is_chunk(key):
                 raise damaged(self.root, f"{key} is missing") from None
         except OSError as error:
             raise InputError(f"{self.root} cannot be read: {key}: {error.strerror}.") from error
 
     def get_sync(self, key: str, *, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
         """As of Zarr's store, of a file that is as it was written.  Raises `InputError`."""
+        if self._to_do(key):
+            return None
         self.verify(key)
         return super().get_sync(key, prototype=prototype, byte_range=byte_range)
 
     async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
         """The same."""
+        if self._to_do(key):
+            return None
         await asyncio.to_thread(self.verify, key)
         return await super().get(key, prototype or default_buffer_prototype(), byte_range)
 
