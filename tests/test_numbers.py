@@ -134,7 +134,7 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
     assert total == pytest.approx(np.linalg.det(mu * np.eye(n + 1) - L))
 
     q, B = draw((n,)), diagonal(draw((n,)))
-    c, _ = invariants.faddeev_leverrier_pencil(m, B)
+    c, _ = invariants.pencil_on(m, B, q, n)
     spectrum = iter(invariants.pencil_spectrum(m, B, q, 0.3))
     nu, kappa = 0.8, 0.3
     whole = (nu + kappa * mu) * mu**n + sum(

@@ -194,6 +194,8 @@ def dot(x: Array, y: Array) -> Array:
 
 def pairing(X: Array, Y: Array) -> Array:
     """<X, Y> = -tr(XY)/2 on so(n): the sum over i < j of X_ij Y_ij."""
+    if hasattr(X, "record_pairing"):
+        return X.record_pairing(Y)
     # one axis after the other: the order of the sum must not depend on the batch
     return (X * Y).sum(-1).sum(-1) / 2
 

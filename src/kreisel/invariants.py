@@ -5,7 +5,7 @@ Batch axes in front; conventions as in `kreisel.algebra`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,24 +21,28 @@ from kreisel.algebra import (
     mat,
     rate,
     triangle,
+    vec,
     wedge,
 )
 
 
-def faddeev_leverrier(N: Array, last: int | None = None) -> tuple[list[Array], list[Array]]:
-    """c_k (k = 0..n) and B_k (k = 0..n-1): det(mu - N) = sum c_k mu^(n-k), adj(mu - N) = sum B_k mu^(n-1-k).
+def characteristic(N: Array, last: int | None = None) -> list[Array]:
+    """c_k, k = 0..last or n: det(mu - N) = sum c_k mu^(n-k).
 
-    With `last` only those up to c_last, in as many products of matrices.
+    [Newton's identities for the traces of powers]
     """
-    n = N.shape[-1]
-    B = [identity(n) + 0 * N]
-    c: list[Array] = [1]
-    for k in range(1, n + 1 if last is None else min(n, last) + 1):
-        NB = N @ B[-1]
-        c.append(-trace(NB) / k)
-        if k < n:
-            B.append(NB + mat(c[-1]) * identity(n))
-    return c, B
+    if hasattr(N, "record_characteristic"):
+        n = N.shape[-1]
+        return N.record_characteristic(n if last is None else min(n, last))
+    return [c[0] if k else c for k, c in enumerate(_characteristic([N], last))]
+
+
+def adjugate_on(N: Array, c: Sequence[Array], v: Array) -> list[Array]:
+    """B_k v, adj(mu - N) = sum B_k mu^(n-1-k), for as many k as there are c_k of `characteristic`; k < n."""
+    out = [v]
+    for k in range(1, min(len(c), N.shape[-1])):
+        out.append(act(N, out[-1]) + vec(c[k]) * v)
+    return out
 
 
 def trace(A: Array) -> Array:
@@ -46,25 +50,50 @@ def trace(A: Array) -> Array:
     return (A * identity(A.shape[-1])).sum(-1).sum(-1)
 
 
-def faddeev_leverrier_pencil(
-    M: Array, B: Array, last: int | None = None
-) -> tuple[list[list[Array]], list[list[Array]]]:
-    """The same for the pencil N = nu B + M: c[k][i] and B[k][i] are the coefficients of nu^i."""
-    n = M.shape[-1]
-    adj: list[list[Array]] = [[identity(n) + 0 * M]]
-    c: list[list[Array]] = [[1]]
-    for k in range(1, n + 1 if last is None else min(n, last) + 1):
-        previous = adj[-1]
-        product = [(M @ previous[i] if i < k else 0) + (B @ previous[i - 1] if i > 0 else 0) for i in range(k + 1)]
-        c.append([-trace(term) / k for term in product])
-        if k < n:
-            adj.append([term + mat(ck) * identity(n) for term, ck in zip(product, c[-1], strict=True)])
-    return c, adj
+def _characteristic(N: Sequence[Array], last: int | None) -> list[Any]:
+    """The same for N_0 + nu N_1 + ...: c_k as a list of the coefficients of nu^i, c_0 = 1."""
+    n = N[0].shape[-1]
+    last = n if last is None else min(n, last)
+    powers = [N]
+    while 2 * len(powers) < last:
+        powers.append(_polynomial(powers[-1], N, lambda X, Y: X @ Y))
+    c: list[Any] = [1]
+    traces: list[list[Array]] = []
+    for k in range(1, last + 1):
+        half = (k + 1) // 2
+        left, right = powers[half - 1], powers[k - half - 1] if k > half else None
+        traces.append([trace(X) for X in left] if right is None else _polynomial(left, right, trace_of_product))
+        total = traces[-1]
+        for i in range(1, k):
+            product = _polynomial(c[k - i], traces[i - 1], lambda x, y: x * y)
+            total = [x + y for x, y in zip(total, product, strict=True)]
+        c.append([-x / k for x in total])
+    return c
 
 
-def form(x: Array, A: Array, y: Array) -> Array:
-    """<x, A y>."""
-    return dot(x, act(A, y))
+def _polynomial(x: Sequence[Array], y: Sequence[Array], product: Callable[[Array, Array], Array]) -> list[Array]:
+    """The coefficients of a product of polynomials."""
+    out: list[Any] = [None] * (len(x) + len(y) - 1)
+    for i, a in enumerate(x):
+        for j, b in enumerate(y):
+            term = product(a, b)
+            out[i + j] = term if out[i + j] is None else out[i + j] + term
+    return out
+
+
+def pencil_on(M: Array, B: Array, Q: Array, last: int) -> tuple[list[Any], list[list[Array]]]:
+    """c[k][i], and B_k Q as coefficients of nu^i, of the pencil N = nu B + M; see `characteristic`, `adjugate_on`."""
+    c = _characteristic([M, B], last)
+    out = [[Q]]
+    for k in range(1, min(len(c), M.shape[-1])):
+        terms = _polynomial([M, B], out[-1], act)
+        out.append([term + vec(ck) * Q for term, ck in zip(terms, c[k], strict=True)])
+    return c, out
+
+
+def trace_of_product(A: Array, B: Array) -> Array:
+    """The trace of A B."""
+    return (A * B.mT).sum(-1).sum(-1)
 
 
 def stack(scalars: list[Array]) -> Array:
@@ -88,15 +117,15 @@ def casimirs(M: Array, P: Array, most: int = 4) -> Array:
     if n == 3:
         along = dot(axial(M), P)
         return stack([dot(P, P), along * along])
-    B = faddeev_leverrier(M, 2 * most - 2)[1]
-    return stack([form(P, B[k], P) for k in range(0, min(n, 2 * most), 2)])
+    BP = adjugate_on(M, characteristic(M, 2 * most - 2), P)
+    return stack([dot(P, BP[k]) for k in range(0, min(n, 2 * most), 2)])
 
 
 def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
     """Coefficients in lambda and mu of det(mu - l), l = [[m, v], [v^T, 0]], v = lambda b - p / lambda.
 
     For k = 0, 2, 4, ...: <b, B_k b> (lambda^2), c_(k+2) + 2 <b, B_k p> (lambda^0) and, for k > 0,
-    <p, B_k p> (lambda^-2), up to sign, with c and B of `faddeev_leverrier(m)`; odd k vanish.
+    <p, B_k p> (lambda^-2), up to sign, with c of `characteristic` and B of `adjugate_on`; odd k vanish.
     """
     n = m.shape[-1]
     if n == 3:  # B_2 = u u^T for m = hat(u)
@@ -104,11 +133,12 @@ def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
         along_b, along_p = dot(u, b), dot(u, p)
         first = [dot(b, b), dot(u, u) + 2 * dot(b, p)]
         return stack([*first, along_b * along_b, 2 * along_b * along_p, along_p * along_p])
-    c, B = faddeev_leverrier(m, 2 * most)
+    c = characteristic(m, 2 * most)
+    Bb, Bp = adjugate_on(m, c, b), adjugate_on(m, c, p)
     out = []
     for k in range(0, min(n, 2 * most), 2):
-        out += [form(b, B[k], b), (c[k + 2] if k + 2 <= n else 0) + 2 * form(b, B[k], p)]
-        out += [form(p, B[k], p)] if k else []
+        out += [dot(b, Bb[k]), (c[k + 2] if k + 2 <= n else 0) + 2 * dot(b, Bp[k])]
+        out += [dot(p, Bp[k])] if k else []
     return stack(out)
 
 
@@ -121,11 +151,11 @@ def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = Fa
     For n > `most` only those of mu^(n-1) ... mu^(n-most).
     """
     n = M.shape[-1]
-    c, adj = faddeev_leverrier_pencil(M, B, most + 1)
+    c, adj = pencil_on(M, B, Q, most + 1)
     out = []
     for k in range(1, min(n, most) + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has B alone
         for i in range(k - 1, k - 2 if plane else -1, -2):
-            term = -form(Q, adj[k - 1][i], Q)
+            term = -dot(Q, adj[k - 1][i])
             term = term + (c[k][i - 1] if i > 0 else 0) + (kappa * c[k + 1][i] if k < n else 0)
             out.append(term)
     return stack(out)
@@ -133,14 +163,14 @@ def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = Fa
 
 def casimirs_free(M: Array, most: int = 4) -> Array:
     """Casimirs of so(n): the coefficients c_2, c_4, ... of det(mu - M), the first `most`.  The first is <M, M>."""
-    c = faddeev_leverrier(M, 2 * most)[0]
+    c = characteristic(M, 2 * most)
     return stack([c[k] for k in range(2, min(M.shape[-1] + 1, 2 * most + 1), 2)])
 
 
 def casimirs_adjoint(M: Array, G: Array, most: int = 4) -> Array:
     """Casimirs of so(n) <x so(n): the coefficients of nu^k and nu^(k-1), k even, of mu^(n-k) in det(mu - nu G - M)."""
-    c = faddeev_leverrier_pencil(M, G)[0]
     ks = range(2, min(M.shape[-1] + 1, 2 * most + 1), 2)
+    c = _characteristic([M, G], ks[-1])
     return stack([c[k][i] for k in ks for i in (k, k - 1)])
 
 
@@ -159,7 +189,7 @@ def gram(*vectors: Array) -> Array:
 
 def metric_spectrum(M: Array, A: Array) -> Array:
     """Coefficients of nu^i mu^(n-k), i > 0, in det(mu - nu A - M), those that depend on M: k - i = 2, 4, ..."""
-    c = faddeev_leverrier_pencil(M, A)[0]
+    c = _faddeev_leverrier({0: M, 1: A})
     return stack([c[k][i] for k in range(3, M.shape[-1] + 1) for i in range(k - 2, 0, -2)])
 
 
@@ -167,19 +197,30 @@ def laurent_spectrum(M: Array, A: Array, P: Array, odd: bool = True, step: int =
     """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: of lambda^i mu^(n-k), |i| < k.
 
     For symmetric A and P and skew M those of i - k odd vanish, and with step 2 are left out; for skew A, P and M those
-    of odd k do, and without `odd` are left out.  By the method of Faddeev and Leverrier in Laurent polynomials.
+    of odd k do, and without `odd` are left out.
     """
-    n = M.shape[-1]
-    adj, out = {0: identity(n) + 0 * M}, []
+    c, out = _faddeev_leverrier({1: A, 0: M, -1: P}), []
+    for k in range(1, M.shape[-1] + 1):
+        out += [c[k][i] for i in range(k - step, -k, -step)] if odd or k % 2 == 0 else []
+    return stack(out)
+
+
+def _faddeev_leverrier(N: Mapping[int, Array]) -> list[dict[int, Array]]:
+    """c_k as coefficients of lambda^i, for L = sum lambda^i N_i: for all k, where traces of powers lose digits.
+
+    [Faddeev and Leverrier; B_k = L B_(k-1) + c_k, c_k = -tr(..)/k]
+    """
+    n = N[0].shape[-1]
+    B: dict[int, Array] = {0: identity(n) + 0 * N[0]}
+    out: list[dict[int, Array]] = [{}]
     for k in range(1, n + 1):
         product: dict[int, Array] = {}
-        for i, B in adj.items():
-            for shift, term in ((1, A), (0, M), (-1, P)):
-                product[i + shift] = product.get(i + shift, 0) + term @ B
-        c = {i: -trace(B) / k for i, B in product.items()}
-        out += [c[i] for i in range(k - step, -k, -step)] if odd or k % 2 == 0 else []
-        adj = {i: B + mat(c[i]) * identity(n) for i, B in product.items()}
-    return stack(out)
+        for i, X in B.items():
+            for shift, term in N.items():
+                product[i + shift] = product.get(i + shift, 0) + term @ X
+        out.append({i: -trace(X) / k for i, X in product.items()})
+        B = {i: X + mat(out[-1][i]) * identity(n) for i, X in product.items()}
+    return out
 
 
 def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:

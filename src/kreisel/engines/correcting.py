@@ -333,6 +333,10 @@ class Corrections:
         """`worst` with what the state z lacks at this moment (lanes, invariants); nothing changes."""
         raise NotImplementedError
 
+    def apply(self) -> None:
+        """Project the state, in place."""
+        raise NotImplementedError
+
     def count(self, steps: int) -> None:
         """So many steps were made."""
         self.done = (self.done + steps) % self.every
@@ -390,7 +394,6 @@ class Projection(Corrections):
 
         super().__init__(program.labels, every, len(z), 0 if also is None else len(also.outs))
         self._z, self._compiled = z, load(source(width)).project
-        self.seen: Callable[[Floats], Floats] = lambda z: z  # the state of an engine as it is projected
         self._room = width * max(program.rows, 0 if also is None else also.rows)
         self._held: list[np.ndarray] = []  # as long as their addresses are used
         second = 0 if also is None else self._table(also, self.bound, np.zeros(self.bound.shape[:2]), z, constants, 0)
@@ -428,7 +431,7 @@ class Projection(Corrections):
 
     def peek(self, z: Floats) -> Floats:
         before, worst = self._z.copy(), self.worst.copy()
-        self._z[:] = self.seen(z)
+        self._z[:] = z
         self._call(0)
         found = self.worst.copy()
         self._z[:], self.worst[:] = before, worst

@@ -11,23 +11,25 @@ from __future__ import annotations
 
 import hashlib
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numba
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.engines import arrays, lanes, layout
+from kreisel.engines import arrays, in_doubles, lanes
 from kreisel.engines.correcting import WIDTH as WIDE
-from kreisel.engines.correcting import Projection, Weave, interval, plain
+from kreisel.engines.correcting import Corrections, Projection, Weave, interval, plain
 from kreisel.engines.kept import module
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.engines.projection import program_of, program_of_orientation
+from kreisel.engines.projection import MOST_N, program_of, program_of_orientation
 from kreisel.engines.recording import (
     Recording,
     flat_constants,
@@ -35,18 +37,21 @@ from kreisel.engines.recording import (
     indented,
     recorded_outputs,
 )
-from kreisel.methods.scheme import Plain, Scheme
+from kreisel.errors import ConservationWarning
+from kreisel.methods.scheme import Scheme
 
 if TYPE_CHECKING:
     from kreisel.engines.levels import Printer
+
+Made = TypeVar("Made")
 
 # Straight-line code has its fused products written out (`kreisel.engines.lines`); a flag that lets LLVM choose would
 # make it choose otherwise in scalar than in vector code.
 EXACT = 'cache=True, nogil=True, error_model="numpy"'
 FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
 WIDTH = 64  # shares of the lanes are whole multiples of it
-LARGE_WORK = 20  # operations of a structured kernel for each of the n entries of a vector
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
+MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 
 HEAD = '''"""Made by kreisel.engines.cpu by recording {name}; not to be edited."""
@@ -126,66 +131,51 @@ class Kernel:
     """
 
     def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
-        self.z = np.array(z0, dtype=np.float64, order="C")
+        self._scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
-        self.projection: Projection | None = None
-        self._in_python: Callable[[], Floats] | None = None  # the projection, where the kernel does not call it
+        self.projection: Corrections | None = None
+        self._woven: Projection | None = None  # the projection, where the kernel calls it
+        self._between: Corrections | None = None  # where it does not
         if printer is not None:
             head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
             self.source = printer(columns, stage_columns, head, EXACT)
-            if project and scheme.plain is not None:
-                self._project_plain(scheme, scheme.plain)
         else:
             record = Recording(scheme, self.constants, columns, stage_columns)
             in_vectors = len(self.z) > 1 and record.straight
-            program = program_of(scheme, columns) if project else None
-            also = program_of_orientation(scheme) if project else None
+            woven = project and scheme.n <= MOST_N
+            program = recordable(lambda: program_of(scheme, columns)) if woven else None
+            also = program_of_orientation(scheme) if program else None
             width, weave = (WIDE if in_vectors else 1), plain
             if program is not None:
                 every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
-                self.projection = Projection(program, also, every, self.z, self.constants, width)
-                weave = self.projection.weave
+                self.projection = self._woven = Projection(program, also, every, self.z, self.constants, width)
+                weave = self._woven.weave
             text = lanes.source(record, EXACT, weave) if in_vectors else _one_by_one(record, weave)
             self.source = _head(scheme, record) + weave.head + text
+        if project and (printer is not None or scheme.n > MOST_N):
+            work = scheme.stage_count * (_large_work(scheme) if printer is not None else record.work)
+            self._between = recordable(lambda: between(scheme, self.z, work))
+            self.projection = self._between
         self._kernel = load(self.source).kernel
 
-    def _project_plain(self, scheme: Scheme, before: Plain) -> None:
-        """Project the state as it was before it was put into the form of the kernel, there and back."""
-        inner, kinds = before.scheme, [kind for _, kind in before.scheme.components]
-        outer = [kind for _, kind in scheme.components]
-        constants, columns = flat_constants(inner, len(self.z))
-        program = program_of(inner, columns)
-        if program is None:
-            return
-
-        def there(z: Floats) -> Floats:
-            return np.array(layout.flatten(before.back(layout.restore(z, outer, scheme.n), **scheme.basis), kinds))
-
-        state, also = there(self.z), program_of_orientation(inner)
-        every = interval(program.cost + (also.cost if also else 0), LARGE_WORK * scheme.n * scheme.stage_count)
-        self.projection = Projection(program, also, every, state, constants, WIDE if len(state) > 1 else 1)
-
-        def project() -> Floats:
-            state[:] = there(self.z)
-            projection.apply()
-            self.z[:] = layout.flatten(before.into(layout.restore(state, kinds, scheme.n), **scheme.basis), outer)
-            return self.z
-
-        projection, self._in_python = self.projection, project
-        projection.seen = there
-
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
-        if self.projection is not None and self._in_python is not None:
-            self.projection.in_parts(out, every, self._advance, self._in_python)
+        if self._between is not None:
+            self._between.in_parts(out, every, self._advance, self._project)
         else:
             self._advance(out, every)
-            if self.projection is not None:
-                self.projection.count(len(out) * every)
+            if self._woven is not None:
+                self._woven.count(len(out) * every)
+
+    def _project(self) -> Floats:
+        if self._between is not None:
+            self._between.apply()
+            in_doubles.orthogonal(self._scheme, self.z)
+        return self.z
 
     def _advance(self, out: Floats, every: int) -> None:
         parts = list(shares(len(self.z), len(out) * every * len(self.z)))
-        more = self.projection.arguments if self.projection and self._in_python is None else ()
+        more = self._woven.arguments if self._woven else ()
 
         def work_on(part: tuple[int, int]) -> None:
             self._kernel(self.z, self.constants, self.stages, out, every, *part, *more)
@@ -205,6 +195,42 @@ class Kernel:
         self.z[:] = snapshot["z"]
         if self.projection:
             self.projection.restore(snapshot)
+
+
+def recordable(make: Callable[[], Made | None]) -> Made | None:
+    """What `make` gives; None, with a warning, where an integral of a user's own takes no recorded numbers."""
+    try:
+        return make()
+    except (TypeError, AttributeError, ValueError) as error:
+        warnings.warn(
+            "Round-off adds up in this run, which is not projected: expected integrals of +, -, *, /, sqrt and "
+            f"products of arrays, got one that takes no recorded numbers ({error}). project=False says so.",
+            ConservationWarning,
+            stacklevel=2,
+        )
+        return None
+
+
+def between(scheme: Scheme, z: Floats, work: float) -> Corrections | None:
+    """The projection of rows z for kernels that do not call it; None where nothing is conserved."""
+    if scheme.n > (in_doubles.MOST_N if scheme.conserved is None else MOST_LARGE_N):
+        return None
+    observed = in_doubles.Observed(scheme, z)
+    if scheme.n > MOST_N and observed.function is scheme.observe:
+        found = in_doubles.Projection(observed, work)
+        return found if found.labels else None
+    constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **scheme.basis}), len(z))
+    program = program_of(scheme, columns, observed.function, observed.members)
+    if program is None:
+        return None
+    every = interval(program.cost, work)
+    return Projection(program, None, every, z, constants, WIDE if len(z) > 1 else 1)
+
+
+def _large_work(scheme: Scheme) -> int:
+    """About how many operations a stage is in a kernel of O(n), or O(n^2) where it keeps a matrix."""
+    n, dense = scheme.n, any(kind == f"R^{scheme.n**2}" for _, kind in scheme.components)
+    return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
 
 
 def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
@@ -244,7 +270,10 @@ def compiled_observe(
     if scheme.n > OBSERVED_N or scheme.numbers != "any":
         return None
     constants, columns = flat_constants(scheme, lanes)
-    found = recorded_outputs(scheme, function, columns)
+    try:
+        found = recorded_outputs(scheme, function, columns)
+    except (TypeError, AttributeError, ValueError):  # an integral of a user's own
+        return None
     if len(found.lines) > OBSERVED_LINES:
         return None
     used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}

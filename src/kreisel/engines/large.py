@@ -24,15 +24,16 @@ from kreisel.algebra import Array
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, arranged, split
 from kreisel.engines.products import Change, Inverse, Upkeep
-from kreisel.engines.structured import AXIS, Columns, Dense, Matrix, Rows, Vector, changed_inverse
+from kreisel.engines.structured import Columns, Dense, Matrix, Rows, Vector, changed_inverse
 from kreisel.engines.trace import Scalar, Tape, text
 from kreisel.errors import InputError
-from kreisel.methods.scheme import Plain, Scheme
+from kreisel.methods.scheme import Scheme
 
 AXIS_NAME, TURN_NAME = "axis", "turn"
-TURN = f"c_{TURN_NAME}"
+AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape
 INVERSE = "inverse"
 BASIS = "basis_"
+BASIS_AXES = {f"{BASIS}{letter}": count for letter, count in {"x": 2, "y": 2, "p": 1, "length": 0, "T": 2}.items()}
 SHORTEST = 1e-100  # of an axis
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
@@ -99,7 +100,7 @@ class Form:
         return Matrix(self.n, turn=Scalar(tape, TURN)).with_pair(s, self._p(tape))
 
     def _p(self, tape: Tape, name: str = AXIS) -> Vector:
-        return Vector(self.n, (0.0, 0.0), Scalar(tape, AXIS))
+        return Vector(self.n, (0.0, 0.0), Scalar(tape, AXIS), axis=True)
 
     def known(self, tape: Tape, letters: str) -> dict[str, Any]:
         """The recorded constants that a function takes: c those of the trajectory, s those that vary with the stage."""
@@ -156,18 +157,35 @@ class Form:
             scheme,
             components=(*components, *kept),
             constants=constants,
-            axes={**scheme.axes, **axes, AXIS_NAME: 0},
+            axes={**scheme.axes, **axes, AXIS_NAME: 0, **BASIS_AXES},
             prepare=lambda x: into(scheme.prepare(x)),
             observe=basis.observer(scheme.observe) if basis else self._observer(scheme.observe),
             reopen=lambda x: into(scheme.reopen(x)),
+            conserved=self._conserved(scheme.observe) if basis else None,
             numbers="structured",
             basis=basis.arrays if basis else {},
-            plain=Plain(
-                scheme,
-                (lambda z, **known: basis.with_arrays(known).back(z)) if basis else lambda z: self._back(z),
-                (lambda z, **known: basis.with_arrays(known).into(z)) if basis else self._into,
-            ),
         )
+
+    def _conserved(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        """`observe` of the blocks about an axis as they are, of all but T."""
+
+        def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+            p = Vector(self.n, (0.0, 0.0), _number(known[AXIS_NAME]), axis=True)
+            T = Matrix(self.n, turn=known[TURN_NAME])
+            parts: list[Any] = []
+            for value, kind in zip(z, self.kinds, strict=False):
+                x, y = value[: self.h], value[self.h : 2 * self.h]
+                if kind == "skew":
+                    parts.append(T.with_pair(Vector(self.n, (x, y), 0.0), p))
+                elif kind == "vector":
+                    parts.append(Vector(self.n, (x, y), _number(value[-1])))
+            own: dict[str, Any] = {}
+            for name, (letter, role) in self.roles.items():
+                if letter == "c" and role != "axis":
+                    own[name] = _number(known[name]) if role == "number" else Matrix(self.n, turn=known[name])
+            return observe(tuple(parts), **own, **{self.axis: p})
+
+        return of_blocks
 
     def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         """The inverse of `_into`."""
@@ -188,6 +206,11 @@ class Form:
         return of_rows
 
 
+def _number(x: Any) -> Any:
+    """A number that is recorded, or a plain one."""
+    return x if isinstance(x, Scalar) else float(x)
+
+
 def _momentum(value: Any) -> Vector:
     """s of m = T + s ^ p, with the T that it had before."""
     if not isinstance(value, Matrix) or not isinstance(value.turn, Scalar) or value.turn.signed != TURN:
@@ -195,7 +218,7 @@ def _momentum(value: Any) -> Vector:
     if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:
         raise TypeError("a momentum that is not T + s ^ p")
     ((_, s, t),) = value.pairs.values()
-    if t.key[-1] != AXIS:
+    if not t.axis:
         raise TypeError("about an axis, momenta change by pairs with the axis alone")
     return s
 
@@ -328,7 +351,7 @@ class Basis:
     @property
     def arrays(self) -> dict[str, Array]:
         """What `back` takes, by name."""
-        return {f"{BASIS}{letter}": getattr(self, letter) for letter in ("x", "y", "length", "T")}
+        return {name: getattr(self, name.removeprefix(BASIS)) for name in BASIS_AXES}
 
     @staticmethod
     def of(form: Form, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:

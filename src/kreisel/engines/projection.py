@@ -31,7 +31,7 @@ from kreisel.engines.trace import Scalar, Tape
 from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
 
-MOST_N = 8  # beyond, recording takes seconds, and nothing is projected
+MOST_N = 10  # beyond, `kreisel.engines.in_doubles`
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
 SAMPLES, INDEPENDENT = 256, 1e-7
 OPERATIONS = {"+": 0, "-": 1, "*": 2, "/": 3, "sqrt": 4}
@@ -103,20 +103,26 @@ def program_of_orientation(scheme: Scheme) -> Program | None:
     return None if program is None else replace(program, first=sum(sizes[:first]))
 
 
-def program_of(scheme: Scheme, columns: Mapping[str, slice]) -> Program | None:
-    """The invariants that a scheme conserves, on recorded numbers; None where there is nothing to project."""
-    if scheme.n > MOST_N:
-        return None
+def program_of(
+    scheme: Scheme,
+    columns: Mapping[str, slice],
+    function: Callable[..., Mapping[str, Array]] | None = None,
+    members: Mapping[str, Array] | None = None,
+) -> Program | None:
+    """The invariants that a scheme conserves, on recorded numbers; None where there is nothing to project.
+
+    By another `function` than its `observe`, and only these `members` of each family.
+    """
     tape = Tape()
     parts, known = recorded_arguments(scheme, tape, {"c": columns})
     size = sum(layout.size(kind, scheme.n) for _, kind in scheme.components)
     found: dict[str, str] = {}  # by the recorded name, without factors that are constant
-    outputs = scheme.observe(parts, **known)
+    outputs = (function or scheme.observe)(parts, **known)
     lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
     for name, value in outputs.items():
         entries = np.asarray(value, dtype=object)
         for place, entry in enumerate(entries.flat if scheme.outcomes[name].kept else ()):
-            if isinstance(entry, Scalar):
+            if isinstance(entry, Scalar) and (members is None or place in members.get(name, ())):
                 label = f"{name}[{place}]" if entries.ndim else name
                 found.setdefault(_without_factors(lines, varying, entry.name), label)
     program = _program(tape, found, size)

@@ -223,12 +223,18 @@ def recorded_arguments(
     flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
     known = {
         name: _shaped(
-            [Scalar(tape, f"{letter}{j}") for j in range(place.start, place.stop)], (scheme.n,) * scheme.axes[name]
+            [Scalar(tape, f"{letter}{j}") for j in range(place.start, place.stop)], _shape(scheme, letter, name)
         )
         for letter, places in columns.items()
         for name, place in places.items()
     }
     return layout.restore(flat, kinds, scheme.n), known
+
+
+def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
+    """The shape of a constant, without the axes of lane and stage."""
+    shape = np.shape({**scheme.constants, **scheme.basis}[name] if letter == "c" else scheme.stages[name])
+    return shape[len(shape) - scheme.axes[name] :]
 
 
 def _printed(tape: Tape, values: list[Any]) -> tuple[list[Line], list[str]]:

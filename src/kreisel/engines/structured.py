@@ -35,6 +35,8 @@ def total(x: Number) -> Number:
         return Complex(total(x.re), total(x.im))
     if isinstance(x, Scalar):
         return Scalar(x.tape, x.tape.record(f"total({x.name})", (x.name,)), x.negative)
+    if isinstance(x, np.ndarray):  # all entries, one after the other
+        return x.sum() if x.dtype.kind == "O" else float(x.sum())
     if x == 0:
         return 0.0
     raise TypeError("the sum of a plain number over all places is not recorded")
@@ -47,6 +49,8 @@ def _is_number(x: Any) -> bool:
 def _key(x: Number) -> Any:
     if isinstance(x, Scalar):
         return x.signed
+    if isinstance(x, np.ndarray):
+        return tuple(map(_key, x))
     return (_key(x.re), _key(x.im)) if isinstance(x, Complex) else float(x)
 
 
@@ -56,13 +60,18 @@ def _parts(x: Number) -> tuple[Number, Number]:
 
 @dataclass(frozen=True, eq=False)
 class Vector:
-    """Blocks of entries; about an axis two, and `tail` along it."""
+    """Blocks of entries; about an axis two, and `tail` along it.  `axis`: it is the axis itself."""
 
     n: int
     blocks: tuple[Number, ...]
     tail: Number = None
+    axis: bool = False
 
     __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -154,10 +163,6 @@ class Vector:
 @dataclass(frozen=True, eq=False)
 class Columns(Vector):
     """Any one column of a matrix of n x n numbers, for what is done to each column alike."""
-
-    @property
-    def ndim(self) -> int:
-        return 2
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -267,16 +272,20 @@ class Matrix:
     __array_ufunc__: ClassVar[None] = None
 
     @property
+    def ndim(self) -> int:
+        return 2
+
+    @property
     def shape(self) -> tuple[int, int]:
         return (self.n, self.n)
 
     def with_pair(self, s: Vector, t: Vector, c: Number = 1.0) -> Matrix:
         """Plus c s ^ t; pairs with the same t are one, and what does not count of s along an axis t goes."""
-        if s.canonical and not _is_axis(t) and _is_axis(s):
+        if s.canonical and not t.axis and s.axis:
             s, t = -t, s
         before = self.pairs.get(t.key)
         if s.canonical:
-            s, c = (s.across() if _is_axis(t) else s) * c, 1.0
+            s, c = (s.across() if t.axis else s) * c, 1.0
             s = s if before is None else before[1] + s
         elif before is not None:
             b, r, _ = before
@@ -324,7 +333,46 @@ class Matrix:
         return self * (1 / other) if _is_number(other) else NotImplemented
 
     def __getitem__(self, index: Any) -> Any:
-        raise TypeError(f"a structured matrix has no entries: {index!r}")
+        """Its entries, of which T alone, which is constant, has none to speak of."""
+        if self.pairs or self.dense or _key_of(self.diagonal) != 0.0:
+            raise TypeError(f"a structured matrix has no entries: {index!r}")
+        return np.zeros(0)
+
+    def record_pairing(self, other: Matrix) -> Number:
+        """<X, Y> = <T, S> + sum <u_i, T v_i> + <s_i, S t_i> + <s_i, u_j> <t_i, v_j> - <s_i, v_j> <t_i, u_j>."""
+        if self.dense or other.dense:
+            raise TypeError("a pairing with a dense momentum")
+        out = total(self.turn * other.turn)
+        for c, u, v in other.pairs.values():
+            out = out + c * algebra.dot(u, self._turned(v))
+        for k, s, t in self.pairs.values():
+            out = out + k * algebra.dot(s, other._turned(t))
+            for c, u, v in other.pairs.values():
+                both = algebra.dot(s, u) * algebra.dot(t, v) - algebra.dot(s, v) * algebra.dot(t, u)
+                out = out + (k * c) * both
+        return out
+
+    def record_characteristic(self, last: int) -> list[Number]:
+        """c_k, k = 0..last, of det(mu - X) for X = T + s ^ p, p the axis, <s, p> = 0.
+
+        det(mu - X) = det(mu - T) (1 + <p, p> <s, (mu - T)^-1 s>/mu).  [matrix determinant lemma]
+        """
+        ((scale, s, p),) = self.pairs.values()
+        if not p.axis or self.dense or _key_of(self.diagonal) != 0.0:
+            raise TypeError("a characteristic polynomial of other than T + s ^ p")
+        powers, c = [self.turn * self.turn], [1.0]  # theta^2j; tr T^2j = 2 (-1)^j sum theta^2j
+        while 2 * len(powers) < last:
+            powers.append(powers[-1] * powers[0])
+        traces = [2 * (-1) ** (j + 1) * total(power) for j, power in enumerate(powers)]
+        for k in range(1, last + 1):
+            odd = k % 2 == 1
+            c.append(0.0 if odd else -sum(c[k - 2 * j - 2] * traces[j] for j in range(k // 2)) / k)
+        square, v = algebra.dot(p, p) * scale * scale, s
+        out = c[:2]
+        for k in range(2, last + 1):  # v = B_(k-2) s
+            out.append(c[k] + square * algebra.dot(s, v))
+            v = self._turned(v) + s * c[k - 1]
+        return out
 
     def record_parts(self) -> tuple[Matrix, None]:
         return self, None
@@ -336,7 +384,7 @@ class Matrix:
 
     def record_project_out(self, p: Vector) -> Matrix:
         """|p|^2 pi X pi; for the axis p T alone is left."""
-        if not _is_axis(p):
+        if not p.axis:
             return self * algebra.dot(p, p) - algebra.wedge(self @ p, p)
         if _key_of(self.diagonal) != 0.0:
             raise TypeError("pi X pi of a diagonal")
@@ -428,11 +476,3 @@ def _combined(vectors: Sequence[Vector], weights: Sequence[Number]) -> Vector:
     for v in others:
         first = first + v
     return first
-
-
-def _is_axis(v: Vector) -> bool:
-    """Whether v is the axis itself, not a multiple of it."""
-    return all(_key(x) == 0.0 for x in v.blocks) and isinstance(v.tail, Scalar) and v.tail.signed == AXIS
-
-
-AXIS = "c_axis"  # the length of the axis, as it is called on the tape

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
-from kreisel.engines.correcting import TAU, Corrections
+from kreisel.engines.in_doubles import InDoubles, newton
 from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import RunError
 from kreisel.methods.observing import ORIENTATION
@@ -22,10 +22,7 @@ jnp = jax.numpy
 lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
 EVERY = 1000  # steps between two projections, of about 0.1 ms; steps take some microseconds
-FLAT = 2.0**-4  # as in `kreisel.engines.correcting`, where values have more digits
 MOST_KEPT = 64
-SAMPLES = 8  # states by which the size of an invariant's terms is told
-EPS = float(np.finfo(np.float64).eps)
 
 
 def flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
@@ -88,12 +85,7 @@ def _projection(
         return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
 
     def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array]:
-        J, length = jax.jacrev(values)(z, known), jnp.sqrt((z * z).sum())
-        size = jnp.sqrt((J * J).sum(-1) + (FLAT * targets[:, 2] / length) ** 2)
-        scale = jnp.where(size > 0, 1 / size, 0.0)
-        J, lack = scale[:, None] * J, scale * (values(z, known) - targets[:, 0])
-        y = algebra.solve(J @ J.T + TAU * jnp.eye(len(lack)), lack[:, None])[:, 0]
-        return z - y @ J, abs(lack) / (EPS * length)
+        return newton(z, jax.jacrev(values)(z, known), values(z, known) - targets[:, 0], targets[:, 2])
 
     each = {k: 0 if k in lanes else None for k in constants}
     every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
@@ -103,38 +95,25 @@ def _projection(
     return _projections[key]
 
 
-class Projection(Corrections):
-    """The projection of a step of JAX (`kreisel.engines.projection`), in doubles.
-
-    Values of invariants then have rounding errors of their own, of a few units in the last place; they do not add up.
-    """
+class Projection(InDoubles):
+    """The projection of a step of JAX."""
 
     def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
-        values, self._correct = _projection(scheme, constants, lanes)
+        self._family, self._correct = _projection(scheme, constants, lanes)
         self._constants = constants
+        self._begin(z, EVERY)
+
+    def _values(self, z: Floats) -> dict[str, Floats]:
         with double():
-            found = values(z, constants)
-            labels = tuple(f"{k}[{i}]" if v.shape[1] > 1 else k for k, v in found.items() for i in range(v.shape[1]))
-            super().__init__(labels, EVERY, len(z))
-            size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1])
-            signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
-            for k, state in enumerate((z, *(size * s for s in signs))) if labels else ():
-                told = np.concatenate(list(values(state, constants).values()), -1)
-                self.targets[..., 0] = told if k == 0 else self.targets[..., 0]
-                self.targets[..., 2] = np.maximum(self.targets[..., 2], abs(told))
+            return {name: np.asarray(value) for name, value in self._family(z, self._constants).items()}
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
         with double():
             new, lack = map(np.asarray, self._correct(z, self._constants, self.targets))
-        return np.where(np.isfinite(new).all(-1, keepdims=True), new, z), np.fmax(self.worst, lack)
-
-    def applied(self, z: Floats) -> Floats:
-        """The projected state."""
-        z, self.worst = self._corrected(z)
-        return z
+        return new, lack
 
     def peek(self, z: Floats) -> Floats:
-        return self._corrected(z)[1] if self.worst.any() else self.worst  # a short run need not compile it
+        return super().peek(z) if self.worst.any() else self.worst  # a short run need not compile it
 
 
 def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:

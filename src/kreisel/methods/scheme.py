@@ -77,15 +77,6 @@ class Guard:
 
 
 @dataclass(frozen=True)
-class Plain:
-    """A scheme before it was put into another form, and the way of states there and back; both also take `basis`."""
-
-    scheme: Scheme
-    back: Callable[..., tuple[Array, ...]]
-    into: Callable[..., tuple[Array, ...]]
-
-
-@dataclass(frozen=True)
 class Scheme:
     """A method for one model.
 
@@ -99,9 +90,9 @@ class Scheme:
                                         which also states its step, has whole times and counts steps
     jump                                the same as the flow of a top, which an engine knows at any time; or None
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; also takes `basis`
+    conserved(z, **consts) -> outputs   as `observe`, in the form of an engine, of what the form does not keep by itself
     reopen(x)              -> z         from an observed state back to the method's own variables
     held(z)                -> arrays    constant along a trajectory, which bind an orientation to the state; or None
-    plain                               of a scheme in the form of an engine: as it was before; or None
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
 
     A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
@@ -128,9 +119,9 @@ class Scheme:
     trajectory: Callable[[tuple[Array, ...]], tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
     numbers: str = "any"  # as in the record: what step and rate work on
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
+    conserved: Callable[..., dict[str, Array]] | None = None
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
-    plain: Plain | None = None
 
     @property
     def stage_count(self) -> int:

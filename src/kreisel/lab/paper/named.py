@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kreisel.algebra import act, axial, bracket, cayley, dot, hat, identity, mat
 from kreisel.contract import System
-from kreisel.invariants import faddeev_leverrier, trace
+from kreisel.invariants import characteristic, trace
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, law_row, row
 from kreisel.matrices import su2
@@ -60,7 +60,7 @@ def su2_trace(s: Setting) -> Sides:
     v = s.vector()
     R, square = cayley(hat(v)), 4 / (1 + dot(v, v))  # w = (1 + 2v)/sqrt(1 + |v|^2) in su(2)
     yield 1 + trace(R), square
-    yield -faddeev_leverrier(2 * identity(3) + R + R.mT)[0][3], 4 * square * square
+    yield -characteristic(2 * identity(3) + R + R.mT)[3], 4 * square * square
 
 
 for name, system in (
