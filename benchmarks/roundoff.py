@@ -5,29 +5,46 @@ integrals   the largest change of anything conserved, in units in the last place
             saved rows of a run; and the largest correction; of every system here by its own method
 states      the largest error of the state, over the number of steps, of random Lagrange tops, against the closed form
             of the iterates of the same map (`kr.at`), which makes no step
+against     the same over |z| of other maps and orders, n = 3, against the map itself in double-double (`reference.py`)
 picture     docs/round-off.png: one top by RK4, by DOP853, by the map as it is and by the projected map
 
-    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--part integrals|maps|states|picture]
+    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--part integrals|maps|states|against|picture]
 """
 
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cases import cases, machine, parser, write
+from reference import Reference
 
 import kreisel as kr
 from kreisel.lab import exact
 from kreisel.methods import default_method
+from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
 
 ROWS = 100
+PARTS = ("integrals", "maps", "states", "against", "picture")
 PICTURE = Path(__file__).parents[1] / "docs" / "round-off.png"
 DT = 0.1
+# A record of the map, and the share of the steps that its cost in double-double allows.
+MAPS = (
+    ("lagrange-top", "suris", 1, 1.0),
+    ("lagrange-top", "baecklund", 2, 1.0),
+    ("lagrange-top", "baecklund", 8, 0.1),
+    ("lagrange-top", "baecklund", 24, 0.1),
+    ("clebsch", "suris", 1, 1.0),
+    ("clebsch", "baecklund", 2, 1.0),
+    ("neumann", "suris", 1, 1.0),
+    ("neumann", "baecklund", 2, 1.0),
+    ("euler-top", "veselov", None, 1.0),
+)
 START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
 
 
@@ -82,6 +99,43 @@ def states(steps: int, lanes: int) -> dict[str, Any]:
             rows[f"{count:.0e}"] = {"median": float(f"{np.median(error):.2g}"), "worst": float(f"{error.max():.2g}")}
             print(f"project = {project}, {count:.0e} steps: {rows[f'{count:.0e}']}", flush=True)
         out["projected" if project else "raw"] = rows
+    return out
+
+
+def against(steps: int, lanes: int) -> dict[str, Any]:
+    """Errors of the state over |z| and the number of steps, of random problems; the slope in N of log10 error."""
+    out = {}
+    for name, method, order, share in MAPS:
+        counts, every = [10**k for k in range(4, 10) if 10**k <= steps * share], 0
+        error = {project: np.empty((lanes, len(counts))) for project in (True, False)}
+        with tempfile.TemporaryDirectory() as folder:
+            for lane in range(lanes):
+                draw = exact.float_random(np.random.default_rng([11, lane]))
+                model = exact.random_model(REGISTRY[name], 3, draw)
+                state = dict(
+                    zip(model.system.space.letters, exact.random_state(model.system.space, 3, draw), strict=True)
+                )
+                true = None
+                for project, found in error.items():
+                    told = {"dt": DT, "steps": counts[-1], "every": 1, "orientation": None}
+                    plan = make_plan(model, state, **told, method=method, order=order, project=project)
+                    every = plan.engine.projection.every if project else every
+                    true = Reference(plan).states(counts, Path(folder)) if true is None else true
+                    for row, count in enumerate(counts):
+                        plan.engine.advance(np.empty((1, 1, true.shape[1])), count - (counts[row - 1] if row else 0))
+                        off = (plan.engine.z[0] - true[row, :, 0]) - true[row, :, 1]
+                        found[lane, row] = abs(off).max() / abs(true[row, :, 0]).max() / count
+        rows = {}
+        for project, found in error.items():
+            slope = np.polyfit(np.log10(counts), np.log10(np.median(found, 0)) + np.log10(counts), 1)[0]
+            told = [{"median": float(f"{np.median(e):.2g}"), "worst": float(f"{e.max():.2g}")} for e in found.T]
+            kind = "projected" if project else "raw"
+            rows[kind] = {f"{n:.0e}": row for n, row in zip(counts, told, strict=True)} | {"slope": round(slope, 2)}
+        out[f"{name}, {method} {order or ''}".strip()] = rows | {
+            "problems": lanes,
+            "every": plan.engine.projection.every if plan.engine.projection else 0,
+        }
+        print(name, method, order, rows, flush=True)
     return out
 
 
@@ -170,9 +224,9 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser(__doc__, "roundoff")
     options.add_argument("--steps", type=float, default=1e8)
     options.add_argument("--lanes", type=int, default=100)
-    options.add_argument("--part", action="append", choices=("integrals", "maps", "states", "picture"))
+    options.add_argument("--part", action="append", choices=PARTS)
     asked = options.parse_args(arguments)
-    steps, parts = int(asked.steps), asked.part or ("integrals", "maps", "states", "picture")
+    steps, parts = int(asked.steps), asked.part or PARTS
     told: dict[str, Any] = {}
     if asked.part and asked.output.exists():
         told = json.loads(asked.output.read_text())
@@ -183,6 +237,8 @@ def main(arguments: list[str] | None = None) -> None:
         told["maps"] = {case.name: _still(case.model, case.states["standard"], "suris", DT, steps) for case in cases()}
     if "states" in parts:
         told["states"] = states(min(steps, 10**8), asked.lanes)
+    if "against" in parts:
+        told["against"] = against(min(steps, 10**6), asked.lanes)
     if "picture" in parts:
         told["picture"] = picture(steps)
     write(told, asked.output)

@@ -18,15 +18,18 @@ template <class Map, int C, int CHAINS> static void march(double *z, const doubl
             for (int j = 0; j < D; ++j) zz[k][j][l] = z[lane * D + j];
             for (int j = 0; j < C; ++j) cc[k][j][l] = c[lane * C + j];
         }
-    Map one(zz[0], cc[0]), two(zz[CHAINS > 1], cc[CHAINS > 1]), three(zz[CHAINS > 2 ? 2 : 0], cc[CHAINS > 2 ? 2 : 0]);
+    constexpr int K1 = CHAINS > 1 ? 1 : 0, K2 = CHAINS > 2 ? 2 : 0, K3 = CHAINS > 3 ? 3 : 0;
+    Map one(zz[0], cc[0]), two(zz[K1], cc[K1]), three(zz[K2], cc[K2]), four(zz[K3], cc[K3]);
     for (long s = 0; s < steps; ++s) {
         one.step();
         if constexpr (CHAINS > 1) two.step();
         if constexpr (CHAINS > 2) three.step();
+        if constexpr (CHAINS > 3) four.step();
     }
     one.store(zz[0]);
     if constexpr (CHAINS > 1) two.store(zz[1]);
     if constexpr (CHAINS > 2) three.store(zz[2]);
+    if constexpr (CHAINS > 3) four.store(zz[3]);
     for (int k = 0; k < CHAINS; ++k)
         for (int l = 0; l < LANES; ++l)
             for (int j = 0; j < D; ++j) z[(first + k * LANES + l) * D + j] = zz[k][j][l];
@@ -40,7 +43,8 @@ template <class Map, int C, int CHAINS> static void march(double *z, const doubl
 #define EXPORTS(name, Map, C)                                                                                        \
     EXPORT(name, Map, C, 1)                                                                                          \
     EXPORT(name, Map, C, 2)                                                                                          \
-    EXPORT(name, Map, C, 3)
+    EXPORT(name, Map, C, 3)                                                                                          \
+    EXPORT(name, Map, C, 4)
 
 EXPORTS(lagrange_top, LagrangeTop, 5)
 EXPORTS(lagrange_top_moving, LagrangeTopMoving, 5)

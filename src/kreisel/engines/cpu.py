@@ -151,7 +151,7 @@ class Kernel:
                 every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
                 self.projection = self._woven = Projection(program, also, every, self.z, self.constants, width)
                 weave = self._woven.weave
-            text = lanes.source(record, EXACT, weave) if in_vectors else _one_by_one(record, weave)
+            text = lanes.source(record, EXACT, weave, len(self.z)) if in_vectors else _one_by_one(record, weave)
             self.source = _head(scheme, record) + weave.head + text
         if project and (printer is not None or scheme.n > MOST_N):
             work = scheme.stage_count * (_large_work(scheme) if printer is not None else record.work)

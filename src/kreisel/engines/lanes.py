@@ -1,8 +1,8 @@
 """Ensembles of straight-line code: the step of one trajectory on vectors of lanes, whose state stays in registers.
 
 Each number of the record becomes a vector (`kreisel.engines.vector_type`), so lane i has the bits of a run on its own.
-A short step takes two vectors, one after the other in the same loop: while one waits for a result, the other goes on.
-At a ragged end the last lane stands in the places that are left.
+A short step takes two or four vectors, one after the other in the same loop: while one waits for a result, the others
+go on.  At a ragged end the last lane stands in the places that are left.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from kreisel.engines.correcting import Weave
 from kreisel.engines.lines import Line, latest
 from kreisel.engines.recording import Recording, indented, names_of
 
-# Time with two vectors to that with one, AVX2: lagrange-top, n = 3 (98 lines) 0.7, neumann (197) 0.86, lagrange-top,
-# n = 5 (254) 0.8, baecklund of order 2 (284) 0.85, lagrange-top-moving (288) 1.02, baecklund of order 8 (725) 1.12,
-# clebsch, n = 8 (741) 0.97; and two take longer to compile.
-# In the latest order the operations of baecklund of order 8 take 1.1 times as long as in that of the record.
-TWO_VECTORS = 300  # lines of a step up to which it takes two, and the latest order
+# Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 lines) 1.9, 0.94, 0.61, 0.66; its
+# moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
+# order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
+# Each more takes longer to compile.
+FOUR_VECTORS, TWO_VECTORS = 100, 300  # lines of a step up to which it takes so many; beyond, in the order of the record
 INLINED = 'error_model="numpy", forceinline=True'
 
 HEAD = "from kreisel.engines.vector_type import gather, load, scatter, store\n\n"
@@ -48,7 +48,7 @@ def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
 STAGES = "for stage in range(s.shape[1]):"
 
 
-def source(record: Recording, options: str, weave: Weave) -> str:
+def source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
     """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     from kreisel.engines.vector_type import register_width
 
@@ -59,7 +59,8 @@ def source(record: Recording, options: str, weave: Weave) -> str:
     words |= {name for line in of_stage for name in line.needs}
     known = [name for name in (*early, *names_of(fixed)) if name in words]
 
-    short = sum(len(piece.lines) for piece in pieces) <= TWO_VECTORS
+    lines = sum(len(piece.lines) for piece in pieces)
+    short = lines <= TWO_VECTORS
     functions = {"known": _function({"c": constants, "s": [] if by_stage else varying}, fixed, known)}
     if staged:
         functions["staged"] = _function({"k": known, "s": varying}, of_stage, staged)
@@ -67,7 +68,9 @@ def source(record: Recording, options: str, weave: Weave) -> str:
     for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
         functions[name] = _function(given, latest(piece.lines) if short else piece.lines, piece.new)
 
-    width, vectors = register_width(), 2 if short else 1
+    width, vectors = register_width(), 4 if lines <= FOUR_VECTORS else 2 if short else 1
+    while (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
+        vectors //= 2
     kept = vectors * len(staged)
 
     def each(indent: int, text: str, *marks: str) -> str:
