@@ -296,19 +296,80 @@ def test_gradients_of_arrays(seed: int) -> None:
     assert gradient(y, z) == pytest.approx(differences, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("n", [3, 12])
-def test_an_integral_that_takes_no_recorded_numbers(n: int) -> None:
-    """The run is as it would be without projection, and says so."""
+OWN = {
+    "exponential": lambda m, a, *, p: np.exp((a * a).sum(-1)),
+    "of NumPy": lambda m, a, *, p: sum(np.array(a)[..., i] ** 2 for i in range(a.shape[-1])),
+}
+
+
+def own_top(n: int, **integrals: Any) -> tuple[Any, Any]:
+    """A top with integrals of a user's own, and a state."""
     system, draw = REGISTRY["lagrange-top"], np.random.default_rng(1)
-    own = {**system.integrals, "own": lambda m, a, *, p: np.exp((a * a).sum(-1))}
     phi = dataclasses.replace(system.map, keeps=None)
-    model = dataclasses.replace(system, integrals=own, map=phi)(p=draw.normal(size=n))
-    x0 = model.state(m=algebra.skew(draw.normal(size=n * (n - 1) // 2), n), a=draw.normal(size=n) / n)
-    options = {"dt": 0.05, "steps": 20, "method": "suris", "order": 1, "engine": "cpu"}
+    model = dataclasses.replace(system, integrals={**system.integrals, **integrals}, map=phi)(p=draw.normal(size=n))
+    return model, model.state(m=algebra.skew(draw.normal(size=n * (n - 1) // 2), n), a=draw.normal(size=n) / n)
+
+
+@pytest.mark.parametrize(("n", "engine"), [(3, "cpu"), (12, "cpu"), (12, "large")])
+@pytest.mark.parametrize("what", OWN)
+def test_an_integral_that_takes_no_recorded_numbers(what: str, n: int, engine: str) -> None:
+    """The run is as it would be without projection, and says so."""
+    model, x0 = own_top(n, own=OWN[what])
+    options = {"dt": 0.05, "steps": 20, "method": "suris", "order": 1, "engine": engine}
+    if (what, n) == ("of NumPy", 3):  # an array of recorded numbers
+        assert kr.simulate(model, x0, **options).attrs["projection"] > 0
+        return
     with pytest.warns(kr.ConservationWarning, match="takes no recorded numbers"):
         run = kr.simulate(model, x0, **options)
     assert run.attrs["projection"] == 0
     assert run.drop_attrs().equals(kr.simulate(model, x0, **options, project=False).drop_attrs())
+
+
+def test_an_integral_that_is_not_defined_everywhere(often: int) -> None:
+    """sqrt(1 - <a, a>) is none for the states by which the size of its terms is told."""
+    model, x0 = own_top(12, own=lambda m, a, *, p: algebra.sqrt(1 - (a * a).sum(-1)))
+    run = kr.simulate(model, x0, dt=0.05, steps=300, every=100, method="suris", order=1, engine="cpu")
+    table = kr.drift(run)
+    assert run.attrs["projection"] == often and table.ulps["own"] < 40 and not table.broken.any()
+
+
+def test_the_entries_of_a_constant_matrix_are_not_nothing() -> None:
+    """A step of a user's own that adds up the entries of T = pi m pi, which a kernel of O(n) has not."""
+    system = REGISTRY["lagrange-top"]
+
+    def step(m: Any, a: Any, *, p: Any, eps: Any) -> Any:
+        m = m + eps * algebra.wedge(a, p)
+        T = algebra.coordinates(algebra.project_out(m, p))
+        return m, algebra.cayley_act(eps / 2 * (1 + (T * T).sum(-1)) * m, a)
+
+    model = dataclasses.replace(system, map=dataclasses.replace(system.map, step=step, keeps=()))(p=np.arange(1.0, 10))
+    draw = np.random.default_rng(3)
+    x0 = model.state(m=0.1 * algebra.skew(draw.normal(size=36), 9), a=draw.normal(size=9))
+    options = {"dt": 0.01, "steps": 50, "method": "suris", "order": 1, "project": False}
+    one, other = (kr.simulate(model, x0, **options, **more) for more in ({}, {"engine": "cpu"}))
+    assert abs(one.a - other.a).max() < 1e-12
+
+    odd, x0 = own_top(12, own=lambda m, a, *, p: (a * a).sum(-1) * entries_of_T(m, p))
+    plan = make_plan(odd, x0, dt=0.05, steps=10, every=1, orientation=None, method="suris", order=1, engine="large")
+    assert "own" in plan.engine.projection.labels
+
+
+def entries_of_T(m: Any, p: Any) -> Any:
+    T = algebra.coordinates(algebra.project_out(m, p))
+    return (T * T).sum(-1)
+
+
+@pytest.mark.parametrize(("name", "n"), [("clebsch", 12), ("lagrange-top", 12), ("neumann", 11)])
+def test_a_degenerate_lane_takes_nothing_from_the_others(name: str, n: int) -> None:
+    draw = exact.float_random(np.random.default_rng(6))
+    one = exact.random_model(REGISTRY[name], n, draw)
+    state = dict(zip(one.system.space.letters, exact.random_state(one.system.space, n, draw), strict=True))
+    letter = "p" if name == "lagrange-top" else "b"
+    flat = {"p": np.eye(n)[0], "b": np.zeros(n)}[letter]
+    both = REGISTRY[name](**{**one.params, letter: np.stack([flat, one.params[letter]])})
+    options = {"dt": 0.05, "steps": 10, "every": 1, "orientation": None, "method": "suris", "order": 1}
+    labels = [make_plan(model, state, **options).engine.projection.labels for model in (one, both)]
+    assert labels[0] == labels[1]
 
 
 @pytest.mark.parametrize(("n", "engine"), [(5, "large"), (9, "cpu"), (12, "large")])

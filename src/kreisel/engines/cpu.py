@@ -9,16 +9,16 @@ that it imports and of what it is compiled for.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import sys
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -29,7 +29,7 @@ from kreisel.engines.correcting import WIDTH as WIDE
 from kreisel.engines.correcting import Corrections, Projection, Weave, interval, plain
 from kreisel.engines.kept import module
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.engines.projection import MOST_N, program_of, program_of_orientation
+from kreisel.engines.projection import MOST_N, program_of, program_of_orientation, recordable
 from kreisel.engines.recording import (
     Recording,
     flat_constants,
@@ -37,13 +37,11 @@ from kreisel.engines.recording import (
     indented,
     recorded_outputs,
 )
-from kreisel.errors import ConservationWarning
+from kreisel.engines.trace import TooLong
 from kreisel.methods.scheme import Scheme
 
 if TYPE_CHECKING:
     from kreisel.engines.levels import Printer
-
-Made = TypeVar("Made")
 
 # Straight-line code has its fused products written out (`kreisel.engines.lines`); a flag that lets LLVM choose would
 # make it choose otherwise in scalar than in vector code.
@@ -137,14 +135,17 @@ class Kernel:
         self.projection: Corrections | None = None
         self._woven: Projection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
+        woven = project and printer is None and scheme.n <= MOST_N
         if printer is not None:
             head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
             self.source = printer(columns, stage_columns, head, EXACT)
         else:
             record = Recording(scheme, self.constants, columns, stage_columns)
             in_vectors = len(self.z) > 1 and record.straight
-            woven = project and scheme.n <= MOST_N
-            program = recordable(lambda: program_of(scheme, columns)) if woven else None
+            try:
+                program = recordable(lambda: program_of(scheme, columns)) if woven else None
+            except TooLong:
+                woven, program = False, None
             also = program_of_orientation(scheme) if program else None
             width, weave = (WIDE if in_vectors else 1), plain
             if program is not None:
@@ -153,9 +154,9 @@ class Kernel:
                 weave = self._woven.weave
             text = lanes.source(record, EXACT, weave, len(self.z)) if in_vectors else _one_by_one(record, weave)
             self.source = _head(scheme, record) + weave.head + text
-        if project and (printer is not None or scheme.n > MOST_N):
+        if project and not woven:
             work = scheme.stage_count * (_large_work(scheme) if printer is not None else record.work)
-            self._between = recordable(lambda: between(scheme, self.z, work))
+            self._between = recordable(lambda: between(scheme, self.z, work, arrays_only=printer is None))
             self.projection = self._between
         self._kernel = load(self.source).kernel
 
@@ -197,34 +198,24 @@ class Kernel:
             self.projection.restore(snapshot)
 
 
-def recordable(make: Callable[[], Made | None]) -> Made | None:
-    """What `make` gives; None, with a warning, where an integral of a user's own takes no recorded numbers."""
-    try:
-        return make()
-    except (TypeError, AttributeError, ValueError) as error:
-        warnings.warn(
-            "Round-off adds up in this run, which is not projected: expected integrals of +, -, *, /, sqrt and "
-            f"products of arrays, got one that takes no recorded numbers ({error}). project=False says so.",
-            ConservationWarning,
-            stacklevel=2,
-        )
-        return None
-
-
-def between(scheme: Scheme, z: Floats, work: float) -> Corrections | None:
+def between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:
     """The projection of rows z for kernels that do not call it; None where nothing is conserved."""
     if scheme.n > (in_doubles.MOST_N if scheme.conserved is None else MOST_LARGE_N):
         return None
     observed = in_doubles.Observed(scheme, z)
-    if scheme.n > MOST_N and observed.function is scheme.observe:
-        found = in_doubles.Projection(observed, work)
-        return found if found.labels else None
-    constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **scheme.basis}), len(z))
-    program = program_of(scheme, columns, observed.function, observed.members)
-    if program is None:
+    by_arrays = observed.function is scheme.observe
+    if by_arrays and scheme.n > in_doubles.MOST_N:
         return None
-    every = interval(program.cost, work)
-    return Projection(program, None, every, z, constants, WIDE if len(z) > 1 else 1)
+    if not (by_arrays and (arrays_only or scheme.n > MOST_N)):
+        more = scheme.basis if by_arrays else {}
+        constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **more}), len(z))
+        with contextlib.suppress(TooLong):
+            program = program_of(scheme, columns, observed.function, observed.members)
+            if program is None:
+                return None
+            return Projection(program, None, interval(program.cost, work), z, constants, WIDE if len(z) > 1 else 1)
+    found = in_doubles.Projection(observed, work) if by_arrays else None
+    return found if found and found.labels else None
 
 
 def _large_work(scheme: Scheme) -> int:

@@ -17,8 +17,9 @@ import numpy as np
 from kreisel.engines.correcting import FLAT, TAU, Corrections, block, interval
 from kreisel.engines.cpu import load
 from kreisel.engines.layout import Floats, Look, no_look
-from kreisel.engines.projection import Program, program_of, program_of_orientation
+from kreisel.engines.projection import Program, program_of, program_of_orientation, recordable
 from kreisel.engines.recording import Recording, flat_constants, flat_stages, indented
+from kreisel.engines.trace import TooLong
 from kreisel.errors import InputError
 from kreisel.methods.scheme import Scheme
 
@@ -260,7 +261,10 @@ class Kernel:
         self._constants = self._on_gpu(constants.T)
         self._stages = self._on_gpu(stages.transpose(1, 2, 0))
         self._state = self._on_gpu(self.z.T)
-        program = program_of(scheme, columns) if project and engine == "cuda" else None
+        try:
+            program = recordable(lambda: program_of(scheme, columns)) if project and engine == "cuda" else None
+        except TooLong:
+            program = None
         also = program_of_orientation(scheme) if program else None
         self.projection: Projection | None = None
         if program is not None:

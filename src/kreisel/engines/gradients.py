@@ -38,7 +38,7 @@ class Namespace:
         )
 
     @staticmethod
-    def stack(parts: Sequence[Any], axis: int = -1) -> Traced:
+    def stack(parts: Sequence[Any], axis: int = 0) -> Traced:
         """The parts along a new last axis."""
         if axis != -1:
             raise TypeError("traced arrays are stacked along a new last axis")
@@ -74,6 +74,9 @@ class Traced:
 
     def __array_namespace__(self) -> type[Namespace]:
         return Namespace
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("a traced array is no array of NumPy")
 
     def __array_function__(self, function: Callable[..., Any], types: Any, args: Any, kwargs: Any) -> Any:
         if function in (np.ndim, np.shape):

@@ -20,7 +20,7 @@ from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.engines.correcting`, where values have more digits
-MOST_N = 100  # beyond, an evaluation takes a second, and BLAS gives other bits for other numbers of threads
+MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
 SAMPLES = 8  # states by which the size of an invariant's terms is told
 NONE = 1e-300  # instead of a length of 0
 EPS = float(np.finfo(np.float64).eps)
@@ -61,14 +61,17 @@ class InDoubles(Corrections):
         def at(state: Floats) -> Floats:
             return np.concatenate(list(self._values(state).values()), -1)
 
+        def largest(size: Floats, other: Floats) -> Floats:
+            return np.fmax(size, np.where(np.isfinite(other), abs(other), 0))
+
         here = np.concatenate(list(found.values()), -1)
-        rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), abs(here)
+        rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * here, here)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
         for sign in signs:
-            size = np.maximum(size, abs(at(rms * sign)))
+            size = largest(size, at(rms * sign))
         for sign in signs[: SAMPLES // 2]:  # what a second difference shows is rounding in the values themselves
             close = 8 * EPS * rms * sign
-            size = np.maximum(size, abs(at(z + close) + at(z - close) - 2 * here) / EPS)
+            size = largest(size, (at(z + close) + at(z - close) - 2 * here) / EPS)
         self.targets[..., 0], self.targets[..., 2] = here, size
 
     def applied(self, z: Floats) -> Floats:
@@ -78,7 +81,8 @@ class InDoubles(Corrections):
         return np.where(np.isfinite(new).all(-1, keepdims=True), new, z)
 
     def peek(self, z: Floats) -> Floats:
-        return np.fmax(self.worst, self._corrected(z)[1])
+        # Where nothing was projected yet a short run need not wait for it: `kr.drift` sees what changed.
+        return np.fmax(self.worst, self._corrected(z)[1]) if self.worst.any() else self.worst
 
 
 class Observed:
@@ -98,7 +102,9 @@ class Observed:
         self.function = scheme.conserved or scheme.observe
         try:
             self.members = self._changing()
-        except (TypeError, AttributeError):  # not known in that form
+        except Exception:  # not known in that form: whatever a function that expects arrays makes of it
+            if scheme.conserved is None:
+                raise
             self.function = scheme.observe
             self.members = self._changing()
 
@@ -112,6 +118,9 @@ class Observed:
 
     def at(self, row: Any, lane: int) -> dict[str, Array]:
         """The conserved variables at z[lane] with the numbers of `row` in place of its first ones."""
+        return self._at(row, lane, self._known[lane])
+
+    def _at(self, row: Any, lane: int, known: Mapping[str, Array]) -> dict[str, Array]:
         parts: list[Array] = []
         start, n = 0, self.scheme.n
         for kind in self._kinds:
@@ -119,19 +128,33 @@ class Observed:
             numbers = row[start:end] if end <= self.own else self.z[lane, start:end]
             parts += layout.restore(numbers, [kind], n)
             start = end
-        found = self.function(tuple(parts), **self._known[lane])
+        found = self.function(tuple(parts), **known)
         return {name: value for name, value in found.items() if self.scheme.outcomes[name].kept}
 
     def _changing(self) -> dict[str, Array]:
-        z = self.z[0, : self.own]
-        moved = z + MOVED * np.sqrt((z * z).mean() + (z == 0).all()) * np.random.default_rng(0).normal(size=len(z))
-        there, out = self.at(moved, 0), {}
-        for name, value in self.at(z, 0).items():
+        """By random numbers in place of state and constants, so that lanes do not depend on each other."""
+        if self.function is self.scheme.observe:
+            return {name: np.arange(np.size(value)) for name, value in self.at(self.z[0, : self.own], 0).items()}
+        draw, out = np.random.default_rng(0), {}
+        known = {name: draw.normal(size=np.shape(value)) for name, value in self._known[0].items()}
+        here, there = (self._at(draw.normal(size=self.own), 0, known) for _ in range(2))
+        for name, value in here.items():
             a, b = np.ravel(value), np.ravel(there[name])
             members = np.flatnonzero(abs(a - b) > CHANGED * np.maximum(abs(a), abs(b)))
             if len(members):
                 out[name] = members
         return out
+
+    def together(self, z: Floats) -> dict[str, Floats]:
+        """`at` of all lanes, with the first numbers of `z`, by the definitions on arrays of all lanes."""
+        rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
+        known = {**self.scheme.constants, **self.scheme.basis}
+        found = self.scheme.observe(layout.restore(rows, self._kinds, self.scheme.n), **known)
+        return {
+            name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
+            for name, value in found.items()
+            if self.scheme.outcomes[name].kept
+        }
 
 
 class Projection(InDoubles):
@@ -142,7 +165,8 @@ class Projection(InDoubles):
         if not observed.members:
             super().__init__((), 1, len(self._z))
             return
-        first, d = self._recorded(self._z[0], 0)[0], observed.own
+        (first, own), d = self._recorded(self._z[0], 0), observed.own
+        gradient(first, own)  # what cannot be traced back fails here
         k = first.shape[0]
         self._begin(self._z[:, :d], interval(2 * (cost(first) + k * k * d + k**3 / 3), work))
 
@@ -154,27 +178,33 @@ class Projection(InDoubles):
         return Namespace.concatenate([_row(found[name])[kept] for name, kept in members]), z
 
     def _values(self, z: Floats) -> dict[str, Floats]:
-        rows = [self._observed.at(row, lane) for lane, row in enumerate(z)]
-        return {
-            name: np.array([np.ravel(np.asarray(found[name], dtype=np.float64))[kept] for found in rows])
-            for name, kept in self._observed.members.items()
-        }
+        with np.errstate(all="ignore"):
+            found = self._observed.together(z)
+        return {name: found[name][:, kept] for name, kept in self._observed.members.items()}
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
-        new, lack, d = z.copy(), np.zeros_like(self.worst), self._observed.own
-        for lane, row in enumerate(new):
-            targets = self.targets[lane]
-            for again in range(2):  # the first step leaves what is nearly redundant: 160 ulp after 8e6 steps, n = 100
-                values, own = self._recorded(row, lane)
-                apart = values.value - targets[:, 0]
-                with np.errstate(all="ignore"):
-                    row[:d], found = newton(row[:d], gradient(values, own), apart, targets[:, 2])
-                lack[lane] = lack[lane] if again else found
+        new, lack, d = z.copy(), np.full_like(self.worst, np.nan), self._observed.own
+        with np.errstate(all="ignore"):
+            for lane, row in enumerate(new):
+                for again in range(
+                    2
+                ):  # the first step leaves what is nearly redundant: 160 ulp after 8e6 steps, n = 100
+                    values, own = self._recorded(row, lane)
+                    J, apart = gradient(values, own), values.value - self.targets[lane, :, 0]
+                    known = np.isfinite(J).all(-1) & np.isfinite(apart)
+                    J, apart = np.where(known[:, None], J, 0), np.where(known, apart, 0)
+                    row[:d], found = newton(row[:d], J, apart, self.targets[lane, :, 2])
+                    lack[lane] = lack[lane] if again else found
         return new, lack
 
     def apply(self) -> None:
         """Project the state, in place."""
         self._z[:] = self.applied(self._z)
+
+
+def _times(a: Floats, b: Floats) -> Floats:
+    """a b^T of each lane, with the same bits for any number of threads."""
+    return np.einsum("lij,lkj->lik", a, b)
 
 
 def _row(x: Any) -> Any:
@@ -189,5 +219,5 @@ def orthogonal(scheme: Scheme, z: Floats) -> None:
         end = start + layout.size(kind, scheme.n)
         if letter == ORIENTATION:
             g = z[:, start:end].reshape((len(z), scheme.n, -1))
-            z[:, start:end] = (1.5 * g - 0.5 * (g @ g.mT) @ g).reshape((len(z), -1))
+            z[:, start:end] = (1.5 * g - 0.5 * _times(_times(g, g), g.mT)).reshape((len(z), -1))
         start = end

@@ -171,7 +171,7 @@ class Form:
 
         def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
             p = Vector(self.n, (0.0, 0.0), _number(known[AXIS_NAME]), axis=True)
-            T = Matrix(self.n, turn=known[TURN_NAME])
+            T = Matrix(self.n, turn=known[TURN_NAME], kept=True)
             parts: list[Any] = []
             for value, kind in zip(z, self.kinds, strict=False):
                 x, y = value[: self.h], value[self.h : 2 * self.h]

@@ -16,9 +16,10 @@ A correction is of the size of rounding errors, or the map does not conserve wha
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,11 +28,12 @@ from kreisel.engines import layout
 from kreisel.engines.layout import Floats
 from kreisel.engines.lines import Line, operation
 from kreisel.engines.recording import recorded_arguments
-from kreisel.engines.trace import Scalar, Tape
+from kreisel.engines.trace import Scalar, Tape, TooLong
+from kreisel.errors import ConservationWarning
 from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
 
-MOST_N = 10  # beyond, `kreisel.engines.in_doubles`
+MOST_N, MOST_LINES = 10, 120_000  # beyond, `kreisel.engines.in_doubles`: recording takes seconds
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
 SAMPLES, INDEPENDENT = 256, 1e-7
 OPERATIONS = {"+": 0, "-": 1, "*": 2, "/": 3, "sqrt": 4}
@@ -43,6 +45,7 @@ SLOPES: list[Callable[..., tuple[Any, Any]]] = [  # of x o y = v
     lambda x, y, v: (1 / y, -v / y),
     lambda x, y, v: (0.5 / v, 0),
 ]
+Made = TypeVar("Made")
 ROOT = re.compile(r"sqrt\((\w+)\)")
 
 
@@ -90,6 +93,22 @@ class Program:
         return self.ops, self.outs, self.ends, self.cones, self.columns, self.literals
 
 
+def recordable(make: Callable[[], Made | None]) -> Made | None:
+    """What `make` gives; None, with a warning, where an integral of a user's own takes no recorded numbers."""
+    try:
+        return make()
+    except TooLong:
+        raise
+    except Exception as error:  # whatever a function that expects arrays of NumPy makes of others
+        warnings.warn(
+            "Round-off adds up in this run, which is not projected: expected integrals of +, -, *, /, square roots and "
+            f"products of arrays, got one that takes no recorded numbers ({error}). project=False says so.",
+            ConservationWarning,
+            stacklevel=2,
+        )
+        return None
+
+
 def program_of_orientation(scheme: Scheme) -> Program | None:
     """What binds an orientation to the state, of which the orientation alone gives way; None where there is none."""
     if scheme.held is None:
@@ -111,17 +130,19 @@ def program_of(
 ) -> Program | None:
     """The invariants that a scheme conserves, on recorded numbers; None where there is nothing to project.
 
-    By another `function` than its `observe`, and only these `members` of each family.
+    By another `function` than its `observe`, and only these `members` of each family.  Raises `TooLong`.
     """
-    tape = Tape()
+    tape = Tape(most=MOST_LINES)
     parts, known = recorded_arguments(scheme, tape, {"c": columns})
     size = sum(layout.size(kind, scheme.n) for _, kind in scheme.components)
     found: dict[str, str] = {}  # by the recorded name, without factors that are constant
     outputs = (function or scheme.observe)(parts, **known)
     lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
     for name, value in outputs.items():
+        if not scheme.outcomes[name].kept:
+            continue
         entries = np.asarray(value, dtype=object)
-        for place, entry in enumerate(entries.flat if scheme.outcomes[name].kept else ()):
+        for place, entry in enumerate(entries.flat):
             if isinstance(entry, Scalar) and (members is None or place in members.get(name, ())):
                 label = f"{name}[{place}]" if entries.ndim else name
                 found.setdefault(_without_factors(lines, varying, entry.name), label)

@@ -69,6 +69,12 @@ class Vector:
 
     __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
 
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("a structured vector has no entries")
+
+    def __pow__(self, exponent: int) -> Any:
+        return self * self if exponent == 2 else NotImplemented
+
     @property
     def ndim(self) -> int:
         return len(self.shape)
@@ -256,6 +262,16 @@ def _key_of(diagonal: Any) -> Any:
     return diagonal.key if isinstance(diagonal, Vector) else _key(diagonal)
 
 
+class Nothing:
+    """The entries of a constant matrix: none that change, and none to be used."""
+
+    ndim, shape, size = 1, (0,), 0
+    __array_ufunc__: ClassVar[None] = None
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return np.zeros(0)
+
+
 @dataclass(frozen=True, eq=False)
 class Matrix:
     """diagonal + T + sum c s ^ t: `diagonal` a number or a vector; T its entry theta, `turn`, or `turn` times `dense`.
@@ -268,8 +284,12 @@ class Matrix:
     turn: Number = 0.0
     pairs: dict[Any, tuple[Number, Vector, Vector]] = field(default_factory=dict)
     dense: Dense | None = None
+    kept: bool = False  # T is known to be constant, and its entries are asked for to see what changes
 
     __array_ufunc__: ClassVar[None] = None
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("a structured matrix has no entries")
 
     @property
     def ndim(self) -> int:
@@ -333,15 +353,14 @@ class Matrix:
         return self * (1 / other) if _is_number(other) else NotImplemented
 
     def __getitem__(self, index: Any) -> Any:
-        """Its entries, of which T alone, which is constant, has none to speak of."""
-        if self.pairs or self.dense or _key_of(self.diagonal) != 0.0:
-            raise TypeError(f"a structured matrix has no entries: {index!r}")
-        return np.zeros(0)
+        if self.kept and not self.pairs and _key_of(self.diagonal) == 0.0:
+            return Nothing()
+        raise TypeError(f"a structured matrix has no entries: {index!r}")
 
     def record_pairing(self, other: Matrix) -> Number:
         """<X, Y> = <T, S> + sum <u_i, T v_i> + <s_i, S t_i> + <s_i, u_j> <t_i, v_j> - <s_i, v_j> <t_i, u_j>."""
-        if self.dense or other.dense:
-            raise TypeError("a pairing with a dense momentum")
+        if self.dense or other.dense or _key_of(self.diagonal) != 0.0 or _key_of(other.diagonal) != 0.0:
+            raise TypeError("a pairing of other than T + sum c s ^ t")
         out = total(self.turn * other.turn)
         for c, u, v in other.pairs.values():
             out = out + c * algebra.dot(u, self._turned(v))
@@ -357,6 +376,8 @@ class Matrix:
 
         det(mu - X) = det(mu - T) (1 + <p, p> <s, (mu - T)^-1 s>/mu).  [matrix determinant lemma]
         """
+        if len(self.pairs) != 1:
+            raise TypeError("a characteristic polynomial of other than T + s ^ p")
         ((scale, s, p),) = self.pairs.values()
         if not p.axis or self.dense or _key_of(self.diagonal) != 0.0:
             raise TypeError("a characteristic polynomial of other than T + s ^ p")
@@ -388,7 +409,7 @@ class Matrix:
             return self * algebra.dot(p, p) - algebra.wedge(self @ p, p)
         if _key_of(self.diagonal) != 0.0:
             raise TypeError("pi X pi of a diagonal")
-        return Matrix(self.n, turn=self.turn * algebra.dot(p, p))
+        return Matrix(self.n, turn=self.turn * algebra.dot(p, p), kept=self.kept)
 
     def record_conjugate(self, X: Matrix) -> Matrix:
         """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""

@@ -7,6 +7,7 @@ put in for some parameters (`kreisel.engines.folding`) computes the same as one 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, ClassVar
@@ -20,11 +21,18 @@ from kreisel.engines.lines import Line, arranged, needed
 ELIMINATED_N = 24
 
 
-class Tape:
-    """Operations in order, each with a key; the same key is recorded once.  `mark` keeps two tapes' names apart."""
+class TooLong(Exception):
+    """More lines than a tape may have."""
 
-    def __init__(self, mark: str = "") -> None:
-        self.mark = mark
+
+class Tape:
+    """Operations in order, each with a key; the same key is recorded once.  `mark` keeps two tapes' names apart.
+
+    Raises `TooLong` beyond `most` lines.
+    """
+
+    def __init__(self, mark: str = "", most: float = math.inf) -> None:
+        self.mark, self._most = mark, most
         self.lines: list[Line] = []
         self._names: dict[str, str] = {}
         self._count = 0
@@ -39,6 +47,8 @@ class Tape:
                 lines = self._loop[0]
                 self._loop[1].add(name)
             lines.append(Line((name,), f"{name} = {expression}", needs))
+            if len(lines) > self._most:
+                raise TooLong
         return self._names[expression]
 
     def _fresh(self, letter: str) -> str:

@@ -112,9 +112,6 @@ class Projection(InDoubles):
             new, lack = map(np.asarray, self._correct(z, self._constants, self.targets))
         return new, lack
 
-    def peek(self, z: Floats) -> Floats:
-        return super().peek(z) if self.worst.any() else self.worst  # a short run need not compile it
-
 
 def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:
     """None where nothing is conserved, and for integrals of a user's own that take no JAX arrays."""
