@@ -456,3 +456,19 @@ def test_the_interval_is_a_small_share(top: Any) -> None:
     assert correcting.interval(1, 10) == 100
     assert correcting.interval(1200, 50) == 2500
     assert all(10**9 % k == 0 for k in correcting.INTERVALS if k < 10**5)
+
+
+@pytest.mark.parametrize("name", ["euler-top", "lagrange-top"])
+def test_a_lane_at_rest_stays_there(name: str, often: int) -> None:
+    """Without momentum, and for the Euler top without anything, beside a lane that moves; n = 11."""
+    draw = exact.float_random(np.random.default_rng(4))
+    model = exact.random_model(REGISTRY[name], 11, draw)
+    letters = model.system.space.letters
+    state = dict(zip(letters, exact.random_state(model.system.space, 11, draw), strict=True))
+    still = {k: 0 * v if k in "Mm" else v for k, v in state.items()}
+    both = {k: np.stack([still[k], state[k]]) for k in letters}
+    run = kr.simulate(model, both, dt=0.02, steps=300, every=100, method=default_method(model))
+    assert run.attrs["projection"] == often and not kr.drift(run).broken.any()
+    assert all(np.isfinite(run[k]).all() for k in letters)
+    if name != "lagrange-top":  # gravity moves it
+        assert all((run[k].isel(lane=0) == still[k]).all() for k in letters)

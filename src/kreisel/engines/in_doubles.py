@@ -21,6 +21,7 @@ from kreisel.methods.scheme import Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.engines.correcting`, where values have more digits
 MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
+STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
 SAMPLES = 8  # states by which the size of an invariant's terms is told
 NONE = 1e-300  # instead of a length of 0
 EPS = float(np.finfo(np.float64).eps)
@@ -32,7 +33,7 @@ def newton(z: Array, J: Array, lack: Array, size: Array) -> tuple[Array, Array]:
 
     J is dI/dz, lack I - I_0, size that of the terms of I.
     """
-    length = (z * z).sum() ** 0.5
+    length = (z * z).sum() ** 0.5 + NONE
     scale = 1 / ((J * J).sum(-1) + (FLAT * size / length) ** 2 + NONE) ** 0.5
     J, lack = scale[:, None] * J, scale * lack
     y = algebra.solve(J @ J.T + TAU * algebra.identity(len(lack)), lack[:, None])[:, 0]
@@ -168,7 +169,7 @@ class Projection(InDoubles):
         (first, own), d = self._recorded(self._z[0], 0), observed.own
         gradient(first, own)  # what cannot be traced back fails here
         k = first.shape[0]
-        self._begin(self._z[:, :d], interval(2 * (cost(first) + k * k * d + k**3 / 3), work))
+        self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
         """The invariants (k,) at z[lane] with the first numbers of `row`, and these numbers, traced."""
@@ -186,9 +187,7 @@ class Projection(InDoubles):
         new, lack, d = z.copy(), np.full_like(self.worst, np.nan), self._observed.own
         with np.errstate(all="ignore"):
             for lane, row in enumerate(new):
-                for again in range(
-                    2
-                ):  # the first step leaves what is nearly redundant: 160 ulp after 8e6 steps, n = 100
+                for again in range(STEPS):
                     values, own = self._recorded(row, lane)
                     J, apart = gradient(values, own), values.value - self.targets[lane, :, 0]
                     known = np.isfinite(J).all(-1) & np.isfinite(apart)
