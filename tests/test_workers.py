@@ -103,3 +103,29 @@ def test_workers_that_do_not_start_are_told(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(distributed, "LocalCluster", cluster)
     with pytest.raises(kr.RunError, match="did not start"), workers.pool(1, None, False):
         pass
+
+
+def test_a_signal_between_two_blocks_is_no_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It comes while the handlers are put back, when the block is done: the sweep ends as after any other signal."""
+    real, stop = signal.signal, workers.Stop()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    put_back = []
+
+    def late(number: int, handler: Any) -> Any:
+        if put_back:
+            put_back.pop()
+            signal.raise_signal(signal.SIGTERM)
+        return real(number, handler)
+
+    monkeypatch.setattr(signal, "signal", late)
+    with workers._at_once(stop):
+        put_back.append(True)
+    assert stop.signal == signal.SIGTERM
+    monkeypatch.undo()
+    assert {number: signal.getsignal(number) for number in before} == before
+    with pytest.raises(ZeroDivisionError), workers._at_once(workers.Stop()):
+        raise ZeroDivisionError
+    again = workers.Stop()
+    with workers._at_once(again):
+        signal.raise_signal(signal.SIGINT)
+    assert again.signal == signal.SIGINT

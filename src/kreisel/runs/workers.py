@@ -51,15 +51,21 @@ def _at_once(stop: Stop) -> Iterator[None]:
         yield
         return
     before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    inside = False
 
     def end(number: int, frame: FrameType | None) -> None:
         stop.signal = number
-        raise KeyboardInterrupt
+        if inside:
+            raise KeyboardInterrupt
 
     for number in before:
         signal.signal(number, end)
     try:
-        yield
+        try:
+            inside = True
+            yield
+        finally:
+            inside = False  # a signal that comes while the handlers are put back
     except KeyboardInterrupt:
         if stop.signal is None:
             raise
@@ -77,8 +83,12 @@ class Here:
             if stop.signal is not None:
                 return
             took = None
-            with _at_once(stop):
-                took = compute(*tasks.arguments(block))
+            try:
+                with _at_once(stop):
+                    took = compute(*tasks.arguments(block))
+            except KeyboardInterrupt:  # on the way out of `with`
+                if stop.signal is None:
+                    raise
             if took is not None:
                 yield took
 
