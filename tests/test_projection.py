@@ -325,6 +325,32 @@ def test_an_integral_that_takes_no_recorded_numbers(what: str, n: int, engine: s
     assert run.drop_attrs().equals(kr.simulate(model, x0, **options, project=False).drop_attrs())
 
 
+def test_an_integral_that_jax_cannot_differentiate() -> None:
+    """A function of NumPy that JAX calls back, which has values and no derivative."""
+    import jax
+
+    from kreisel import reduction as red
+
+    def called_back(m: Any, a: Any) -> Any:
+        scalar = jax.ShapeDtypeStruct((), np.float64)
+        return jax.pure_callback(lambda x: np.exp(np.asarray(x)), scalar, a @ a, vmap_method="sequential")
+
+    record = red.system(
+        "own", group=red.SO(3), lagrangian=lambda w, a: -jax.numpy.trace(w @ w) / 4 - a[2], frame="rest",
+        integrals={"own": called_back}, kept=["own"],
+    )  # fmt: skip
+    with pytest.warns(kr.ConservationWarning, match="takes no arrays of JAX"):
+        run = kr.simulate(record(), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=5)
+    assert run.attrs["projection"] == 0
+
+
+def test_a_correction_that_was_not_looked_at_is_none() -> None:
+    """n = 12, where K is far longer than the run."""
+    model, x0 = own_top(12)
+    table = kr.drift(kr.simulate(model, x0, dt=0.05, steps=20, method="suris", order=1, engine="cpu"))
+    assert table.conserved.any() and table.correction.isna().all()
+
+
 def test_an_integral_that_is_not_defined_everywhere(often: int) -> None:
     """sqrt(1 - <a, a>) is none for the states by which the size of its terms is told."""
     model, x0 = own_top(12, own=lambda m, a, *, p: algebra.sqrt(1 - (a * a).sum(-1)))

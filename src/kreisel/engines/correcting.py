@@ -330,7 +330,7 @@ class Corrections:
         self.bound = np.zeros((lanes, bonds, 3))
 
     def peek(self, z: Floats) -> Floats:
-        """`worst` with what the state z lacks at this moment (lanes, invariants); nothing changes."""
+        """`worst` with what the state z lacks now (lanes, invariants), NaN where that is not known; nothing changes."""
         raise NotImplementedError
 
     def apply(self) -> None:
@@ -369,9 +369,10 @@ class Corrections:
     def largest(self, z: Floats) -> dict[str, float]:
         """The largest correction of each variable, at the end of a run in the state z."""
         out: dict[str, float] = {}
-        for label, value in zip(self.labels, self.peek(z).max(0), strict=True):
-            name = label.partition("[")[0]
-            out[name] = max(out.get(name, 0.0), float(value))
+        for label, value in zip(self.labels, np.fmax.reduce(self.peek(z)), strict=True):
+            if value == value:
+                name = label.partition("[")[0]
+                out[name] = max(out.get(name, 0.0), float(value))
         return out
 
     def snapshot(self) -> dict[str, Floats]:

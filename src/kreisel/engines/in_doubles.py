@@ -83,7 +83,7 @@ class InDoubles(Corrections):
 
     def peek(self, z: Floats) -> Floats:
         # Where nothing was projected yet a short run need not wait for it: `kr.drift` sees what changed.
-        return np.fmax(self.worst, self._corrected(z)[1]) if self.worst.any() else self.worst
+        return np.fmax(self.worst, self._corrected(z)[1]) if self.worst.any() else np.full_like(self.worst, np.nan)
 
 
 class Observed:

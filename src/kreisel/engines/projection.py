@@ -93,8 +93,8 @@ class Program:
         return self.ops, self.outs, self.ends, self.cones, self.columns, self.literals
 
 
-def recordable(make: Callable[[], Made | None]) -> Made | None:
-    """What `make` gives; None, with a warning, where an integral of a user's own takes no recorded numbers."""
+def recordable(make: Callable[[], Made | None], numbers: str = "recorded numbers") -> Made | None:
+    """What `make` gives; None, with a warning, where an integral of a user's own does not take such numbers."""
     try:
         return make()
     except TooLong:
@@ -102,7 +102,7 @@ def recordable(make: Callable[[], Made | None]) -> Made | None:
     except Exception as error:  # whatever a function that expects arrays of NumPy makes of others
         warnings.warn(
             "Round-off adds up in this run, which is not projected: expected integrals of +, -, *, /, square roots and "
-            f"products of arrays, got one that takes no recorded numbers ({error}). project=False says so.",
+            f"products of arrays, got one that takes no {numbers} ({error}). project=False says so.",
             ConservationWarning,
             stacklevel=2,
         )

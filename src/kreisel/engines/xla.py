@@ -13,6 +13,7 @@ from kreisel.algebra import Array
 from kreisel.engines import layout
 from kreisel.engines.in_doubles import InDoubles, newton
 from kreisel.engines.layout import Floats, Look, no_look
+from kreisel.engines.projection import recordable
 from kreisel.errors import RunError
 from kreisel.methods.observing import ORIENTATION
 from kreisel.methods.scheme import Scheme
@@ -102,6 +103,9 @@ class Projection(InDoubles):
         self._family, self._correct = _projection(scheme, constants, lanes)
         self._constants = constants
         self._begin(z, EVERY)
+        if self.labels:
+            with double():
+                jax.eval_shape(self._correct, z, constants, self.targets)  # what has no derivative fails here
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with double():
@@ -114,12 +118,9 @@ class Projection(InDoubles):
 
 
 def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:
-    """None where nothing is conserved, and for integrals of a user's own that take no JAX arrays."""
-    try:
-        projection = Projection(scheme, z, constants, lanes)
-    except (TypeError, jax.errors.JAXTypeError):
-        return None
-    return projection if projection.labels else None
+    """None where nothing is conserved, and, with a warning, for integrals of a user's own that JAX cannot trace."""
+    projection = recordable(lambda: Projection(scheme, z, constants, lanes), "arrays of JAX")
+    return projection if projection and projection.labels else None
 
 
 class Compiled:
