@@ -82,7 +82,7 @@ def test_values_have_twice_the_digits(name: str, method: str, order: int, n: int
     plan = random_plan(name, n, method, order)
     projection = plan.engine.projection
     known, digits = exactly(plan, plan.engine.z[0]), 0
-    for label, (high, low, size) in zip(projection.labels, projection.targets[0], strict=True):
+    for label, (high, low, size, _) in zip(projection.labels, projection.targets[0], strict=True):
         found, true = Fraction(float(high)) + Fraction(float(low)), known[label]
         if label.startswith("noether") and n == 3:  # without its constant factor p_i
             true /= fraction(plan.scheme.constants["p"])[int(label[8:-1])]
@@ -103,9 +103,9 @@ def test_a_state_is_put_back_by_the_least_change(name: str, method: str, order: 
     moved = plan.engine.z.copy()
     lack = projection.peek(moved)
     assert (lack.max(1) * EPS > 1e-10).all() and (projection.worst == 0).all() and (plan.engine.z == moved).all()
-    for _ in range(3):  # each step leaves 1e-6 of what was there, and a second order
+    for _ in range(80):  # each leaves 1e-6 of what was there, and 3/4 of how far the one before went beyond
         projection.apply()
-    assert (projection.peek(plan.engine.z)[:, :] == projection.worst).all()
+    assert (projection.peek(plan.engine.z) == projection.worst).all()
     left = projection.worst.copy()
     projection.worst[:] = 0
     assert (projection.peek(plan.engine.z) < 8).all() and (left > 1e4).any()
@@ -146,6 +146,47 @@ def test_what_is_conserved_does_not_walk(name: str, n: int, often: int) -> None:
     assert (table.correction[table.conserved].dropna() < 2e3).all(), table.to_string()
 
 
+def drifting(plan: Any) -> np.ndarray:
+    """How far the middle of an interval is from the values at the start, over what they drift by in one (lanes, I).
+
+    Steps that push the state by the same in each interval stand for rounding errors with a mean.
+    """
+    engine, draw = plan.engine, np.random.default_rng(0)
+    push = 1e-8 * draw.normal(size=engine.z.shape)
+    before = {name: value[0] for name, value in plan.observe(engine.z[None]).items()}
+    for _ in range(60):
+        engine.projection.apply()
+        low = plan.observe(engine.z[None])
+        engine.z += push
+        high = plan.observe(engine.z[None])
+    found = []
+    for name, outcome in plan.scheme.outcomes.items():
+        if outcome.kept:
+            at = [np.reshape(x[name][0], (len(push), -1)) for x in (low, high)]
+            drift = at[1] - at[0]
+            off = (at[0] + at[1]) / 2 - np.reshape(before[name], at[0].shape)
+            known = abs(drift) > 1e-11 * np.maximum(abs(at[0]), 1)
+            found += [*(off[known] / drift[known])]
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("n", "lanes", "engine"), [(3, 1, "cpu"), (3, 5, "cpu"), (12, 1, "cpu"), (12, 1, "large")])
+def test_the_mean_of_an_interval_is_that_of_the_start(n: int, lanes: int, engine: str) -> None:
+    """An invariant that drifts goes half a drift beyond its value at the start: the frequencies have no error of K."""
+    plan = random_plan("lagrange-top", n, "suris", 1, lanes, engine=engine)
+    found = drifting(plan)
+    assert len(found) >= 5 and (abs(found) < 1e-2).all()
+
+
+def test_mutant_of_the_lead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Back to the values at the start and no further."""
+    for module in ("correcting", "in_doubles"):
+        monkeypatch.setattr(f"kreisel.engines.{module}.GAIN", 0.0)
+    for n in (3, 12):
+        found = drifting(random_plan("lagrange-top", n, "suris", 1, engine="cpu"))
+        assert abs(found - 0.5).max() < 1e-2
+
+
 def test_the_error_grows_like_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of iterates against their closed form; without a projection it grows like steps^1.5 and more."""
     draw, lanes, steps = np.random.default_rng(5), 16, 200_000
@@ -157,7 +198,7 @@ def test_the_error_grows_like_the_steps(monkeypatch: pytest.MonkeyPatch) -> None
         options = {"dt": 0.1, "steps": steps, "every": steps, "method": "suris", "order": 1, "project": project}
         end = kr.simulate(top, x0, **options).isel(time=-1)
         error[project] = np.max([abs(end[k] - true[k]).max(end[k].dims[-1]).values for k in "ma"], 0)
-    assert np.median(error[True]) < 1e-16 * steps  # 3e-17 measured
+    assert np.median(error[True]) < 1e-16 * steps  # 1e-17 measured
     assert np.median(error[False]) > 10 * np.median(error[True])  # 100 measured
 
 

@@ -12,6 +12,7 @@ from kreisel.engines.layout import Floats
 from kreisel.engines.projection import Program
 
 TAU = 1e-6  # of a row of length 1: what depends on the others to less is left as it is
+GAIN = 0.25  # of the mean that is found of what an invariant drifts by from one projection to the next
 FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
 WIDTH = 8  # lanes at once
 FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
@@ -132,9 +133,9 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
     for j in range(k):
         for w in range({width}):
             at = min(lane + w, last - 1)
-            for i in range(3):
+            for i in range(4):
                 set_entry(room, R + k + i, w, targets[at, j, i])
-            set_entry(room, R + k + 3, w, worst[at, j])
+            set_entry(room, R + k + 4, w, worst[at, j])
         total = nothing
         for i in range(d):
             total = fma(get(room, J + j * d + i), get(room, J + j * d + i), total)
@@ -144,11 +145,17 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
         for i in range(d):
             put(room, J + j * d + i, times(scale, get(room, J + j * d + i)))
         lack = get(room, outs[j]) - get(room, R + k)
-        lack = times(lack + (get(room, count + outs[j]) - get(room, R + k + 1)), scale)
-        put(room, R + j, lack)
-        put(room, R + k + 3, max(get(room, R + k + 3), size(lack) / times(length, EPS)))
+        lack = lack + (get(room, count + outs[j]) - get(room, R + k + 1))
+        lead = get(room, R + k + 3)
+        moved = lack + lead
+        lead = fma(GAIN, fma(0.5, moved, -lead), lead)
+        put(room, R + k + 3, lead)
+        put(room, R + j, times(lack + lead, scale))
+        put(room, R + k + 4, max(get(room, R + k + 4), size(times(moved, scale)) / times(length, EPS)))
         for w in range({width}):
-            worst[min(lane + w, last - 1), j] = entry(room, R + k + 3, w)
+            at = min(lane + w, last - 1)
+            targets[at, j, 3] = entry(room, R + k + 3, w)
+            worst[at, j] = entry(room, R + k + 4, w)
     for j in range(k):
         for q in range(j, k):
             total = nothing
@@ -188,7 +195,7 @@ from numba import carray, cfunc, njit
 from kreisel.engines.fused import fma, size, where_less
 from kreisel.engines.pointers import doubles, integers, longs
 {reading}
-TAU, FLAT, EPS = {tau!r}, {flat!r}, {eps!r}
+TAU, FLAT, EPS, GAIN = {tau!r}, {flat!r}, {eps!r}, {gain!r}
 
 
 @njit({exact})
@@ -229,10 +236,10 @@ def project(table, place, first, last, begin):
         outs, ends = carray(integers(t[9]), (k,)), carray(integers(t[10]), (k,))
         cones, columns = carray(integers(t[11]), (length_of_cones,)), carray(integers(t[12]), (columns_used,))
         literals = carray(doubles(t[13]), (literals_used,))
-        targets, worst = carray(doubles(t[14]), (lanes, k, 3)), carray(doubles(t[15]), (lanes, k))
+        targets, worst = carray(doubles(t[14]), (lanes, k, 4)), carray(doubles(t[15]), (lanes, k))
         z, c = carray(doubles(t[16]), (lanes, d)), carray(doubles(t[17]), (lanes, constants))
         count = d + columns_used + literals_used + length_of_ops
-        room = carray(doubles(place), (3 * count + k * (d + k + 1) + 4, {width}))
+        room = carray(doubles(place), (3 * count + k * (d + k + 1) + 5, {width}))
         for lane in range(first, last, {width}):
             block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin, t[18])
         table = t[19]
@@ -249,6 +256,7 @@ def source(width: int) -> str:
         exact=exact,
         tau=TAU,
         flat=FLAT,
+        gain=GAIN,
         eps=float(np.finfo(np.float64).eps),
     )
     states = block(f"@njit({exact})", '@njit(error_model="numpy")', "z[at, i]", "c[at, columns[i]]", width)
@@ -319,15 +327,16 @@ class Corrections:
 
     labels   of the invariants
     every    steps between two projections; `done` of them were made since the last one
-    targets  the values at the start, in two doubles each, and the size of their terms (lanes, invariants, 3)
+    targets  the values at the start, in two doubles each, the size of their terms, and by how much a projection goes
+             beyond them (lanes, invariants, 4)
     worst    the largest correction of each yet, as a distance in state space in units of eps_machine |z|
     bound    as `targets`, of what binds an orientation to the state
     """
 
     def __init__(self, labels: tuple[str, ...], every: int, lanes: int, bonds: int = 0):
         self.labels, self.every, self.done = labels, every, 0
-        self.targets, self.worst = np.zeros((lanes, len(labels), 3)), np.zeros((lanes, len(labels)))
-        self.bound = np.zeros((lanes, bonds, 3))
+        self.targets, self.worst = np.zeros((lanes, len(labels), 4)), np.zeros((lanes, len(labels)))
+        self.bound = np.zeros((lanes, bonds, 4))
 
     def peek(self, z: Floats) -> Floats:
         """`worst` with what the state z lacks now (lanes, invariants), NaN where that is not known; nothing changes."""
@@ -431,9 +440,11 @@ class Projection(Corrections):
         self._call(0)
 
     def peek(self, z: Floats) -> Floats:
-        before, worst = self._z.copy(), self.worst.copy()
+        arrays = self._z, self.worst, self.targets, self.bound
+        before = [array.copy() for array in arrays]
         self._z[:] = z
         self._call(0)
         found = self.worst.copy()
-        self._z[:], self.worst[:] = before, worst
+        for array, value in zip(arrays, before, strict=True):
+            array[:] = value
         return found

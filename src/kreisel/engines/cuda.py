@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.engines.correcting import FLAT, TAU, Corrections, block, interval
+from kreisel.engines.correcting import FLAT, GAIN, TAU, Corrections, block, interval
 from kreisel.engines.cpu import load
 from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.engines.projection import Program, program_of, program_of_orientation, recordable
@@ -69,7 +69,7 @@ from math import sqrt
 
 from numba import config, cuda
 
-TAU, FLAT, EPS = {tau!r}, {flat!r}, {eps!r}
+TAU, FLAT, EPS, GAIN = {tau!r}, {flat!r}, {eps!r}, {gain!r}
 
 if config.ENABLE_CUDASIM:
 
@@ -194,6 +194,7 @@ class Projection(Corrections):
         text = PROJECTION.format(
             tau=TAU,
             flat=FLAT,
+            gain=GAIN,
             eps=float(np.finfo(np.float64).eps),
             block=block(INLINE, "@cuda.jit(device=True)", "z[i, at]", "c[columns[i], at]", 1),
         )
@@ -230,16 +231,20 @@ class Projection(Corrections):
         self._read()
 
     def peek(self, z: Floats) -> Floats:
-        before, worst = self._z.copy_to_host(), self.worst
+        before = self._z.copy_to_host()
         self._z.copy_to_device(np.ascontiguousarray(z.T))
         self._call(0)
         found = self._known[1].copy_to_host()
         self._z.copy_to_device(before)
-        self._known[1].copy_to_device(worst)
+        self._there_again()
         return np.asarray(found)
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         super().restore(snapshot)
+        self._there_again()
+
+    def _there_again(self) -> None:
+        """What the GPU knows becomes what the host does."""
         for array, value in zip((*self._known, self._bound), (self.targets, self.worst, self.bound), strict=True):
             array.copy_to_device(value)
 

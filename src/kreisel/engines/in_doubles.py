@@ -13,7 +13,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
-from kreisel.engines.correcting import TAU, Corrections, interval
+from kreisel.engines.correcting import GAIN, TAU, Corrections, interval
 from kreisel.engines.gradients import Namespace, Traced, cost, gradient
 from kreisel.engines.layout import Floats
 from kreisel.methods.observing import ORIENTATION
@@ -29,15 +29,21 @@ MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and less tha
 
 
 def newton(z: Array, J: Array, lack: Array, size: Array) -> tuple[Array, Array]:
-    """One step of Gauss and Newton from the state z (d,), and the distance by which it lacked each invariant.
+    """One step of Gauss and Newton from the state z (d,); the distance that 1 of each invariant is, in eps |z|.
 
-    J is dI/dz, lack I - I_0, size that of the terms of I.
+    J is dI/dz, lack what I is off by, size that of the terms of I.
     """
     length = (z * z).sum() ** 0.5 + NONE
     scale = 1 / ((J * J).sum(-1) + (FLAT * size / length) ** 2 + NONE) ** 0.5
     J, lack = scale[:, None] * J, scale * lack
     y = algebra.solve(J @ J.T + TAU * algebra.identity(len(lack)), lack[:, None])[:, 0]
-    return z - y @ J, abs(lack) / (EPS * length)
+    return z - y @ J, scale / (EPS * length)
+
+
+def led(lack: Array, lead: Array) -> tuple[Array, Array]:
+    """By how much invariants have drifted since the last projection, and by how much they are to lead from now on."""
+    drift = lack + lead
+    return drift, lead + GAIN * (drift / 2 - lead)
 
 
 class InDoubles(Corrections):
@@ -47,8 +53,8 @@ class InDoubles(Corrections):
         """Those families of invariants that are projected, (lanes, members) each."""
         raise NotImplementedError
 
-    def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
-        """The projected rows, and by how much each invariant had lacked (lanes, invariants)."""
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        """The projected rows, and of each invariant (lanes, invariants) the distance that it drifted, and the lead."""
         raise NotImplementedError
 
     def _begin(self, z: Floats, every: int) -> None:
@@ -77,8 +83,8 @@ class InDoubles(Corrections):
 
     def applied(self, z: Floats) -> Floats:
         """The projected rows; as they were where they could not be."""
-        new, lack = self._corrected(z)
-        self.worst = np.fmax(self.worst, lack)
+        new, distance, lead = self._corrected(z)
+        self.worst, self.targets[..., 3] = np.fmax(self.worst, distance), lead
         return np.where(np.isfinite(new).all(-1, keepdims=True), new, z)
 
     def peek(self, z: Floats) -> Floats:
@@ -183,18 +189,23 @@ class Projection(InDoubles):
             found = self._observed.together(z)
         return {name: found[name][:, kept] for name, kept in self._observed.members.items()}
 
-    def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
-        new, lack, d = z.copy(), np.full_like(self.worst, np.nan), self._observed.own
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        new, distance, d = z.copy(), np.full_like(self.worst, np.nan), self._observed.own
+        start, _, size, lead = np.moveaxis(self.targets, -1, 0)
+        lead = lead.copy()
         with np.errstate(all="ignore"):
             for lane, row in enumerate(new):
                 for again in range(STEPS):
                     values, own = self._recorded(row, lane)
-                    J, apart = gradient(values, own), values.value - self.targets[lane, :, 0]
-                    known = np.isfinite(J).all(-1) & np.isfinite(apart)
-                    J, apart = np.where(known[:, None], J, 0), np.where(known, apart, 0)
-                    row[:d], found = newton(row[:d], J, apart, self.targets[lane, :, 2])
-                    lack[lane] = lack[lane] if again else found
-        return new, lack
+                    J, lack = gradient(values, own), values.value - start[lane]
+                    known = np.isfinite(J).all(-1) & np.isfinite(lack)
+                    J, lack = np.where(known[:, None], J, 0), np.where(known, lack, 0)
+                    if not again:
+                        drift, ahead = led(lack, lead[lane])
+                        lead[lane] = np.where(known, ahead, 0)
+                    row[:d], unit = newton(row[:d], J, lack + lead[lane], size[lane])
+                    distance[lane] = distance[lane] if again else abs(drift) * unit
+        return new, distance, lead
 
     def apply(self) -> None:
         """Project the state, in place."""

@@ -2,7 +2,11 @@
 
     r = I(z) - I(z_0)                           in double-double
     J = dI/dz                                   in double, by a reverse sweep
-    z <- z - J^T (J J^T + tau)^-1 r             one step of Gauss and Newton; rows of J, and r with them, of length 1
+    d <- d + (r - r_0 - d)/4                    r_0 of just after the last projection: the mean drift in K steps
+    z <- z - J^T (J J^T + tau)^-1 (r + d/2)     one step of Gauss and Newton; rows of J, and r with them, of length 1
+
+Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an interval, and not its start, is I(z_0): else
+the frequencies would be off by d/2, and the phase by that times N.
 
 I are the Casimirs, integrals and momenta of symmetries that the method conserves, by their definitions in the record,
 redundant as they stand.  They are recorded once for a system and n, as a list of operations (`Program`), which compiled
@@ -79,7 +83,7 @@ class Program:
     @property
     def rows(self) -> int:
         """Numbers that a projection of one state needs as room."""
-        return 3 * self.registers + len(self.outs) * (self.size + len(self.outs) + 1) + 4
+        return 3 * self.registers + len(self.outs) * (self.size + len(self.outs) + 1) + 5
 
     @property
     def cost(self) -> float:

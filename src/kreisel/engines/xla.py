@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.engines import layout
-from kreisel.engines.in_doubles import InDoubles, newton
+from kreisel.engines.in_doubles import InDoubles, led, newton
 from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.engines.projection import recordable
 from kreisel.errors import RunError
@@ -85,8 +85,12 @@ def _projection(
     def values(z: Array, known: Mapping[str, Array]) -> Array:
         return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
 
-    def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array]:
-        return newton(z, jax.jacrev(values)(z, known), values(z, known) - targets[:, 0], targets[:, 2])
+    def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array, Array]:
+        start, _, size, lead = targets.T
+        lack = values(z, known) - start
+        drift, lead = led(lack, lead)
+        z, unit = newton(z, jax.jacrev(values)(z, known), lack + lead, size)
+        return z, abs(drift) * unit, lead
 
     each = {k: 0 if k in lanes else None for k in constants}
     every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
@@ -111,10 +115,10 @@ class Projection(InDoubles):
         with double():
             return {name: np.asarray(value) for name, value in self._family(z, self._constants).items()}
 
-    def _corrected(self, z: Floats) -> tuple[Floats, Floats]:
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
         with double():
-            new, lack = map(np.asarray, self._correct(z, self._constants, self.targets))
-        return new, lack
+            new, distance, lead = map(np.asarray, self._correct(z, self._constants, self.targets))
+        return new, distance, lead
 
 
 def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:
