@@ -31,6 +31,7 @@ from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
 
 ROWS = 100
+LONGEST = 200.0  # seconds for one run
 PARTS = ("integrals", "maps", "states", "against", "picture")
 PICTURE = Path(__file__).parents[1] / "docs" / "round-off.png"
 DT = 0.1
@@ -68,12 +69,13 @@ def integrals(steps: int, told: dict[str, Any], save: Callable[[], None]) -> Non
     `told` takes what is found, and what stands there already is not run again.
     """
     for what, model, state, method, dt, count in _cases(steps):
-        if what in told and told[what].get("steps") == count:
+        if what in told and told[what].get("asked") == count:
             continue
         try:
             told[what] = _still(model, state, method, dt, count)
         except (kr.RunError, kr.InputError) as error:
-            told[what] = {"steps": count, "not run": str(error)}
+            told[what] = {"not run": str(error)}
+        told[what]["asked"] = count
         print(f"{what}: {told[what]}", flush=True)
         save()
 
@@ -96,15 +98,29 @@ def _cases(steps: int) -> Iterator[tuple[str, Any, Any, str, float, int]]:
 
 
 def _still(model: Any, state: Any, method: str, dt: float, steps: int) -> dict[str, Any]:
-    begun = time.perf_counter()
-    row: dict[str, Any] = {"dt": dt, "steps": steps, "ulps": {}}
-    for count in (steps // 100, steps):
+    """After a hundredth of the steps and after all of them, or as many as can be made in `LONGEST` seconds."""
+    row: dict[str, Any] = {"dt": dt, "ulps": {}}
+    count, seconds = max(steps // 100, ROWS), 0.0
+    while True:
+        begun = time.perf_counter()
         run = kr.simulate(model, state, dt=dt, steps=count, every=count // ROWS, method=method, progress=False)
+        seconds = time.perf_counter() - begun
         table = kr.drift(run)
         table = table[table.conserved & (table.ulps < np.inf)]
         row["ulps"][f"{count:.0e}"] = round(float(table.ulps.max()), 1)
-    row |= {"correction": round(float(table.correction.max()), 1), "every": run.attrs["projection"]}
-    return row | {"seconds": round(time.perf_counter() - begun, 1)}
+        more = steps // count
+        while more > 1 and seconds * more > LONGEST:
+            more //= 10
+        if more <= 1:
+            break
+        count *= more
+    correction = float(table.correction.max())
+    return row | {
+        "steps": count,
+        "correction": None if np.isnan(correction) else round(correction, 1),
+        "every": run.attrs["projection"],
+        "ns": round(1e9 * seconds / count, 1),
+    }
 
 
 def states(steps: int, lanes: int) -> dict[str, Any]:

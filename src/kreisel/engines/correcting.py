@@ -12,11 +12,11 @@ from kreisel.engines.layout import Floats
 from kreisel.engines.projection import Program
 
 TAU = 1e-6  # of a row of length 1: what depends on the others to less is left as it is
-GAIN = 0.25  # of the mean that is found of what an invariant drifts by from one projection to the next
+GAIN = 0.0625  # of the mean that is found of what an invariant drifts by from one projection to the next
 FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
 WIDTH = 8  # lanes at once
 FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
-NUMBERS = 20  # in the table
+LINE = 64  # bytes of the cache; a vector that lies across two takes twice the time
 # K: parts of 10^k.  With SHARE projections take 1 to 5 % of the time, measured for n = 3, 5, 10, alone and in lanes.
 INTERVALS = tuple(int(m * 10**e / 10) for e in range(2, 12) for m in (10, 20, 25, 40, 50, 80))
 SHARE = 0.011  # operations of a projection that an operation of a step may cost
@@ -31,131 +31,142 @@ def put_sum(room, high, low, p, e):
 
 
 {compiled}
-def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin, free):
-    d, k = {size_of_state}, len(outs)
-    base = d + len(columns) + len(literals)
-    count = base + len(ops)
+def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room, lane, last, begin):
+    d, k, lanes, constants, used, known, length, many, free = sizes
+    base = d + used + known
+    count = base + length
     S = 2 * count
     J = S + count
     G = J + k * d
     R = G + k * k
+    T = R + k  # of each invariant the four numbers of `targets` and `worst`
     for w in range({width}):
         at = min(lane + w, last - 1)
+        if not begin:
+            for j in range(k):
+                for i in range(4):
+                    set_entry(room, T + 5 * j + i, w, number(targets, 4 * (at * k + j) + i))
+                set_entry(room, T + 5 * j + 4, w, number(worst, at * k + j))
         for i in range(d):
-            set_entry(room, i, w, {z})
-        for i in range(len(columns)):
-            set_entry(room, d + i, w, {c})
-        for i in range(len(literals)):
-            set_entry(room, d + len(columns) + i, w, literals[i])
-        for i in range(base):
-            set_entry(room, count + i, w, 0.0)
-    for i in range(len(ops)):
-        o, x, y = base + i, ops[i, 1], ops[i, 2]
-        a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
-        if ops[i, 0] == 2:
-            p = times(a, b)
-            put_sum(room, o, count + o, p, fma(a, b, -p) + fma(a, lb, times(la, b)))
-        elif ops[i, 0] == 0:
-            p = a + b
-            t = p - a
-            put_sum(room, o, count + o, p, ((a - (p - t)) + (b - t)) + (la + lb))
-        elif ops[i, 0] == 1:
-            p = a - b
-            t = p - a
-            put_sum(room, o, count + o, p, ((a - (p - t)) - (b + t)) + (la - lb))
-        elif ops[i, 0] == 3:
-            p = a / b
-            put_sum(room, o, count + o, p, (fma(-p, b, a) + fma(-p, lb, la)) / b)
+            set_entry(room, i, w, number(z, {z}))
+        for i in range(used):
+            j = whole(columns, i)
+            set_entry(room, d + i, w, number(c, {c}))
+        for i in range(known):
+            set_entry(room, d + used + i, w, number(literals, i))
+    nothing = get(room, d + used)
+    for i in range(count, count + base):
+        put(room, i, nothing)
+    i = 0
+    for run in range(many):
+        what, end = whole(runs, 2 * run), whole(runs, 2 * run + 1)
+        if what == 2:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p = times(a, b)
+                put_sum(room, o, count + o, p, fma(a, b, -p) + fma(a, lb, times(la, b)))
+                i += 1
+        elif what == 0:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p = a + b
+                t = p - a
+                put_sum(room, o, count + o, p, ((a - (p - t)) + (b - t)) + (la + lb))
+                i += 1
+        elif what == 1:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p = a - b
+                t = p - a
+                put_sum(room, o, count + o, p, ((a - (p - t)) - (b + t)) + (la - lb))
+                i += 1
+        elif what == 3:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p, q = a / b, 1.0 / b
+                put_sum(room, o, count + o, p, times(fma(-p, b, a) + fma(-p, lb, la), q))
+                put(room, whole(ops, 4 * i + 2), q)
+                put(room, whole(ops, 4 * i + 3), -times(p, q))
+                i += 1
         else:
-            p = sqrt(a)
-            put_sum(room, o, count + o, p, (fma(-p, p, a) + la) / (p + p))
+            while i < end:
+                o, x = base + i, whole(ops, 4 * i)
+                a, la = get(room, x), get(room, count + x)
+                p = sqrt(a)
+                q = 0.5 / p
+                put_sum(room, o, count + o, p, times(fma(-p, p, a) + la, q))
+                put(room, whole(ops, 4 * i + 2), q)
+                i += 1
     if begin:
         for w in range({width}):
             at = min(lane + w, last - 1)
             for j in range(k):
-                targets[at, j, 0] = entry(room, outs[j], w)
-                targets[at, j, 1] = entry(room, count + outs[j], w)
+                set_number(targets, 4 * (at * k + j), entry(room, whole(outs, j), w))
+                set_number(targets, 4 * (at * k + j) + 1, entry(room, count + whole(outs, j), w))
         for i in range(base):
             put(room, i, size(get(room, i)))
-        for i in range(len(ops)):  # the terms of each sum, all with one sign
-            a, b, o = get(room, ops[i, 1]), get(room, ops[i, 2]), base + i
-            if ops[i, 0] == 2:
-                put(room, o, times(a, b))
-            elif ops[i, 0] < 2:
-                put(room, o, a + b)
-            elif ops[i, 0] == 3:
-                put(room, o, a / b)
-            else:
-                put(room, o, sqrt(a))
+        i = 0
+        for run in range(many):  # the terms of each sum, all with one sign
+            what, end = whole(runs, 2 * run), whole(runs, 2 * run + 1)
+            while i < end:
+                a, b, o = get(room, whole(ops, 4 * i)), get(room, whole(ops, 4 * i + 1)), base + i
+                if what == 2:
+                    put(room, o, times(a, b))
+                elif what < 2:
+                    put(room, o, a + b)
+                elif what == 3:
+                    put(room, o, a / b)
+                else:
+                    put(room, o, sqrt(a))
+                i += 1
         for w in range({width}):
             at = min(lane + w, last - 1)
             for j in range(k):
-                targets[at, j, 2] = entry(room, outs[j], w)
+                set_number(targets, 4 * (at * k + j) + 2, entry(room, whole(outs, j), w))
         return
-    for i in range(count):
-        for w in range({width}):
-            set_entry(room, S + i, w, 0.0)
+    for i in range(S, S + count):
+        put(room, i, nothing)
+    one = get(room, d + used + 1)
     start = 0
     for j in range(k):
-        for w in range({width}):
-            set_entry(room, S + outs[j], w, 1.0)
-        for n in range(start, ends[j]):
-            i = cones[n]
-            o, x, y = base + i, ops[i, 1], ops[i, 2]
-            g = get(room, S + o)
-            put(room, S + o, times(g, 0.0))
-            if ops[i, 0] == 2:
-                put(room, S + x, fma(g, get(room, y), get(room, S + x)))
-                put(room, S + y, fma(g, get(room, x), get(room, S + y)))
-            elif ops[i, 0] == 0:
-                put(room, S + x, get(room, S + x) + g)
-                put(room, S + y, get(room, S + y) + g)
-            elif ops[i, 0] == 1:
-                put(room, S + x, get(room, S + x) + g)
-                put(room, S + y, get(room, S + y) - g)
-            elif ops[i, 0] == 3:
-                g = g / get(room, y)
-                put(room, S + x, get(room, S + x) + g)
-                put(room, S + y, fma(-g, get(room, o), get(room, S + y)))
-            else:
-                g = g / (get(room, o) + get(room, o))
-                put(room, S + x, get(room, S + x) + g)
-        start = ends[j]
+        put(room, S + whole(outs, j), one)
+        for n in range(start, whole(ends, j)):
+            i = whole(cones, n)
+            o, x, y = S + base + i, S + whole(ops, 4 * i), S + whole(ops, 4 * i + 1)
+            g = get(room, o)
+            put(room, o, nothing)
+            put(room, x, fma(g, get(room, whole(ops, 4 * i + 2)), get(room, x)))
+            put(room, y, fma(g, get(room, whole(ops, 4 * i + 3)), get(room, y)))
+        start = whole(ends, j)
         for i in range(d):
-            g = get(room, S + i)
-            put(room, J + j * d + i, g if i >= free else times(g, 0.0))
-            put(room, S + i, times(g, 0.0))
-    nothing = times(get(room, 0), 0.0)
+            put(room, J + j * d + i, get(room, S + i) if i >= free else nothing)
+            put(room, S + i, nothing)
     total = nothing
     for i in range(d):
         total = fma(get(room, i), get(room, i), total)
-    length = sqrt(total)
+    unit = 1.0 / sqrt(total)
     for j in range(k):
-        for w in range({width}):
-            at = min(lane + w, last - 1)
-            for i in range(4):
-                set_entry(room, R + k + i, w, targets[at, j, i])
-            set_entry(room, R + k + 4, w, worst[at, j])
         total = nothing
         for i in range(d):
             total = fma(get(room, J + j * d + i), get(room, J + j * d + i), total)
-        flat = times(get(room, R + k + 2), FLAT) / length
+        flat = times(get(room, T + 5 * j + 2), times(unit, FLAT))
         total = sqrt(fma(flat, flat, total))
         scale = where_less(nothing, total, 1.0 / total, nothing)
         for i in range(d):
             put(room, J + j * d + i, times(scale, get(room, J + j * d + i)))
-        lack = get(room, outs[j]) - get(room, R + k)
-        lack = lack + (get(room, count + outs[j]) - get(room, R + k + 1))
-        lead = get(room, R + k + 3)
-        moved = lack + lead
-        lead = fma(GAIN, fma(0.5, moved, -lead), lead)
-        put(room, R + k + 3, lead)
+        lack = get(room, whole(outs, j)) - get(room, T + 5 * j)
+        lack = lack + (get(room, count + whole(outs, j)) - get(room, T + 5 * j + 1))
+        lead = get(room, T + 5 * j + 3)
+        drift = lack + lead
+        lead = fma(GAIN, fma(0.5, drift, -lead), lead)
+        put(room, T + 5 * j + 3, lead)
         put(room, R + j, times(lack + lead, scale))
-        put(room, R + k + 4, max(get(room, R + k + 4), size(times(moved, scale)) / times(length, EPS)))
-        for w in range({width}):
-            at = min(lane + w, last - 1)
-            targets[at, j, 3] = entry(room, R + k + 3, w)
-            worst[at, j] = entry(room, R + k + 4, w)
+        distance = times(size(times(drift, scale)), times(unit, 1.0 / EPS))
+        put(room, T + 5 * j + 4, max(get(room, T + 5 * j + 4), distance))
     for j in range(k):
         for q in range(j, k):
             total = nothing
@@ -183,17 +194,21 @@ def block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room,
     for w in range(min({width}, last - lane)):
         at = lane + w
         for i in range(d):
-            {z} = entry(room, i, w)
+            set_number(z, {z}, entry(room, i, w))
+        for j in range(k):
+            set_number(targets, 4 * (at * k + j) + 3, entry(room, T + 5 * j + 3, w))
+            set_number(worst, at * k + j, entry(room, T + 5 * j + 4, w))
 """
 
 HEAD = '''"""Made by kreisel.engines.correcting; not to be edited."""
 from math import sqrt
 
-import numpy as np
-from numba import carray, cfunc, njit
+from numba import cfunc, njit
 
 from kreisel.engines.fused import fma, size, where_less
-from kreisel.engines.pointers import doubles, integers, longs
+from kreisel.engines.pointers import double_at as number
+from kreisel.engines.pointers import integer_at as whole
+from kreisel.engines.pointers import long_at, put_double as set_number
 {reading}
 TAU, FLAT, EPS, GAIN = {tau!r}, {flat!r}, {eps!r}, {gain!r}
 
@@ -210,12 +225,12 @@ def put(room, row, value):
 
 @njit({exact})
 def entry(room, row, w):
-    return room[row, w]
+    return number(room, {width} * row + w)
 
 
 @njit({exact})
 def set_entry(room, row, w, value):
-    room[row, w] = value
+    set_number(room, {width} * row + w, value)
 
 
 @njit({exact})
@@ -229,20 +244,21 @@ TABLE = '''
 @cfunc("void(i8, i8, i8, i8, i8)", cache=True, error_model="numpy")
 def project(table, place, first, last, begin):
     """The lanes from first to last; `table` has the numbers below and where the next one is, `place` is room."""
+    place = (place + {line} - 1) // {line} * {line}
     while table != 0:
-        t = carray(longs(table), ({numbers},))
-        lanes, d, constants, k, columns_used, literals_used, length_of_ops, length_of_cones = t[:8]
-        ops = carray(integers(t[8]), (length_of_ops, 3))
-        outs, ends = carray(integers(t[9]), (k,)), carray(integers(t[10]), (k,))
-        cones, columns = carray(integers(t[11]), (length_of_cones,)), carray(integers(t[12]), (columns_used,))
-        literals = carray(doubles(t[13]), (literals_used,))
-        targets, worst = carray(doubles(t[14]), (lanes, k, 4)), carray(doubles(t[15]), (lanes, k))
-        z, c = carray(doubles(t[16]), (lanes, d)), carray(doubles(t[17]), (lanes, constants))
-        count = d + columns_used + literals_used + length_of_ops
-        room = carray(doubles(place), (3 * count + k * (d + k + 1) + 5, {width}))
+        sizes = (
+            long_at(table, 0), long_at(table, 1), long_at(table, 2), long_at(table, 3), long_at(table, 4),
+            long_at(table, 5), long_at(table, 6), long_at(table, 7), long_at(table, 8),
+        )
+        ops, runs, outs = long_at(table, 9), long_at(table, 10), long_at(table, 11)
+        ends, cones, columns = long_at(table, 12), long_at(table, 13), long_at(table, 14)
+        literals, targets, worst = long_at(table, 15), long_at(table, 16), long_at(table, 17)
+        z, c = long_at(table, 18), long_at(table, 19)
         for lane in range(first, last, {width}):
-            block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, last, begin, t[18])
-        table = t[19]
+            block(
+                sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, place, lane, last, begin
+            )
+        table = long_at(table, 20)
 '''
 
 
@@ -250,23 +266,23 @@ def source(width: int) -> str:
     """The text of the projection of so many states at once."""
     one, exact = width == 1, 'error_model="numpy", forceinline=True'
     head = HEAD.format(
-        reading="" if one else "from kreisel.engines.vector_type import load, store\n",
-        get="room[row, 0]" if one else f"load(room, row, 1, {width})[0]",
-        put="room[row, 0] = value" if one else "store(room, row, (value,))",
+        reading="" if one else "from kreisel.engines.vector_type import put_vector, vector_at\n",
+        get="number(room, row)" if one else f"vector_at(room, row, {width})",
+        put="set_number(room, row, value)" if one else "put_vector(room, row, value)",
+        width=width,
         exact=exact,
         tau=TAU,
         flat=FLAT,
         gain=GAIN,
         eps=float(np.finfo(np.float64).eps),
     )
-    states = block(f"@njit({exact})", '@njit(error_model="numpy")', "z[at, i]", "c[at, columns[i]]", width)
-    return head + states + TABLE.format(numbers=NUMBERS, width=width)
+    states = block(f"@njit({exact})", '@njit(error_model="numpy")', "at * d + i", "at * constants + j", width)
+    return head + states + TABLE.format(width=width, line=LINE)
 
 
 def block(inline: str, compiled: str, z: str, c: str, width: int) -> str:
-    """The text of the projection of `width` states, by decorators, and by how a number of z and c is read."""
-    size = f"z.shape[{int(z == 'z[at, i]')}]"
-    return BLOCK.format(inline=inline, compiled=compiled, size_of_state=size, z=z, c=c, width=width)
+    """The text of the projection of `width` states, by decorators, and by where the numbers i of z and j of c stand."""
+    return BLOCK.format(inline=inline, compiled=compiled, z=z, c=c, width=width)
 
 
 def interval(cost: float, work: float) -> int:
@@ -404,7 +420,7 @@ class Projection(Corrections):
 
         super().__init__(program.labels, every, len(z), 0 if also is None else len(also.outs))
         self._z, self._compiled = z, load(source(width)).project
-        self._room = width * max(program.rows, 0 if also is None else also.rows)
+        self._room = LINE // 8 + width * max(program.rows, 0 if also is None else also.rows)
         self._held: list[np.ndarray] = []  # as long as their addresses are used
         second = 0 if also is None else self._table(also, self.bound, np.zeros(self.bound.shape[:2]), z, constants, 0)
         self._first = self._table(program, self.targets, self.worst, z, constants, second)
@@ -414,10 +430,9 @@ class Projection(Corrections):
         self, program: Program, targets: Floats, worst: Floats, z: Floats, constants: Floats, following: int
     ) -> int:
         """The address of a table of all that is needed for a program."""
-        sizes = [*z.shape, constants.shape[1], len(program.outs), len(program.columns), len(program.literals)]
         arrays = (*program.arrays, targets, worst, z, constants)
         addresses = [array.ctypes.data for array in arrays]
-        table = [*sizes, len(program.ops), len(program.cones), *addresses, program.first, following]
+        table = [*program.sizes(len(z), constants.shape[1]), *addresses, following]
         self._held += [*arrays, np.array(table, dtype=np.int64)]
         return self._held[-1].ctypes.data
 

@@ -115,14 +115,31 @@ def entry(room, row, w):
 def set_entry(room, row, w, value):
     room[row, cuda.grid(1)] = value
 
+
+@cuda.jit(device=True, inline="always")
+def number(array, i):
+    return array[i]
+
+
+@cuda.jit(device=True, inline="always")
+def set_number(array, i, value):
+    array[i] = value
+
+
+@cuda.jit(device=True, inline="always")
+def whole(array, i):
+    return array[i]
+
 {block}
 
 @cuda.jit
-def project(ops, outs, cones, ends, literals, columns, targets, worst, free, z, c, room, first, begin):
+def project(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room, first, begin):
     place = cuda.grid(1)
     lane = first + place
-    if place < room.shape[1] and lane < z.shape[1]:
-        block(ops, outs, cones, ends, literals, columns, targets, worst, z, c, room, lane, lane + 1, begin, free)
+    if place < room.shape[1] and lane < sizes[2]:
+        block(
+            sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room, lane, lane + 1, begin
+        )
 '''
 
 
@@ -196,15 +213,15 @@ class Projection(Corrections):
             flat=FLAT,
             gain=GAIN,
             eps=float(np.finfo(np.float64).eps),
-            block=block(INLINE, "@cuda.jit(device=True)", "z[i, at]", "c[columns[i], at]", 1),
+            block=block(INLINE, "@cuda.jit(device=True)", "i * lanes + at", "j * lanes + at", 1),
         )
         self._kernel, self._cuda, self._z, self._constants = load(text).project, cuda, z, constants
         self._known = cuda.to_device(self.targets), cuda.to_device(self.worst)
         self._bound = cuda.to_device(self.bound)
-        self._programs = [(*self._there(program), *self._known, program.first)]
+        self._programs = [(*self._there(program), *(array.ravel() for array in self._known))]
         if also is not None:
             scratch = cuda.to_device(np.zeros(self.bound.shape[:2]))
-            self._programs.append((*self._there(also), self._bound, scratch, also.first))
+            self._programs.append((*self._there(also), self._bound.ravel(), scratch.ravel()))
         rows = max(program.rows, also.rows if also else 0)
         self._room = rows, min(z.shape[1], max(THREADS, ROOM // (8 * rows)))
         self._call(1)
@@ -215,11 +232,12 @@ class Projection(Corrections):
         blocks = -(-self._room[1] // THREADS)
         for program in self._programs:
             for first in range(0, len(self.targets), self._room[1]):
-                self._kernel[blocks, THREADS](*program, self._z, self._constants, room, first, begin)
+                z, c = self._z.ravel(), self._constants.ravel()
+                self._kernel[blocks, THREADS](*program, z, c, room, first, begin)
 
     def _there(self, program: Program) -> tuple[Any, ...]:
-        ops, outs, ends, cones, columns, literals = map(self._cuda.to_device, program.arrays)
-        return ops, outs, cones, ends, literals, columns
+        arrays = (self._cuda.to_device(array.ravel()) for array in program.arrays)
+        return program.sizes(self._z.shape[1], self._constants.shape[0]), *arrays
 
     def _read(self) -> None:
         arrays = (*self._known, self._bound)

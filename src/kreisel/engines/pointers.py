@@ -25,15 +25,34 @@ def call(typing_context: Any, address: Any, arguments: Any) -> Any:
     return signature(types.void, types.int64, types.UniTuple(types.int64, len(arguments))), emit
 
 
-def _pointer(kind: Any) -> Any:
+def _place(builder: ir.IRBuilder, kind: ir.Type, address: Any, i: Any) -> Any:
+    return builder.gep(builder.inttoptr(address, kind.as_pointer()), [i])
+
+
+def _reader(kind: ir.Type, out: Any) -> Any:
     @intrinsic
-    def pointer(typing_context: Any, address: Any) -> Any:
+    def read(typing_context: Any, address: Any, i: Any) -> Any:
         def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-            return builder.inttoptr(values[0], context.get_value_type(types.CPointer(kind)))
+            value = builder.load(_place(builder, kind, *values))
+            return builder.sext(value, INTEGER) if kind == ir.IntType(32) else value
 
-        return signature(types.CPointer(kind), types.int64), emit
+        return signature(out, types.int64, types.int64), emit
 
-    return pointer
+    return read
 
 
-doubles, integers, longs = map(_pointer, (types.float64, types.int32, types.int64))
+# Number i of those at an address; no array, whose strides and signs of indices cost as much as the number.
+double_at = _reader(ir.DoubleType(), types.float64)
+integer_at = _reader(ir.IntType(32), types.int64)
+long_at = _reader(INTEGER, types.int64)
+
+
+@intrinsic
+def put_double(typing_context: Any, address: Any, i: Any, value: Any) -> Any:
+    """Double i at an address becomes `value`."""
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        builder.store(values[2], _place(builder, ir.DoubleType(), *values[:2]))
+        return context.get_dummy_value()
+
+    return signature(types.void, types.int64, types.int64, types.float64), emit

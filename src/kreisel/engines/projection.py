@@ -2,7 +2,7 @@
 
     r = I(z) - I(z_0)                           in double-double
     J = dI/dz                                   in double, by a reverse sweep
-    d <- d + (r - r_0 - d)/4                    r_0 of just after the last projection: the mean drift in K steps
+    d <- d + (r - r_0 - d)/16                   r_0 of just after the last projection: the mean drift in K steps
     z <- z - J^T (J J^T + tau)^-1 (r + d/2)     one step of Gauss and Newton; rows of J, and r with them, of length 1
 
 Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an interval, and not its start, is I(z_0): else
@@ -49,16 +49,18 @@ SLOPES: list[Callable[..., tuple[Any, Any]]] = [  # of x o y = v
     lambda x, y, v: (1 / y, -v / y),
     lambda x, y, v: (0.5 / v, 0),
 ]
+FIRST = ("0.0", "1.0", "-1.0")
 Made = TypeVar("Made")
 ROOT = re.compile(r"sqrt\((\w+)\)")
 
 
 @dataclass(frozen=True)
 class Program:
-    """Invariants as operations on registers: z, then constants, then literals, then the results in order.
+    """Invariants as operations on registers: z, then constants, then literals (0, 1 and -1 first), then the results.
 
     names    of the invariants as recorded, and `labels` as a user knows them
-    ops      (L, 3): what is done (`OPERATIONS`), and the registers of both operands
+    ops      (L, 4): the registers of both operands, and where the slopes of the result in each of them stand
+    runs     (R, 2): what is done (`OPERATIONS`), and up to which operation: the same for as many as possible
     outs     the registers of the invariants
     first    the first number of z that may change
     cones    the operations that each invariant depends on and that depend on z, the last one first; `ends` of each
@@ -68,6 +70,7 @@ class Program:
     labels: tuple[str, ...]
     size: int
     ops: np.ndarray
+    runs: np.ndarray
     outs: np.ndarray
     cones: np.ndarray
     ends: np.ndarray
@@ -83,7 +86,12 @@ class Program:
     @property
     def rows(self) -> int:
         """Numbers that a projection of one state needs as room."""
-        return 3 * self.registers + len(self.outs) * (self.size + len(self.outs) + 1) + 5
+        return max(_rows(self.registers, len(self.outs), self.size), 1 + int(self.ops[:, 2:].max(initial=0)))
+
+    def sizes(self, lanes: int, constants: int) -> tuple[int, ...]:
+        """How many there are of all that compiled code looks at, and `first`."""
+        used, known = len(self.columns), len(self.literals)
+        return self.size, len(self.outs), lanes, constants, used, known, len(self.ops), len(self.runs), self.first
 
     @property
     def cost(self) -> float:
@@ -94,7 +102,12 @@ class Program:
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """All numbers of it."""
-        return self.ops, self.outs, self.ends, self.cones, self.columns, self.literals
+        return self.ops, self.runs, self.outs, self.ends, self.cones, self.columns, self.literals
+
+
+def _rows(registers: int, invariants: int, size: int) -> int:
+    """Numbers that a projection needs as room, without slopes."""
+    return 3 * registers + invariants * (size + invariants + 6)
 
 
 def recordable(make: Callable[[], Made | None], numbers: str = "recorded numbers") -> Made | None:
@@ -183,9 +196,10 @@ def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
     chosen = [name for name in found if name in varying]
     if not chosen:
         return None
+    lines, runs = _in_runs(lines)
     words = [_words(line) for line in lines]
     constants = sorted({w for line in lines for w in line.needs if w[0] == "c"}, key=lambda w: int(w[1:]))
-    literals = sorted({w for _, x, y in words for w in (x, y) if not w[0].isalpha()})
+    literals = [*FIRST, *sorted({w for _, x, y in words for w in (x, y) if not w[0].isalpha()} - {*FIRST})]
     names = [*(f"z{i}" for i in range(size)), *constants, *literals, *(line.names[0] for line in lines)]
     place = {name: i for i, name in enumerate(names)}
     cones = []
@@ -200,13 +214,57 @@ def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
         names=tuple(chosen),
         labels=tuple(found[name] for name in chosen),
         size=size,
-        ops=np.array([(OPERATIONS[o], place[x], place[y]) for o, x, y in words], dtype=np.int32).reshape(-1, 3),
+        ops=_operands(words, place, _rows(len(names), len(chosen), size)),
+        runs=runs,
         outs=np.array([place[name] for name in chosen], dtype=np.int32),
         cones=np.array([i for cone in cones for i in cone], dtype=np.int32),
         ends=np.cumsum([len(cone) for cone in cones], dtype=np.int32),
         literals=np.array([float(w) for w in literals]),
         columns=np.array([int(w[1:]) for w in constants], dtype=np.int32),
     )
+
+
+def _in_runs(lines: list[Line]) -> tuple[list[Line], np.ndarray]:
+    """The lines in an order in which the same operation is done many times on end, and `runs`."""
+    made = {line.names[0]: i for i, line in enumerate(lines)}
+    kinds = [OPERATIONS[_words(line)[0]] for line in lines]
+    waiting, followers = [0] * len(lines), [[] for _ in lines]  # type: tuple[list[int], list[list[int]]]
+    ready: list[list[int]] = [[] for _ in OPERATIONS]
+    for i, line in enumerate(lines):
+        needs = {made[name] for name in line.needs if name in made}
+        waiting[i] = len(needs)
+        for j in needs:
+            followers[j].append(i)
+        if not needs:
+            ready[kinds[i]].append(i)
+    order: list[Line] = []
+    runs: list[tuple[int, int]] = []
+    while len(order) < len(lines):
+        kind = max(range(len(ready)), key=lambda what: len(ready[what]))
+        queue = ready[kind]
+        for i in queue:  # grows
+            order.append(lines[i])
+            for j in followers[i]:
+                waiting[j] -= 1
+                if waiting[j] == 0:
+                    ready[kinds[j]].append(j)
+        ready[kind] = []
+        runs.append((kind, len(order)))
+    return order, np.array(runs, dtype=np.int32).reshape(-1, 2)
+
+
+def _operands(words: list[tuple[str, str, str]], place: Mapping[str, int], free: int) -> np.ndarray:
+    """`ops`; slopes that are no register are written to the rows from `free` on."""
+    zero, one, minus = (place[name] for name in FIRST)
+    out = []
+    for what, x, y in words:
+        if what in "/sqrt":
+            slopes = free, free + 1 if what == "/" else zero
+            free += 2
+        else:
+            slopes = {"*": (place[y], place[x]), "+": (one, one), "-": (one, minus)}[what]
+        out.append((place[x], place[y], *slopes))
+    return np.array(out, dtype=np.int32).reshape(-1, 4)
 
 
 def _enough(program: Program) -> list[str]:
@@ -243,15 +301,16 @@ def _gradients(program: Program, x: Array) -> Array:
     base, d = program.registers - len(program.ops), program.size
     x[:, d + len(program.columns) : base] = program.literals
     with np.errstate(all="ignore"):
-        for i, (what, a, b) in enumerate(program.ops.tolist()):
+        kinds = np.repeat(program.runs[:, 0], np.diff(program.runs[:, 1], prepend=0)).tolist()
+        for i, (what, (a, b, *_)) in enumerate(zip(kinds, program.ops.tolist(), strict=True)):
             x[:, base + i] = APPLIED[what](x[:, a], x[:, b])
         out, start = np.zeros((len(x), len(program.outs), d)), 0
         for j, end in enumerate(program.ends.tolist()):
             slope = np.zeros_like(x)
             slope[:, program.outs[j]] = 1
             for i in program.cones[start:end].tolist():
-                what, a, b = program.ops[i].tolist()
-                left, right = SLOPES[what](x[:, a], x[:, b], x[:, base + i])
+                a, b, *_ = program.ops[i].tolist()
+                left, right = SLOPES[kinds[i]](x[:, a], x[:, b], x[:, base + i])
                 slope[:, a] += left * slope[:, base + i]
                 slope[:, b] += right * slope[:, base + i]
             out[:, j], start = slope[:, :d], end

@@ -198,3 +198,27 @@ def store(typing_context: Any, array: Any, row: Any, vectors: Any) -> Any:
         return context.get_dummy_value()
 
     return signature(types.void, array, types.intp, vectors), emit
+
+
+@intrinsic(prefer_literal=True)
+def vector_at(typing_context: Any, address: Any, row: Any, width: Any) -> Any:
+    """Vector `row` of those at an address; `width` is written out."""
+    kind = Vector(width.literal_value)
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        place = builder.gep(builder.inttoptr(values[0], kind.llvm.as_pointer()), [values[1]])
+        return builder.load(place, align=8)
+
+    return signature(kind, types.int64, types.int64, width), emit
+
+
+@intrinsic
+def put_vector(typing_context: Any, address: Any, row: Any, vector: Any) -> Any:
+    """Vector `row` at an address becomes `vector`."""
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        place = builder.gep(builder.inttoptr(values[0], vector.llvm.as_pointer()), [values[1]])
+        builder.store(values[2], place, align=8)
+        return context.get_dummy_value()
+
+    return signature(types.void, types.int64, types.int64, vector), emit
