@@ -23,8 +23,8 @@ from cases import RESULTS, machine
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.exact.motion import Motion, rotation
 from kreisel.lab.taylor import quadrature, taylor
-from kreisel.methods.motion import Motion, rotation
 from kreisel.runs.plan import make_plan
 
 STATES = {  # m, b or a, p

@@ -21,7 +21,7 @@ import numpy as np
 from cases import RESULTS, machine
 
 import kreisel as kr
-from kreisel.engines.cuda import THREADS
+from kreisel.kernels.cuda import THREADS
 from kreisel.runs.plan import make_plan
 
 COUNTS = (10**4, 10**5, 10**6, 10**7)

@@ -21,9 +21,9 @@ from typing import Any
 
 from cases import Case, cases, machine, parser, write
 
-from kreisel.engines.cpu import load
-from kreisel.engines.cuda import PRECISIONS, source
-from kreisel.engines.recording import flat_constants, flat_stages
+from kreisel.kernels.cpu import load
+from kreisel.kernels.cuda import PRECISIONS, source
+from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.methods.scheme import Scheme
 from kreisel.runs.plan import make_plan
 

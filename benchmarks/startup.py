@@ -23,7 +23,7 @@ DONE = "import os, sys, time; print(time.time(), time.process_time(), flush=True
 EXAMPLE = Path(__file__).parents[1] / "examples" / "lagrange-top.toml"
 FIRST_STEP = """
 import os, sys, time
-from kreisel.engines import cpu  # which the run imports anyway
+from kreisel.kernels import cpu  # which the run imports anyway
 
 def first(*_):
     print(time.time(), time.process_time(), flush=True)

@@ -39,10 +39,10 @@ from problems import Problem, problems
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.engines import layout
-from kreisel.engines.cpu import compiled_rate
-from kreisel.engines.jumps import Jumps
-from kreisel.engines.recording import flat_constants
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import compiled_rate
+from kreisel.kernels.exact.jumps import Jumps
+from kreisel.kernels.recording import flat_constants
 from kreisel.methods import scheme
 from kreisel.runs.plan import make_plan, plan_of_times
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import kreisel as kr
-from kreisel.contract import call
-from kreisel.engines import layout
-from kreisel.engines.cpu import Kernel
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
 from kreisel.methods import scheme
+from kreisel.record.contract import call
 
 DT, STEPS, EVERY = 0.05, 1_000_000, 250
 TOP = kr.HeavyTop(J=(0.6, 0.9, 1.4), A=(0.3, -0.2, 0.9))

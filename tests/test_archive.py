@@ -13,10 +13,10 @@ import xarray as xr
 import zarr
 
 import kreisel as kr
-from kreisel.runs import archive as archives
-from kreisel.runs import manifest
 from kreisel.runs import march as runs
-from kreisel.runs.checking import check_archive
+from kreisel.storage import archive as archives
+from kreisel.storage import manifest
+from kreisel.storage.checking import check_archive
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
 

@@ -11,8 +11,8 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.engines import layout
-from kreisel.engines.cpu import Kernel
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
 from kreisel.methods import scheme

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs import checking, manifest, march
+from kreisel.runs import march
+from kreisel.storage import checking, manifest
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 60, "every": 2, "orientation": (1, 0, 0, 0)}
 SWEPT: dict[str, Any] = {
@@ -189,7 +190,7 @@ def test_a_folder_that_vanishes_at_any_moment(tmp_path: Path, monkeypatch: pytes
     """One message, and never an archive that says that it is complete."""
     monkeypatch.setattr(march, "BLOCK_BYTES", 10 * 8 * 5)
     monkeypatch.setattr("kreisel.runs.simulate.CHECKPOINT_SECONDS", 0.0)
-    from kreisel.runs import archive, checkpoint, verified
+    from kreisel.storage import archive, checkpoint, verified
 
     places = [(archive.Archive, "append"), (checkpoint, "write"), (manifest, "add_block"), (manifest, "seal"),
               (verified, "consolidated")]  # fmt: skip

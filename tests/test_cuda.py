@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.engines import cuda
-from kreisel.engines.recording import flat_constants, flat_stages
+from kreisel.kernels import cuda
+from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.methods import scheme
 
 SIMULATED = """
 import numpy as np
 import kreisel as kr
-from kreisel.engines import layout
+from kreisel.kernels import layout
 from kreisel.runs.plan import make_plan
 
 draw = np.random.default_rng(3)

@@ -133,7 +133,7 @@ def test_every_method_stands_in_every_list_of_them() -> None:
 
 
 def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
-    from kreisel.contract import System
+    from kreisel.record.contract import System
 
     api = (DOCS / "api.md").read_text(encoding="utf-8")
     for name in kr.__all__:

@@ -16,10 +16,11 @@ from typer.testing import CliRunner
 import kreisel as kr
 from kreisel import algebra
 from kreisel.cli import NOT_CONSERVED, app
-from kreisel.contract import System
 from kreisel.lab import exact
 from kreisel.methods import scheme
-from kreisel.runs import broken_lanes, drift, march, scales
+from kreisel.record.contract import System
+from kreisel.runs import drift, march, scales
+from kreisel.sweeps import broken_lanes
 from kreisel.systems import REGISTRY
 
 TOO_LONG = 1e4  # a step of order 8 that loses the Casimirs, by 1e-10

@@ -10,16 +10,16 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.contract import Frame
-from kreisel.engines import cpu, layout
-from kreisel.engines.cpu import Kernel, compiled_rate
-from kreisel.engines.folding import folded
-from kreisel.engines.lines import arranged
-from kreisel.engines.recording import flat_constants
-from kreisel.engines.trace import Scalar, Tape, text
+from kreisel.kernels import cpu, layout
+from kreisel.kernels.cpu import Kernel, compiled_rate
+from kreisel.kernels.folding import folded
+from kreisel.kernels.printing import arranged
+from kreisel.kernels.recording import flat_constants
+from kreisel.kernels.tape import Scalar, Tape, text
 from kreisel.lab import exact
 from kreisel.methods import Scheme, scheme
-from kreisel.model import Model
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
 from kreisel.runs.plan import make_plan
 from kreisel.systems import REGISTRY
 from sizes import costly, costly_in_array_code
@@ -188,7 +188,7 @@ def test_folding_leaves_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
         single, constants={**single.constants, "A": np.array([[0.0, -1.0, 0.0]]), "alpha": np.array([1.0])}
     )
     short, long = Kernel(special, row), None
-    monkeypatch.setattr("kreisel.engines.recording._special", lambda constants: {})
+    monkeypatch.setattr("kreisel.kernels.recording._special", lambda constants: {})
     long = Kernel(special, row)
     assert len(short.source) < len(long.source)
     one, two = np.empty((20, *row.shape)), np.empty((20, *row.shape))

@@ -12,15 +12,16 @@ import xarray as xr
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.engines import closed, layout
-from kreisel.engines.closed import dyadic
+from kreisel.exact import motion as motions
+from kreisel.exact.motion import Motion
+from kreisel.exact.nutation import Nutation
+from kreisel.kernels import layout
+from kreisel.kernels.exact import engine
+from kreisel.kernels.exact.engine import dyadic
 from kreisel.lab.taylor import quadrature, taylor
-from kreisel.methods import motion as motions
-from kreisel.methods.motion import Motion
-from kreisel.methods.nutation import Nutation
 from kreisel.runs import march as runs
-from kreisel.runs.checking import check_archive
 from kreisel.runs.plan import make_plan
+from kreisel.storage.checking import check_archive
 
 DOUBLE = 4e-15  # relative: some twenty roundings
 UP = (0, 0, 1)
@@ -281,7 +282,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     }[frame]
     options = {"dt": 0.37, "steps": 10**9, "every": 1, "method": "exact", "order": None, "orientation": (1, 0, 0, 0)}
 
-    def rows(cuts: tuple[int, ...] = (500,), threads: int = 1) -> tuple[np.ndarray, closed.Rows]:
+    def rows(cuts: tuple[int, ...] = (500,), threads: int = 1) -> tuple[np.ndarray, engine.Rows]:
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
         engine = make_plan(model, state, **options).engine
         parts = [np.empty((cut, *engine.z.shape)) for cut in cuts]
@@ -290,12 +291,12 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
         return np.concatenate(parts), engine._lanes[0]
 
     alone, lane = rows()
-    monkeypatch.setattr(closed, "ROW_WORK", 10**6)
+    monkeypatch.setattr(engine, "ROW_WORK", 10**6)
     assert (rows((1, 63, 64, 372), threads=3)[0] == alone).all()
-    monkeypatch.setattr(closed, "MOST_PLACES", 0)
+    monkeypatch.setattr(engine, "MOST_PLACES", 0)
     assert (rows()[0] == alone).all()
     orbit, k = lane.orbit, np.arange(7, 3501, 7).astype(object)
-    (M,), e = closed.dyadic(np.array([0.37]))
+    (M,), e = engine.dyadic(np.array([0.37]))
     phases = orbit.phases(k * M, np.broadcast_to(e, k.shape))
     place = ((phases[:, 0] + np.uint64(1 << (63 - orbit.places))) >> np.uint64(64 - orbit.places)).astype(int)
     x = (phases[:, 0] << np.uint64(orbit.places)).astype(np.int64) * 2.0**-63
@@ -331,7 +332,7 @@ def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> No
 
 def test_words_are_numbers_of_128_places() -> None:
     numbers = [0, 3, -1, (1 << 128) + (5 << 64) + 7]
-    assert closed.words(numbers).tolist() == [[0, 0, 2**64 - 1, 5], [0, 3, 2**64 - 1, 7]]
+    assert engine.words(numbers).tolist() == [[0, 0, 2**64 - 1, 5], [0, 3, 2**64 - 1, 7]]
 
 
 @pytest.mark.parametrize("name", ["generic", "fast, hanging"])

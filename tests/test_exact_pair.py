@@ -10,8 +10,9 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.exact import pairs
 from kreisel.lab.taylor import series
-from kreisel.methods import exact_pair, scheme
+from kreisel.methods import scheme
 from kreisel.runs.plan import make_plan
 
 B = (0.3, 0.7, 1.9)
@@ -138,8 +139,8 @@ def test_a_wrong_turn_in_space_is_caught() -> None:
 def test_a_wrong_parameter_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     model, state = bodies(1)[0]
     want = truth(model, state, 10.0)
-    parameter = exact_pair.parameter
-    monkeypatch.setattr(exact_pair, "parameter", lambda *a: (lambda n, mu: (n, mu * (1 + 1e-12)))(*parameter(*a)))
+    parameter = pairs.parameter
+    monkeypatch.setattr(pairs, "parameter", lambda *a: (lambda n, mu: (n, mu * (1 + 1e-12)))(*parameter(*a)))
     run = kr.simulate(model, state, dt=1.0, steps=10, every=10, method="exact")
     assert off(run, want) > 1e-13
 

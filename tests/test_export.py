@@ -13,8 +13,8 @@ import pytest
 import xarray as xr
 
 import kreisel as kr
-from kreisel.runs import exporting
 from kreisel.runs import march as runs
+from kreisel.storage import exporting
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
 

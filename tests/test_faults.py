@@ -18,9 +18,10 @@ import pytest
 import zarr
 
 import kreisel as kr
-from kreisel.runs import checking, manifest, march
+from kreisel.runs import march
 from kreisel.runs import simulate as runs
-from kreisel.runs.checkpoint import Lock
+from kreisel.storage import checking, manifest
+from kreisel.storage.checkpoint import Lock
 
 OPTIONS = {"dt": 0.1, "steps": 900, "every": 3}
 SWEPT: dict[str, Any] = {
@@ -159,7 +160,7 @@ def test_a_directory_that_vanishes(top: object, x0: object, tmp_path: Path, monk
 def test_a_sweep_whose_directory_vanishes(
     top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from kreisel.runs import workers
+    from kreisel.sweeps import workers
 
     original, count = workers.compute, iter(range(10**9))
 

@@ -26,10 +26,11 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 import kreisel as kr
-from kreisel.runs import checking, config, march
+from kreisel.runs import config, march
 from kreisel.runs import simulate as runs
-from kreisel.runs.archive import too_large
-from kreisel.runs.sweep import carry_out
+from kreisel.storage import checking
+from kreisel.storage.archive import too_large
+from kreisel.sweeps.sweep import carry_out
 
 CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))
 FIRST = int(os.environ.get("KREISEL_FUZZ_FIRST", "0"))  # case: `make soak` takes them in slices

@@ -11,30 +11,24 @@ from pathlib import Path
 import kreisel as kr
 
 SOURCE = Path(kr.__file__).parent
-RANK = {
-    "errors": 0,
-    "complex": 0,
-    "algebra": 1,
-    "invariants": 2,
-    "iteration": 2,
-    "matrices": 2,
-    "contract": 3,
-    "model": 4,
-    "baecklund": 4,
-    "implicit": 4,
-    "systems": 5,
-    "methods": 5,
-    "reduction": 5,
-    "units": 4,
-    "physical": 6,
-    "engines": 6,
-    "runs": 7,
-    "lab": 8,
-    "analysis": 8,
-    "view": 8,
-    "bench": 8,
-    "cli": 9,
-    "__main__": 10,
+RANK = {  # a part imports what stands on its own line or above
+    part: rank
+    for rank, parts in enumerate(
+        (
+            ("errors",),
+            ("algebra",),
+            ("record", "units"),
+            ("baecklund", "implicit"),
+            ("systems", "reduction"),
+            ("methods", "exact"),
+            ("physical", "kernels"),
+            ("runs", "storage", "sweeps"),
+            ("lab", "analysis", "view", "bench"),
+            ("cli",),
+            ("__main__",),
+        )
+    )
+    for part in parts
 }
 
 
@@ -83,7 +77,7 @@ def test_the_first_step_waits_for_no_more_than_it_needs(tmp_path: Path) -> None:
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     code = f"""
 import os, sys
-from kreisel.engines import cpu
+from kreisel.kernels import cpu
 def first(self, *_):
     print("first step", *(m for m in {heavy} if m in sys.modules), flush=True)
     os._exit(0)

@@ -11,7 +11,7 @@ import pytest
 import kreisel as kr
 from kreisel.lab import brackets, exact, fields, growth, integrals
 from kreisel.lab.subject import Subject, subject
-from kreisel.model import Model
+from kreisel.record.model import Model
 from kreisel.systems import REGISTRY
 
 F = Fraction

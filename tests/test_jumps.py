@@ -7,10 +7,11 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.engines import closed, jumps, layout
-from kreisel.engines.jumps import Jumps
+from kreisel.exact.nutation import Integrals
+from kreisel.kernels import layout
+from kreisel.kernels.exact import engine, jumps
+from kreisel.kernels.exact.jumps import Jumps
 from kreisel.methods import scheme
-from kreisel.methods.nutation import Integrals
 from test_exact import DOUBLE, SPECIAL, UP, random_tops
 
 TIMES = np.array([0.37, -11.3, 1e3, 2e6])
@@ -38,7 +39,7 @@ def jumped(top: object, state: object, times: np.ndarray) -> tuple[np.ndarray, n
 def in_digits(top: object, state: object, times: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     """The same rows of one top, without a jump."""
     with monkeypatch.context() as patch:
-        patch.setattr(closed, "FEW", 0)
+        patch.setattr(engine, "FEW", 0)
         run = kr.at(top, state, times)
     return np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
 

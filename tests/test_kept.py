@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kreisel.engines import kept
+from kreisel.kernels import cache
 
 NAME = "kreisel_kernel_of_a_test"
 SOURCE = """
@@ -37,13 +37,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def value() -> float:
     """The kernel of the source, as a process of its own would find it."""
     sys.modules.pop(NAME, None)
-    return float(kept.module(NAME, SOURCE).kernel(3.0))
+    return float(cache.module(NAME, SOURCE).kernel(3.0))
 
 
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The kernels that are compiled from now on and kept."""
-    original, out = kept._made, []
-    monkeypatch.setattr(kept, "_made", lambda folder, source: out.append(folder.name) or original(folder, source))
+    original, out = cache._made, []
+    monkeypatch.setattr(cache, "_made", lambda folder, source: out.append(folder.name) or original(folder, source))
     return out
 
 
@@ -89,7 +89,7 @@ DAMAGES = [empty, cut, flip, garbage, gone, a_folder, a_pipe, a_link]
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-@pytest.mark.parametrize("pattern", [f"{NAME}.py", "__pycache__/*.nbi", "__pycache__/*.nbc", kept.SEAL])
+@pytest.mark.parametrize("pattern", [f"{NAME}.py", "__pycache__/*.nbi", "__pycache__/*.nbc", cache.SEAL])
 def test_a_bad_entry_is_made_again(pattern: str, damage: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert value() == 7.0
     (file,) = (folder / NAME).glob(pattern)
@@ -116,7 +116,7 @@ def test_what_stands_in_the_place_of_an_entry_is_replaced(folder: Path, monkeypa
             lambda entry: entry.symlink_to("nowhere"),
         ]
     ):
-        kept._remove(folder / NAME)
+        cache._remove(folder / NAME)
         make(folder / NAME)
         assert [value(), value()] == [7.0, 7.0]
         assert len(compiled) == number + 1
@@ -126,7 +126,7 @@ def test_what_stands_in_the_place_of_an_entry_is_replaced(folder: Path, monkeypa
 def test_a_seal_that_belongs_to_other_code_is_not_believed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All hashes fit, but the source is another one's: what was asked for is compiled."""
     other = SOURCE.replace("2.0", "5.0")
-    assert kept.module(NAME, other).kernel(3.0) == 16.0
+    assert cache.module(NAME, other).kernel(3.0) == 16.0
     compiled = made(monkeypatch)
     assert value() == 7.0
     assert compiled == [NAME]
@@ -147,7 +147,7 @@ def test_a_full_disk_falls_back_to_memory(place: str, folder: Path, monkeypatch:
 
 def test_a_folder_that_cannot_be_is_no_obstacle(folder: Path) -> None:
     folder.write_text("not a folder")
-    assert kept.cache_folder() is None
+    assert cache.cache_folder() is None
     assert value() == 7.0
     assert folder.read_text() == "not a folder"
 
@@ -156,7 +156,7 @@ def test_a_folder_that_cannot_be_is_no_obstacle(folder: Path) -> None:
 def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -> None:
     folder.mkdir()
     folder.chmod(mode)
-    kept._refused.cache_clear()
+    cache._refused.cache_clear()
     with pytest.warns(RuntimeWarning, match=r"expected a folder of user .* got owner .* KREISEL_CACHE") as told:
         assert value() == value() == 7.0
     assert len(told) == 1
@@ -167,7 +167,7 @@ def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -
 
 
 def test_a_folder_of_somebody_else_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept._refused.cache_clear()
+    cache._refused.cache_clear()
     folder.mkdir(mode=0o700)
     user = os.geteuid() + 1
     monkeypatch.setattr(os, "geteuid", lambda: user)
@@ -208,7 +208,7 @@ print(run.a.values.tobytes().hex())
     assert [child.returncode for child in children] == [0, 0]
     assert told[0] == told[1] != ""
     entries = list(folder.iterdir())
-    assert all(entry.name.startswith("kreisel_kernel_") and (entry / kept.SEAL).is_file() for entry in entries)
+    assert all(entry.name.startswith("kreisel_kernel_") and (entry / cache.SEAL).is_file() for entry in entries)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert kept.cache_folder() == folder
+        assert cache.cache_folder() == folder

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from kreisel.bench import compiled, ensemble, short
-from kreisel.engines import cpu
-from kreisel.engines.folding import folded
-from kreisel.engines.lines import Line, latest
-from kreisel.engines.trace import Scalar, Tape, text
-from kreisel.engines.vector_type import register_width
+from kreisel.kernels import cpu
+from kreisel.kernels._numba.vector_type import register_width
+from kreisel.kernels.folding import folded
+from kreisel.kernels.printing import Line, latest
+from kreisel.kernels.tape import Scalar, Tape, text
 
 SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 5e-324, 1e308, 0.1, -3.7)
 OPERATIONS = (
@@ -24,7 +24,7 @@ OPERATIONS = (
     *("max(x, y)", "max((-x), 0.1)", "sign(x)", "sign((-y))"),
 )  # fmt: skip
 BOTH = f"""
-from kreisel.engines.vector_type import gather, load, scatter, store
+from kreisel.kernels._numba.vector_type import gather, load, scatter, store
 
 
 @njit(error_model="numpy")

@@ -8,10 +8,11 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel.algebra import Array
-from kreisel.engines import large, layout, levels
-from kreisel.engines.cpu import Kernel
-from kreisel.engines.lines import Line
-from kreisel.engines.structured import Matrix, Vector
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.large import blockwise, forms
+from kreisel.kernels.large.structured import Matrix, Vector
+from kreisel.kernels.printing import Line
 from kreisel.methods import Scheme, scheme
 from kreisel.runs.plan import make_plan
 
@@ -38,11 +39,11 @@ def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[
     model, state = problem(name, n)
     x0 = tuple(state.values())
     dense = scheme(model, method, DT, order, False).on(x0)
-    form = large.form_of(dense)
+    form = forms.form_of(dense)
     assert form is not None
     own = form.on(dense, x0)
     start = layout.flatten(own.prepare(x0), [kind for _, kind in own.components])
-    return dense, dense.prepare(x0), own, Kernel(own, start[None], levels.Printer(form, dense))
+    return dense, dense.prepare(x0), own, Kernel(own, start[None], blockwise.Printer(form, dense))
 
 
 CASES = [
@@ -108,12 +109,12 @@ def test_inverse_is_made_anew_when_the_residual_says_so() -> None:
 
 def test_inverse_that_is_not_made_anew_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: no residual is too large once the start is over."""
-    right = levels.Printer._tests
+    right = blockwise.Printer._tests
 
-    def late(self: levels.Printer, *given: object) -> list[str]:
+    def late(self: blockwise.Printer, *given: object) -> list[str]:
         return [line.replace("<= 1e-18", "<= 0.5") for line in right(self, *given)]
 
-    monkeypatch.setattr(levels.Printer, "_tests", late)
+    monkeypatch.setattr(blockwise.Printer, "_tests", late)
     off, lack = spoiled_inverse()
     assert off > 1e-7
     assert lack > 1e-4
@@ -121,8 +122,8 @@ def test_inverse_that_is_not_made_anew_is_seen(monkeypatch: pytest.MonkeyPatch) 
 
 def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: Woodbury's formula with a lost sign.  The residual sees it: steps stay right, by elimination."""
-    right = large.changed_inverse
-    monkeypatch.setattr(large, "changed_inverse", lambda *given: [(-x, r) for x, r in right(*given)])
+    right = forms.changed_inverse
+    monkeypatch.setattr(forms, "changed_inverse", lambda *given: [(-x, r) for x, r in right(*given)])
     dense, z, own, kernel = prepared("clebsch", 10, "suris", 1)
     after(1, kernel, own, 10)
     M = layout.restore(kernel.z[0, :55], ("skew", "vector"), 10)[0]
@@ -180,11 +181,11 @@ def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict
     g[:, 0] *= np.sign(np.linalg.det(g))
     x0 = (*state.values(), g)
     dense = scheme(model, "suris", DT, 1, True).on(x0)
-    form = large.form_of(dense)
+    form = forms.form_of(dense)
     assert form is not None
     own, z = form.on(dense, x0), dense.prepare(x0)
     kinds = [kind for _, kind in own.components]
-    kernel = Kernel(own, layout.flatten(own.prepare(x0), kinds)[None], levels.Printer(form, dense))
+    kernel = Kernel(own, layout.flatten(own.prepare(x0), kinds)[None], blockwise.Printer(form, dense))
     for _ in range(steps):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
@@ -222,11 +223,11 @@ def test_which_steps_have_the_form() -> None:
             if method == "baecklund" and model.system.baecklund is None:
                 continue
             plan = scheme(model, method, DT, 2, False).on(tuple(state.values()))
-            found[name, method] = large.form_of(plan) is not None
+            found[name, method] = forms.form_of(plan) is not None
     assert found and all(found.values())
     model, state = problem("clebsch", 12)
     for order in (4, 6):  # complex stages
-        assert large.form_of(scheme(model, "baecklund", DT, order, False).on(tuple(state.values()))) is None
+        assert forms.form_of(scheme(model, "baecklund", DT, order, False).on(tuple(state.values()))) is None
 
 
 def test_runs_choose_it_and_keep_every_integral() -> None:
@@ -276,12 +277,12 @@ def test_rows_are_filled_up_only_where_that_changes_nothing() -> None:
     """Loops go on over zeros beyond the last entry: not where a sum or the state would see it."""
     model, _ = problem("neumann", 9)
     dense = scheme(model, "suris", DT, 1, False)
-    form = large.form_of(dense)
+    form = forms.form_of(dense)
     assert form is not None
-    printer = levels.Printer(form, dense)
+    printer = blockwise.Printer(form, dense)
 
     def stays_zero(*lines: tuple[str, str, tuple[str, ...]], new: tuple[str, str] = ("z0x", "z1x")) -> bool:
-        piece = large.Piece([Line((name,), f"{name} = {text}", needs) for name, text, needs in lines], [*new], None)
+        piece = forms.Piece([Line((name,), f"{name} = {text}", needs) for name, text, needs in lines], [*new], None)
         return printer._stays_zero(piece)
 
     product = ("t0", "c_b * z0x", ("c_b", "z0x"))

@@ -9,12 +9,12 @@ import pytest
 
 import kreisel as kr
 from kreisel.algebra import skew
-from kreisel.contract import call
-from kreisel.engines import layout
+from kreisel.kernels import layout
 from kreisel.lab.lax import lax
 from kreisel.lab.paper.clebsch import printed_pencil
 from kreisel.lab.paper.tops import printed_conjugator
 from kreisel.lab.subject import Subject, subject
+from kreisel.record.contract import call
 
 F = Fraction
 EPS = F(2, 3)

@@ -26,7 +26,7 @@ def test_the_tests_are_there(name: str) -> None:
 def test_the_libraries_choose_other_code() -> None:
     code = (
         "from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__\n"
-        "from kreisel.engines.vector_type import register_width\n"
+        "from kreisel.kernels._numba.vector_type import register_width\n"
         "import numba\n"
         "print(any(__cpu_features__[name] for name in __cpu_dispatch__), register_width(),"
         " numba.config.NUMBA_NUM_THREADS)"

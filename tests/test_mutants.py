@@ -8,15 +8,15 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from kreisel import algebra, invariants
-from kreisel.algebra import act, cayley_act, dot, mat, pairing, vec, wedge
+from kreisel import algebra
+from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, vec, wedge
+from kreisel.algebra.matrices import border, su2
 from kreisel.baecklund import lagrange_top as top_maps
-from kreisel.contract import System
 from kreisel.implicit import branch
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
-from kreisel.matrices import border, su2
+from kreisel.record.contract import System
 from kreisel.systems import (
     clebsch,
     clebsch_body,

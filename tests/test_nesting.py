@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 
 import kreisel as kr
-from kreisel.runs import checking, config, manifest, reading
-from kreisel.runs.sweep import carry_out
+from kreisel.runs import config
+from kreisel.storage import checking, manifest, reading
+from kreisel.sweeps.sweep import carry_out
 
 TOP = kr.LagrangeTop(p=(0, 0, 1))
 X0 = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}

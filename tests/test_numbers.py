@@ -7,8 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from kreisel import algebra, invariants
-from kreisel.algebra import act
+from kreisel import algebra
+from kreisel.algebra import act, invariants
 from kreisel.lab import exact
 from kreisel.systems import REGISTRY
 
@@ -50,7 +50,7 @@ def test_kinds_of_number_agree(name: str, n: int) -> None:
         "sympy": (np.vectorize(lambda v: sympy.Rational(int(v.p), int(v.q)), otypes=[object]), sympy.Rational(1, 3)),
         "jax": (lambda x: jax.numpy.asarray(floats_of(x)), 1 / 3),
     }
-    from kreisel.contract import call
+    from kreisel.record.contract import call
 
     for kind, (convert, eps) in kinds.items():
         with jax.enable_x64(True):
@@ -122,7 +122,7 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
     """det(mu - L(lambda)) from the coefficients against the determinant itself."""
     draw = exact.float_random(np.random.default_rng(n))
     m, b, p, lam, mu = algebra.skew(draw((n * (n - 1) // 2,)), n), draw((n,)), draw((n,)), 0.7, 0.4
-    from kreisel.matrices import border, diagonal
+    from kreisel.algebra.matrices import border, diagonal
 
     L = border(m, lam * b - p / lam)
     coefficients = iter(invariants.bordered_spectrum(m, b, p))

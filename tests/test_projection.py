@@ -12,17 +12,19 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import algebra, invariants
-from kreisel.engines import correcting, layout
-from kreisel.engines.cpu import Kernel
-from kreisel.engines.gradients import Traced, gradient
-from kreisel.engines.in_doubles import Observed
-from kreisel.engines.projection import program_of
-from kreisel.engines.recording import flat_constants
+from kreisel import algebra
+from kreisel.algebra import invariants
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.projection import compiled
+from kreisel.kernels.projection.arrays import Observed
+from kreisel.kernels.projection.gradients import Traced, gradient
+from kreisel.kernels.projection.program import program_of
+from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
 from kreisel.methods import default_method, scheme
-from kreisel.runs import checking
 from kreisel.runs.plan import make_plan
+from kreisel.storage import checking
 from kreisel.systems import REGISTRY
 
 EPS = float(np.finfo(float).eps)
@@ -38,8 +40,8 @@ CASES = [
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> int:
     """K = 100, so that short runs are projected."""
-    for module in ("cpu", "in_doubles"):
-        monkeypatch.setattr(f"kreisel.engines.{module}.interval", lambda cost, work: 100)
+    for module in ("cpu", "projection.arrays"):
+        monkeypatch.setattr(f"kreisel.kernels.{module}.interval", lambda cost, work: 100)
     return 100
 
 
@@ -180,8 +182,8 @@ def test_the_mean_of_an_interval_is_that_of_the_start(n: int, lanes: int, engine
 
 def test_mutant_of_the_lead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Back to the values at the start and no further."""
-    for module in ("correcting", "in_doubles"):
-        monkeypatch.setattr(f"kreisel.engines.{module}.GAIN", 0.0)
+    for module in ("compiled", "arrays"):
+        monkeypatch.setattr(f"kreisel.kernels.projection.{module}.GAIN", 0.0)
     for n in (3, 12):
         found = drifting(random_plan("lagrange-top", n, "suris", 1, engine="cpu"))
         assert abs(found - 0.5).max() < 1e-2
@@ -520,9 +522,9 @@ def test_the_correction_is_stored_and_shown(often: int, top: Any, x0: Any, tmp_p
 
 
 def test_the_interval_is_a_small_share(top: Any) -> None:
-    assert correcting.interval(1, 10) == 100
-    assert correcting.interval(1200, 50) == 2500
-    assert all(10**9 % k == 0 for k in correcting.INTERVALS if k < 10**5)
+    assert compiled.interval(1, 10) == 100
+    assert compiled.interval(1200, 50) == 2500
+    assert all(10**9 % k == 0 for k in compiled.INTERVALS if k < 10**5)
 
 
 @pytest.mark.parametrize("name", ["euler-top", "lagrange-top"])

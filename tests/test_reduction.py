@@ -15,8 +15,9 @@ import pytest
 
 import kreisel as kr
 import walks
-from kreisel import algebra, invariants
+from kreisel import algebra
 from kreisel import reduction as red
+from kreisel.algebra import invariants
 from kreisel.lab import exact, laws
 from kreisel.reduction import linear, newton
 from kreisel.reduction.groups import random_element

@@ -15,8 +15,9 @@ from typing import Any
 import pytest
 
 import kreisel as kr
-from kreisel.runs import checking, config, replacing
-from kreisel.runs.checkpoint import Lock
+from kreisel.runs import config
+from kreisel.storage import checking, replacing
+from kreisel.storage.checkpoint import Lock
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 30}
 SWEPT: dict[str, Any] = {"list": {"system.alpha": [0.5, 1.0, 1.5]}, "block": 2, "workers": 0, **OPTIONS}
@@ -145,7 +146,7 @@ def test_what_comes_to_stand_there_during_a_run_is_left(
             thesis(path)
             original(*args)
 
-        monkeypatch.setattr("kreisel.runs.archive.take_name", late)
+        monkeypatch.setattr("kreisel.storage.archive.take_name", late)
         with pytest.raises(kr.RunError, match="left as it is"):
             kr.simulate(top, x0, path=path, overwrite=overwrite, **OPTIONS)
         monkeypatch.undo()
@@ -298,7 +299,7 @@ def test_a_replacement_that_was_interrupted_goes_on(
     path, longer = tmp_path / "run.zarr", {**(SWEPT if swept else OPTIONS), "steps": 60}
     make = kr.sweep if swept else kr.simulate
     kr.simulate(top, x0, path=path, **OPTIONS)
-    sealed = "kreisel.runs.manifest.seal"
+    sealed = "kreisel.storage.manifest.seal"
     for _ in range(2):
         with monkeypatch.context() as patch, pytest.raises(Killed):
             patch.setattr(sealed, lambda *_: (_ for _ in ()).throw(Killed))
@@ -308,7 +309,7 @@ def test_a_replacement_that_was_interrupted_goes_on(
         if swept:
             made = len(list((path.with_name("run.zarr.part") / "engine" / "blocks").iterdir()))
             assert made == 3  # metadata and two; and a second time none of them is computed again
-            monkeypatch.setattr("kreisel.runs.workers.compute", None)
+            monkeypatch.setattr("kreisel.sweeps.workers.compute", None)
     if swept:
         kr.sweep(top, x0, path=path, overwrite=True, **longer)
         assert kr.open_run(path).sizes["lane"] == 3
@@ -342,7 +343,7 @@ def test_a_sweep_killed_before_its_metadata_are_listed(
     if overwrite:
         kr.simulate(top, x0, path=path, **OPTIONS)
     with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr("kreisel.runs.manifest.begin", lambda *_: (_ for _ in ()).throw(Killed))
+        patch.setattr("kreisel.storage.manifest.begin", lambda *_: (_ for _ in ()).throw(Killed))
         kr.sweep(top, x0, path=path, **told)
     path.with_name("run.zarr.lock").unlink(missing_ok=True)
     kr.sweep(top, x0, path=path, **told)

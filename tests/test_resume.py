@@ -20,9 +20,10 @@ import scipy.linalg
 
 import kreisel as kr
 from kreisel.lab import exact
-from kreisel.runs import checking, checkpoint, manifest, march
+from kreisel.runs import march
 from kreisel.runs import simulate as runs
-from kreisel.runs.checkpoint import Lock
+from kreisel.storage import checking, checkpoint, manifest
+from kreisel.storage.checkpoint import Lock
 from kreisel.systems import REGISTRY
 
 OPTIONS = {"dt": 0.1, "steps": 400, "every": 3}
@@ -65,7 +66,7 @@ def apart(begun: Any, path: Path, a_top: dict, x0: dict, options: dict) -> None:
 def kill_during(path: Path, after: float, *run: object) -> bool:
     """Start a run in a process of its own and kill it; whether it was still at work."""
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
-    context.set_forkserver_preload(["kreisel.runs.simulate", "kreisel.runs.archive", "numba"])
+    context.set_forkserver_preload(["kreisel.runs.simulate", "kreisel.storage.archive", "numba"])
     begun = context.Event()
     child = context.Process(target=apart, args=(begun, path, *run), daemon=True)
     child.start()
@@ -414,7 +415,7 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
     state = system.state(**start)
     options = {"dt": 0.1, "steps": 67, "every": 3, "progress": False, **more}  # 24 rows in blocks of seven
     monkeypatch.setattr(march, "block_rows", lambda plan: 7)
-    monkeypatch.setattr("kreisel.runs.archive.block_rows", lambda plan: 7)
+    monkeypatch.setattr("kreisel.storage.archive.block_rows", lambda plan: 7)
     whole = kr.simulate(system, state, path=tmp_path / "whole.zarr", **options).load()
     expected = contents(tmp_path / "whole.zarr")
     made = march.March.__init__
@@ -445,7 +446,8 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
 
 
 @pytest.mark.parametrize(
-    "place", ["kreisel.runs.verified.consolidated", "kreisel.runs.manifest.seal", "kreisel.runs.manifest.clear"]
+    "place",
+    ["kreisel.storage.verified.consolidated", "kreisel.storage.manifest.seal", "kreisel.storage.manifest.clear"],
 )
 def test_a_kill_while_it_is_finished(
     place: str, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -466,7 +468,7 @@ def test_a_kill_while_arrays_are_lengthened(
     top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At each file that changes: what was there opens, and the run goes on to the right bytes."""
-    from kreisel.runs import manifest
+    from kreisel.storage import manifest
 
     slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
     short = {**OPTIONS, "steps": 190}
@@ -503,7 +505,7 @@ def test_a_chunk_that_is_not_listed_does_not_stay(
     slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
     path, part = tmp_path / "run.zarr", tmp_path / "run.zarr.part"
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr("kreisel.runs.manifest.seal", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("kreisel.storage.manifest.seal", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         slow_run(path, top, x0, OPTIONS)
     (part / "a" / "c" / "99").mkdir()
     (part / "a" / "c" / "99" / "0").write_bytes((part / "a" / "c" / "0" / "0").read_bytes())

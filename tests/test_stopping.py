@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs import march, workers
+from kreisel.runs import march
 from kreisel.runs.own import load
+from kreisel.sweeps import workers
 
 CONFIG = """
 [system]
@@ -129,7 +130,7 @@ def test_the_command_line_stops_within_a_step(number: int, tmp_path: Path) -> No
     code = """
 import sys
 from kreisel.cli import main
-from kreisel.engines import ode
+from kreisel.kernels import ode
 ode._bound, bound = lambda *args: print(flush=True) or bound(*args), ode._bound
 sys.argv = ["kreisel", "run", "run.toml"]
 main()

@@ -21,12 +21,13 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs import checking, workers
-from kreisel.runs.blocks import Sweep, compute
 from kreisel.runs.config import read_sweep
-from kreisel.runs.lanes import Lanes
-from kreisel.runs.summaries import angular_frequency
-from kreisel.runs.sweep import carry_out
+from kreisel.storage import checking
+from kreisel.sweeps import workers
+from kreisel.sweeps.blocks import Sweep, compute
+from kreisel.sweeps.design import Lanes
+from kreisel.sweeps.summaries import angular_frequency
+from kreisel.sweeps.sweep import carry_out
 
 SWEEP = """
 [system]
@@ -392,7 +393,7 @@ def apart(begun: Any, folder: Path) -> None:
 def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parents[1])  # where the process to be killed finds this file
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
-    context.set_forkserver_preload(["kreisel.runs.sweep", "kreisel.runs.archive", "numba"])
+    context.set_forkserver_preload(["kreisel.sweeps.sweep", "kreisel.storage.archive", "numba"])
     begun = time.monotonic()
     carried(tmp_path / "timed")
     took, expected, moments, killed, trial = time.monotonic() - begun, contents(whole), random.Random(1), 0, 0

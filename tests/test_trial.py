@@ -73,7 +73,7 @@ def test_one_case_can_be_repeated(tmp_path: Path) -> None:
 def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     """The mutant: `check_archive` finds no fault."""
     (tmp_path / "sitecustomize.py").write_text(
-        "from kreisel.runs import checking\n"
+        "from kreisel.storage import checking\n"
         "original = checking.check_archive\n"
         "checking.check_archive = lambda path: (original(path)[0], [])\n"
     )

@@ -13,12 +13,12 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.engines import layout
-from kreisel.engines.cpu import Kernel
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.orders import scheme_orders
 from kreisel.methods import composition, scheme
-from kreisel.model import Model
+from kreisel.record.model import Model
 from kreisel.systems import REGISTRY
 
 SYSTEMS = [name for name, s in REGISTRY.items() if s.inverse_inertia is not None and s.n in (None, 3)]

@@ -358,7 +358,7 @@ def test_a_long_path_is_thinned_while_it_moves_and_whole_at_rest(chromium, top, 
 
 @needs_browser
 def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, monkeypatch):
-    from kreisel.runs.archive import reopen
+    from kreisel.storage.archive import reopen
 
     path = tmp_path / "top.zarr"
     kr.simulate(top, x0, dt=0.05, steps=200, path=path, progress=False)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import kreisel as kr
-from kreisel.runs import workers
+from kreisel.sweeps import workers
 
 distributed = pytest.importorskip("distributed")
 

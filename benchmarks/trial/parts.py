@@ -21,7 +21,7 @@ from pool import Part
 
 import kreisel.cli
 import kreisel.lab.exact
-import kreisel.runs.sweep
+import kreisel.sweeps.sweep
 import kreisel.view.plots  # noqa: F401
 
 PARTS = [

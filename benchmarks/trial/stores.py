@@ -68,7 +68,7 @@ def settle(rows: int = ROWS, sharded: bool = True) -> None:
 
 def stand_still() -> None:
     """Archives that this process makes are created at one time."""
-    import kreisel.runs.sweep  # noqa: F401
+    import kreisel.sweeps.sweep  # noqa: F401
 
     for name, module in list(sys.modules.items()):
         if name.startswith("kreisel") and getattr(module, "datetime", None) is clock.datetime:

@@ -10,10 +10,10 @@ import numpy as np
 from typeset import from_text, typeset
 
 import kreisel as kr
-from kreisel.contract import Map, System
 from kreisel.errors import InputError
 from kreisel.lab import exact
 from kreisel.methods import METHODS, default_method, scheme
+from kreisel.record.contract import Map, System
 from kreisel.systems import REGISTRY
 from kreisel.view.record import MAP_CLAIMS
 

@@ -10,8 +10,8 @@ import numpy as np
 import sympy as sp
 
 from kreisel import algebra
-from kreisel.contract import Parameter, System, call, keywords
 from kreisel.errors import InputError
+from kreisel.record.contract import Parameter, System, call, keywords
 
 
 def symbols(letter: str, count: int = 3) -> np.ndarray:

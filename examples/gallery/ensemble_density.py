@@ -14,7 +14,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.engines import layout
+from kreisel.kernels import layout
 from kreisel.runs.plan import make_plan
 from kreisel.view.charts import figure
 

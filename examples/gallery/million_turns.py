@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 import kreisel as kr
-from kreisel.contract import call
-from kreisel.engines import layout
-from kreisel.engines.cpu import Kernel
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
 from kreisel.methods import scheme
+from kreisel.record.contract import call
 from kreisel.view.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ

@@ -49,14 +49,14 @@ from kreisel.systems import (
 
 if TYPE_CHECKING:
     from kreisel import analysis, lab, physical, units, view
-    from kreisel.runs.archive import open_run
     from kreisel.runs.at import at
     from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
-    from kreisel.runs.exporting import export
     from kreisel.runs.figures import nutation
     from kreisel.runs.simulate import resume, simulate
-    from kreisel.runs.sweep import failures, sweep
+    from kreisel.storage.archive import open_run
+    from kreisel.storage.exporting import export
+    from kreisel.sweeps.sweep import failures, sweep
     from kreisel.view.plots import plot
 
 __version__ = "0.1.0"
@@ -67,11 +67,11 @@ _LAZY = {
     "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
-    "open_run": "kreisel.runs.archive",
+    "open_run": "kreisel.storage.archive",
     "drift": "kreisel.runs.drift",
-    "export": "kreisel.runs.exporting",
-    "failures": "kreisel.runs.sweep",
-    "sweep": "kreisel.runs.sweep",
+    "export": "kreisel.storage.exporting",
+    "failures": "kreisel.sweeps.sweep",
+    "sweep": "kreisel.sweeps.sweep",
     "plot": "kreisel.view.plots",
 }
 _PARTS = ("analysis", "lab", "physical", "units", "view")

@@ -148,9 +148,9 @@ def sweep(
     as_json: AsJson = False,
 ) -> None:
     """Simulate many lanes that differ in parameters, states or settings; the same command goes on after a kill."""
-    from kreisel.runs.broken_lanes import broken_lanes
     from kreisel.runs.config import read_sweep
-    from kreisel.runs.sweep import carry_out, failures, open_sweep
+    from kreisel.sweeps.broken_lanes import broken_lanes
+    from kreisel.sweeps.sweep import carry_out, failures, open_sweep
 
     description, file, path = read_sweep(config)
     report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
@@ -192,10 +192,10 @@ def check(
     ] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
-    from kreisel.runs.archive import is_own
-    from kreisel.runs.broken_lanes import broken_lanes
-    from kreisel.runs.checking import check_archive, recover
     from kreisel.runs.drift import broken, drift
+    from kreisel.storage.archive import is_own
+    from kreisel.storage.checking import check_archive, recover
+    from kreisel.sweeps.broken_lanes import broken_lanes
 
     result, faults = check_archive(archive)
     if out is not None:
@@ -226,7 +226,7 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
 ) -> None:
     """Write an archive as NetCDF (HDF5) or Parquet."""
-    from kreisel.runs.exporting import export as write
+    from kreisel.storage.exporting import export as write
 
     write(archive, out, overwrite=overwrite)
     say(f"{archive} -> {out}")
@@ -240,8 +240,8 @@ def plot(
     dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
 ) -> None:
     """Draw the figure of an archive."""
-    from kreisel.runs.archive import open_archive
-    from kreisel.runs.replacing import settled
+    from kreisel.storage.archive import open_archive
+    from kreisel.storage.replacing import settled
 
     result = open_archive(settled(archive))
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
@@ -261,8 +261,8 @@ def view(
     port: Annotated[int, typer.Option("--port", help="0: one that is free.")] = 0,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline."""
-    from kreisel.runs.archive import open_archive
-    from kreisel.runs.replacing import require_file, settled
+    from kreisel.storage.archive import open_archive
+    from kreisel.storage.replacing import require_file, settled
     from kreisel.view.page import view as page_of
 
     if serve:
@@ -409,7 +409,7 @@ def investigate(
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
     from kreisel.lab import investigation, report
-    from kreisel.runs.replacing import require_file
+    from kreisel.storage.replacing import require_file
 
     known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
     if markdown:
@@ -492,7 +492,7 @@ def _told(finding: Any) -> dict[str, Any]:
 
 
 def _save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
-    from kreisel.runs.replacing import written
+    from kreisel.storage.replacing import written
     from kreisel.view.plots import plot as draw
 
     _require_figure(target)
@@ -504,7 +504,7 @@ def _save_figure(result: Any, target: Path, compare: Any = None, theme: str = "l
 def _require_figure(target: Path) -> None:
     """Raises `InputError` where no figure can be written."""
     from kreisel.runs.config import FIGURES
-    from kreisel.runs.replacing import require_file
+    from kreisel.storage.replacing import require_file
 
     require_file(target)
     if target.suffix.lower() not in FIGURES:

@@ -9,11 +9,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
 from kreisel.analysis.events import events
-from kreisel.contract import Frame
 from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
-from kreisel.model import Model
-from kreisel.runs.archive import is_own
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
 from kreisel.runs.geometry import (
     components,
     fixed_vector,
@@ -23,7 +22,8 @@ from kreisel.runs.geometry import (
     to_third_axis,
     vertical_and_axis,
 )
-from kreisel.runs.reading import a_run
+from kreisel.storage.archive import is_own
+from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd

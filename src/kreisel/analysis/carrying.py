@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import Frame
 from kreisel.errors import InputError
-from kreisel.model import Model
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
 
 COLUMNS = (2, 4, 6, 8, 10, 12, 14, 16)  # midpoint steps; order twice their number
 ACCURATE = 1e-14  # relative: difference of the last two entries of the last row, orders 14 and 16

@@ -12,7 +12,7 @@ from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
 from kreisel.runs.drift import drift
 from kreisel.runs.geometry import kinds_of
-from kreisel.runs.reading import a_run
+from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd

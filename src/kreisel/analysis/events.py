@@ -12,7 +12,7 @@ from kreisel.analysis.carrying import Carrier
 from kreisel.analysis.quantities import Quantity, label, of_state
 from kreisel.errors import InputError
 from kreisel.methods.observing import ORIENTATION
-from kreisel.model import Model
+from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
 from kreisel.runs.plan import flag, number
 

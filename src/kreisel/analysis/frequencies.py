@@ -18,7 +18,7 @@ from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, shown
 from kreisel.runs import harmonics
 from kreisel.runs.plan import whole
-from kreisel.runs.reading import a_run
+from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd

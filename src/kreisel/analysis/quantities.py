@@ -11,8 +11,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
-from kreisel.model import Model
-from kreisel.runs.reading import a_run
+from kreisel.record.model import Model
+from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import xarray as xr

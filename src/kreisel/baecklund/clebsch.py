@@ -25,9 +25,9 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
+from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
-from kreisel.contract import Baecklund
-from kreisel.matrices import border
+from kreisel.record.contract import Baecklund
 
 
 def shifted_diagonal(*, b):

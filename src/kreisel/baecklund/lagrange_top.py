@@ -27,8 +27,8 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
-from kreisel.contract import Baecklund
-from kreisel.matrices import border
+from kreisel.algebra.matrices import border
+from kreisel.record.contract import Baecklund
 
 
 def eigenvector(m, a, *, p, mu, rho):

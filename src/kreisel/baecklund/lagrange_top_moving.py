@@ -5,7 +5,7 @@ Those of the rest frame under (m, a, p) = (-M, P, A); L(lambda) = -l(1/lambda).
 
 from kreisel.algebra import dot, mat, project_out
 from kreisel.baecklund import lagrange_top as rest
-from kreisel.contract import Baecklund
+from kreisel.record.contract import Baecklund
 
 
 def eigenvector(M, P, *, A, mu, rho):

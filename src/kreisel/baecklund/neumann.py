@@ -4,7 +4,7 @@ import numpy as np
 
 from kreisel.algebra import act, cayley, complex_number, dot, identity, parts, skew, solve, together, vec, wedge
 from kreisel.baecklund import clebsch
-from kreisel.contract import Baecklund
+from kreisel.record.contract import Baecklund
 
 
 def on_sphere(M, x):

@@ -18,8 +18,8 @@ Rijkeboer, Linear Algebra Appl. 186 (1993); Meini, Math. Comp. 71 (2002)]
 import numpy as np
 
 from kreisel.algebra import Array, holds_objects, identity, mat, pairing, solve, sqrt
-from kreisel.iteration import repeat
-from kreisel.matrices import diagonal
+from kreisel.algebra.iteration import repeat
+from kreisel.algebra.matrices import diagonal
 
 DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
 SMALL = 1e-18  # of |A|^2 over the 4th power of gamma: what is left of Y is of the order of A^T Y^-1 A

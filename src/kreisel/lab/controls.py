@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, cayley_act, wedge
-from kreisel.contract import Map
 from kreisel.methods.variational import stage
-from kreisel.model import Model
+from kreisel.record.contract import Map
+from kreisel.record.model import Model
 from kreisel.systems import heavy_top
 
 

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.engines.cpu import Kernel
 from kreisel.errors import InputError, RunError, shown
+from kreisel.kernels.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.exact import Dual
 from kreisel.lab.fields import fraction
@@ -93,7 +93,7 @@ class Orbit:
             rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)
         scheme = _scheme(what, vectors is not None)
         if scheme.numbers == "jax":
-            from kreisel.engines.xla import Compiled
+            from kreisel.kernels.jax import Compiled
 
             self._kernel: Any = Compiled(scheme, rows, 1.0)
         else:

@@ -11,10 +11,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Parameter, PhaseSpace, System
-from kreisel.engines import layout
 from kreisel.errors import InputError
-from kreisel.model import Model
+from kreisel.kernels import layout
+from kreisel.record.contract import Parameter, PhaseSpace, System
+from kreisel.record.model import Model
 
 try:
     import flint

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System, keywords
 from kreisel.errors import InputError, shown
 from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS, Clues, Finding, verdict
 from kreisel.lab.subject import Subject, subject
-from kreisel.model import Model
+from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System, keywords
+from kreisel.record.model import Model
 from kreisel.runs.own import executed, own_systems
 from kreisel.runs.plan import within
 

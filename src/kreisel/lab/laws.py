@@ -18,14 +18,14 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.complex import Complex
-from kreisel.contract import Baecklund, Frame, Map, System, call, keywords
-from kreisel.engines import layout
+from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError, shown
+from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.exact import along, jacobian, random_rotation, slopes
 from kreisel.lab.orders import baecklund_orders, flowed, measured_orders
-from kreisel.model import Model
+from kreisel.record.contract import Baecklund, Frame, Map, System, call, keywords
+from kreisel.record.model import Model
 from kreisel.runs.plan import within
 
 Sides = Iterator[tuple[Array, Array]]

@@ -20,7 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.complex import Complex
+from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, ROOT, Mod, Pole, fraction, random_residues, require_flint

@@ -6,14 +6,14 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame
-from kreisel.engines import layout
-from kreisel.engines.cpu import Kernel
-from kreisel.engines.recording import flat_constants, flat_stages
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.lab.exact import jacobian
 from kreisel.methods import scheme
 from kreisel.methods.observing import ORIENTATION
-from kreisel.model import Model
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
 
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # steps in a unit of time
 TIMES = (1, 2, 4, 8)

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import System, call
-from kreisel.engines import layout
 from kreisel.errors import InputError, shown
+from kreisel.kernels import layout
 from kreisel.lab.subject import coordinate_names
-from kreisel.model import Model
+from kreisel.record.contract import System, call
+from kreisel.record.model import Model
 
 
 class Expression:

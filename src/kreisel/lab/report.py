@@ -7,8 +7,8 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from kreisel.runs.reading import place
-from kreisel.runs.replacing import written
+from kreisel.storage.reading import place
+from kreisel.storage.replacing import written
 
 if TYPE_CHECKING:
     from kreisel.lab.investigation import Investigation

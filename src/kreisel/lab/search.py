@@ -23,15 +23,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array, cayley_act, dot, trace_log, vec, wedge
-from kreisel.contract import MOVING_SPACE, Frame, Map, System
 from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
 from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS as _QUESTIONS
 from kreisel.lab.questions import Clues, enough
 from kreisel.lab.subject import Subject, subject
-from kreisel.model import Model
-from kreisel.runs.workers import check_workers, pool
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, System
+from kreisel.record.model import Model
+from kreisel.sweeps.workers import check_workers, pool
 from kreisel.systems import euler_top
 
 if TYPE_CHECKING:

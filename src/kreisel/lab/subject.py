@@ -10,12 +10,12 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import call
-from kreisel.engines import layout
 from kreisel.errors import InputError, shown
+from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.fields import fraction, random_residues, residues
-from kreisel.model import Model
+from kreisel.record.contract import call
+from kreisel.record.model import Model
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
 
     def packed(state: tuple[Array, ...]) -> Array:
         if not isinstance(state[0], np.ndarray):  # JAX
-            from kreisel.engines.xla import flat
+            from kreisel.kernels.jax import flat
 
             return _axial(flat(state, space.kinds), space.kinds, n)
         return _axial(layout.flatten(state, space.kinds), space.kinds, n)

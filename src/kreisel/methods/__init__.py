@@ -13,7 +13,7 @@ from kreisel.methods.scheme import Outcome, Scheme
 from kreisel.methods.suris import suris
 from kreisel.methods.variational import variational
 from kreisel.methods.veselov import veselov
-from kreisel.model import Model
+from kreisel.record.model import Model
 
 METHODS: dict[str, Callable[[Model, float, int | None, bool], Scheme]] = {
     "baecklund": baecklund,

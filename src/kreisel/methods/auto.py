@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import component_axes
 from kreisel.errors import InputError, shown
 from kreisel.methods.baecklund import baecklund
-from kreisel.model import Model
+from kreisel.record.contract import component_axes
+from kreisel.record.model import Model
 
 ORDERS = (4, 8, 12, 16, 20, 24)  # an even number of stages: they take any step
 TURNS = 6.0  # radians that the pilot takes at most at the fastest rate, and more than half as many

@@ -16,11 +16,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Baecklund, Frame, call
 from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
-from kreisel.model import Model
+from kreisel.record.contract import Baecklund, Frame, call
+from kreisel.record.model import Model
 
 DIGITS = 60
 MOST_ORDER = 24

@@ -10,15 +10,15 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, call
 from kreisel.errors import InputError, shown
-from kreisel.methods.exact_pair import exact_pair
-from kreisel.methods.jacobi import jacobi
-from kreisel.methods.motion import UNTURNED, Motion
-from kreisel.methods.nutation import Number, number, rationals
+from kreisel.exact.jacobi import jacobi
+from kreisel.exact.motion import UNTURNED, Motion
+from kreisel.exact.nutation import Number, number, rationals
+from kreisel.exact.pairs import exact_pair
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Jump, Orbit, Scheme
-from kreisel.model import Model
+from kreisel.record.contract import Frame, call
+from kreisel.record.model import Model
 
 
 def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:

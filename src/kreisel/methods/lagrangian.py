@@ -7,11 +7,11 @@ from functools import lru_cache
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, Function, call
 from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Scheme
-from kreisel.model import Model
+from kreisel.record.contract import Frame, Function, call
+from kreisel.record.model import Model
 
 SINGULAR = 1e-12
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, component_axes, keywords
 from kreisel.methods.scheme import Components, Outcome
-from kreisel.model import Model
+from kreisel.record.contract import Frame, component_axes, keywords
+from kreisel.record.model import Model
 
 ORIENTATION = "g"
 

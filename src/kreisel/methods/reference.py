@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, call
 from kreisel.errors import InputError, shown
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.methods.scheme import Scheme
-from kreisel.model import Model
+from kreisel.record.contract import Frame, call
+from kreisel.record.model import Model
 
 RTOL, ATOL = 1e-9, 1e-12
 

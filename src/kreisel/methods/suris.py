@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, call
 from kreisel.errors import InputError, shown
 from kreisel.methods.exact import iterates
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Scheme
-from kreisel.model import Model
+from kreisel.record.contract import Frame, call
+from kreisel.record.model import Model
 
 
 def suris(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:

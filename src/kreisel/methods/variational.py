@@ -25,13 +25,13 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, System, call
+from kreisel.algebra.iteration import repeat
 from kreisel.errors import InputError
-from kreisel.iteration import repeat
 from kreisel.methods.composition import symmetric_composition
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Guard, Scheme
-from kreisel.model import Model
+from kreisel.record.contract import Frame, System, call
+from kreisel.record.model import Model
 
 NEWTON_STEPS = 4
 NEWTON_LIMIT = 1e-8  # of the last correction of X: what is left is of the order of its square

@@ -10,13 +10,13 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame, call, keywords
 from kreisel.errors import InputError
 from kreisel.methods.composition import symmetric_composition
 from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.methods.scheme import Guard, Scheme
 from kreisel.methods.variational import DEFECT
-from kreisel.model import Model
+from kreisel.record.contract import Frame, call, keywords
+from kreisel.record.model import Model
 
 LIMIT = 1e-13  # of the error of X
 

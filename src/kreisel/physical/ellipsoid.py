@@ -10,8 +10,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.model import Model, State
 from kreisel.physical.measures import RATE, SI, Units, in_range, number, numbers, scales_of, settle, three
+from kreisel.record.model import Model, State
 from kreisel.systems import Kirchhoff
 from kreisel.units import Scales
 

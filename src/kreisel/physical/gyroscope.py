@@ -10,8 +10,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.model import Model, State
 from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
+from kreisel.record.model import Model, State
 from kreisel.systems import LagrangeTop
 from kreisel.units import Scales
 

@@ -13,7 +13,7 @@
 JAX computes in float64 inside `double()`; the user's own settings stay as they are.
 """
 
-from kreisel.contract import Frame, Parameter
+from kreisel.record.contract import Frame, Parameter
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, Unreduced, left_derivative, reduce, right_derivative, symmetric_rule
 from kreisel.reduction.double import double

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from kreisel.algebra import Array
-from kreisel.contract import Frame
+from kreisel.record.contract import Frame
 from kreisel.reduction import linear, newton
 from kreisel.reduction.double import jax
 from kreisel.reduction.representations import Representation

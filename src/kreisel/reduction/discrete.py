@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import Frame
 from kreisel.errors import InputError
+from kreisel.record.contract import Frame
 from kreisel.reduction import newton
 from kreisel.reduction.continuous import Continuous, Lagrangian
 from kreisel.reduction.double import double, jax

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.contract import Function
 from kreisel.errors import InputError, RunError
+from kreisel.record.contract import Function
 from kreisel.reduction.double import double, is_jax, jax, require_double
 
 jnp = jax.numpy

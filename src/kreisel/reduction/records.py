@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from kreisel import algebra, invariants
-from kreisel.algebra import Array
-from kreisel.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
+from kreisel import algebra
+from kreisel.algebra import Array, invariants
 from kreisel.errors import InputError, shown
+from kreisel.record.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, symmetric_rule

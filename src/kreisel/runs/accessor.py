@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from kreisel.errors import InputError
-from kreisel.model import Model
+from kreisel.record.model import Model
 from kreisel.runs.citing import cite
 from kreisel.runs.drift import broken, drift
-from kreisel.runs.reading import a_run
+from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,7 +35,7 @@ class Kreisel:
     @property
     def model(self) -> Model:
         """The system with its parameters.  Raises `InputError` for a system of your own."""
-        from kreisel.runs.archive import model_of
+        from kreisel.storage.archive import model_of
 
         return model_of(self._run.attrs)
 

@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from kreisel.contract import System
 from kreisel.errors import InputError
 from kreisel.methods import METHODS, default_method, sources
-from kreisel.model import Model
-from kreisel.runs.reading import as_made, order_of
+from kreisel.record.contract import System
+from kreisel.record.model import Model
+from kreisel.storage.reading import as_made, order_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from kreisel.errors import InputError, nearest, shown
-from kreisel.runs.reading import place, shallow
+from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-from kreisel.engines.layout import Floats
 from kreisel.errors import ConservationWarning, InputError
-from kreisel.runs.reading import a_run
+from kreisel.kernels.layout import Floats
+from kreisel.storage.reading import a_run
 
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 KINDS = ("casimir", "integral", "relation")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from kreisel.errors import InputError
+from kreisel.exact.motion import Motion
+from kreisel.exact.nutation import Integrals, Number, Nutation, number
 from kreisel.methods.exact import motion
-from kreisel.methods.motion import Motion
-from kreisel.methods.nutation import Integrals, Number, Nutation, number
 from kreisel.runs.plan import check_model, checked_state
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.engines import layout
-from kreisel.engines.layout import Floats
 from kreisel.errors import InputError, RunError
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats
 from kreisel.runs.plan import Plan
 
 BLOCK_BYTES = 1 << 21  # of states, held at once

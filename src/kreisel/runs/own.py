@@ -11,8 +11,8 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from kreisel.contract import System
 from kreisel.errors import InputError, nearest, shown
+from kreisel.record.contract import System
 from kreisel.systems import REGISTRY, find
 
 

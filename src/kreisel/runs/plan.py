@@ -12,18 +12,18 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import component_axes
-from kreisel.engines import layout
-from kreisel.engines.layout import Floats, Look, no_look
 from kreisel.errors import InputError, nearest, shown
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.methods import Scheme, default_method, scheme
 from kreisel.methods.observing import ORIENTATION, held_by_orientation
-from kreisel.model import Model, State
+from kreisel.record.contract import component_axes
+from kreisel.record.model import Model, State
 
 if TYPE_CHECKING:
-    from kreisel.engines.closed import ClosedForm
-    from kreisel.engines.correcting import Corrections
-    from kreisel.engines.levels import Printer
+    from kreisel.kernels.exact.engine import ClosedForm
+    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.kernels.projection.compiled import Corrections
     from kreisel.methods.auto import Choice
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
@@ -136,7 +136,7 @@ class Plan:
         """`_variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
         if self.scheme.rate is not None or self.scheme.numbers != "any":
             return None
-        from kreisel.engines.cpu import compiled_observe
+        from kreisel.kernels.cpu import compiled_observe
 
         return compiled_observe(self.scheme, self._variables, self.engine.z.shape[0])
 
@@ -258,7 +258,7 @@ def plan_of_times(
     model: Any, x0: Any, *, reach: float, method: str, dt: float, order: int | None, orientation: Any
 ) -> tuple[Plan, ClosedForm]:
     """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
-    from kreisel.engines.closed import ClosedForm
+    from kreisel.kernels.exact.engine import ClosedForm
 
     check_model(model)
     state = checked_state(model, x0)
@@ -311,22 +311,22 @@ def _engine(
             raise InputError(
                 f"method={shown(plan.name)} is implicit and is solved to float64's round-off. Use engine='cuda'."
             )
-        from kreisel.engines.cuda import Kernel as OnGpu
+        from kreisel.kernels.cuda import Kernel as OnGpu
 
         return OnGpu(plan, start, name, project)
     if plan.numbers == "jax" and plan.step is not None:
-        from kreisel.engines.xla import Compiled
+        from kreisel.kernels.jax import Compiled
 
         return Compiled(plan, start, dt, project)
     if plan.step is not None:
-        from kreisel.engines.cpu import Kernel
+        from kreisel.kernels.cpu import Kernel
 
         return Kernel(plan, start, printer, project)
     if plan.orbit is not None:
-        from kreisel.engines.closed import ClosedForm
+        from kreisel.kernels.exact.engine import ClosedForm
 
         return ClosedForm(plan, start, dt, steps * dt).ready()
-    from kreisel.engines.ode import Reference
+    from kreisel.kernels.ode import Reference
 
     return Reference(plan, start, dt)
 
@@ -363,8 +363,8 @@ def _lanes(
 
 def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:
     """The scheme in the form of engine="large", and what prints its kernel; as it was where none is known."""
-    from kreisel.engines.large import LEAST_N, form_of
-    from kreisel.engines.levels import Printer
+    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.kernels.large.forms import LEAST_N, form_of
 
     form = form_of(plan)
     if form is None and asked is not None:

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from kreisel.engines import layout
-from kreisel.engines.layout import Floats
 from kreisel.errors import InputError
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats
 from kreisel.methods import scheme
 from kreisel.methods.observing import ORIENTATION
 from kreisel.runs.drift import KINDS, read
 from kreisel.runs.plan import Plan
-from kreisel.runs.reading import order_of
+from kreisel.storage.reading import order_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +32,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     None where they cannot be measured: a system of the user's own, whose functions an archive has not, or a run without
     its states or its step.
     """
-    from kreisel.runs.archive import is_own, model_of, roundoff_scales
+    from kreisel.storage.archive import is_own, model_of, roundoff_scales
 
     attrs = run.attrs
     if "system" not in attrs or is_own(attrs) or "dt" not in attrs:

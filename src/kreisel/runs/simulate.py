@@ -8,17 +8,17 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped
-from kreisel.runs.checkpoint import Lock, signals_wait
 from kreisel.runs.drift import watched
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, flag, make_plan, whole
 from kreisel.runs.progress import Progress
-from kreisel.runs.replacing import settle
+from kreisel.storage.checkpoint import Lock, signals_wait
+from kreisel.storage.replacing import settle
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from kreisel.runs.archive import Archive
+    from kreisel.storage.archive import Archive
 
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 
@@ -86,7 +86,7 @@ def simulate(
         engine=engine,
         project=project,
     )
-    from kreisel.runs.archive import Archive, in_memory, target
+    from kreisel.storage.archive import Archive, in_memory, target
 
     if path is None:
         _check_memory(plan)
@@ -109,7 +109,7 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
     Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
     """
-    from kreisel.runs.archive import open_archive, reopen, target
+    from kreisel.storage.archive import open_archive, reopen, target
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
@@ -122,7 +122,7 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
 
 def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:
     """March into an archive, with a checkpoint now and then and when the run is told to stop."""
-    from kreisel.runs.archive import open_archive
+    from kreisel.storage.archive import open_archive
 
     plan, last, kept = march.plan, -math.inf, march.steps
 

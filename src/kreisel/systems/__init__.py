@@ -1,7 +1,7 @@
 """The registry: one line a system."""
 
-from kreisel.contract import System
 from kreisel.errors import InputError, nearest, shown
+from kreisel.record.contract import System
 from kreisel.systems.clebsch import SYSTEM as Clebsch
 from kreisel.systems.clebsch_body import SYSTEM as ClebschBody
 from kreisel.systems.clebsch_general import SYSTEM as ClebschGeneral

@@ -7,10 +7,10 @@ M (..., n, n) skew, P (..., n), body frame; B = diag(b).  Plus bracket, F' = {H,
 import numpy as np
 
 from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, pairing, trace_log, vec, wedge
+from kreisel.algebra.invariants import pencil_spectrum
+from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
-from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
-from kreisel.invariants import pencil_spectrum
-from kreisel.matrices import diagonal
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P

@@ -9,10 +9,10 @@ integrals are kept as they are; those of the explicit map of `clebsch`, another 
 from dataclasses import replace
 
 from kreisel.algebra import dot, identity, mat, sqrt, turned
-from kreisel.contract import MOVING_SPACE, Relation
+from kreisel.algebra.invariants import pencil_spectrum
+from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch
-from kreisel.invariants import pencil_spectrum
-from kreisel.matrices import diagonal
+from kreisel.record.contract import MOVING_SPACE, Relation
 from kreisel.systems import clebsch_general, euler_top, quadratic_potential
 
 

@@ -5,10 +5,10 @@ M (..., n, n) skew, P (..., n), body frame.  c_jk = (b_j - b_k)/(a_j - a_k); plu
 """
 
 from kreisel.algebra import act, dot, identity, pairing, wedge
-from kreisel.contract import MOVING_SPACE, Frame, Parameter, Relation, System
-from kreisel.invariants import pencil_spectrum
-from kreisel.matrices import diagonal
-from kreisel.systems.checks import distinct
+from kreisel.algebra.invariants import pencil_spectrum
+from kreisel.algebra.matrices import diagonal
+from kreisel.record.checks import distinct
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, Relation, System
 
 
 def quotients(*, a, b):

@@ -11,11 +11,11 @@ keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 
 import numpy as np
 
 from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
-from kreisel.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.algebra.invariants import metric_spectrum
+from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch, quartic
-from kreisel.invariants import metric_spectrum
-from kreisel.matrices import diagonal
-from kreisel.systems.checks import positive
+from kreisel.record.checks import positive
+from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def sums(*, J):

@@ -4,7 +4,7 @@ H = (1/2) sum [x_i M_i^2 + 2 y_i M_i P_i + z_i P_i^2] with axial vectors;  M' = 
 """
 
 from kreisel.algebra import axial, cross, dot, hat
-from kreisel.contract import MOVING_SPACE, Frame, System
+from kreisel.record.contract import MOVING_SPACE, Frame, System
 
 
 def velocity(M, P, *, x, y):  # Omega = dH/dM

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cross, dot, hat, identity, vec, wedge
-from kreisel.contract import MOVING_SPACE, Frame, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 INVERSE_MOMENTS = np.array([1, 1, 4], dtype=np.int8)
 

@@ -8,9 +8,9 @@ Plus bracket, F' = {H, F}.  Not integrable in general.  [Suris 2001, section 4]
 import numpy as np
 
 from kreisel.algebra import act, dot, exact, identity, pairing, wedge
-from kreisel.contract import MOVING_SPACE, Frame, Parameter, System
 from kreisel.errors import InputError
-from kreisel.systems.checks import moments
+from kreisel.record.checks import moments
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 
 def principal(*, J):

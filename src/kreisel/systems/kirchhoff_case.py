@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import axial
-from kreisel.contract import Parameter
+from kreisel.record.contract import Parameter
 from kreisel.systems import fluid
 
 

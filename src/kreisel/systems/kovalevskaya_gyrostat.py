@@ -9,8 +9,8 @@ Semenov-Tian-Shansky, Comm. Math. Phys. 122 (1989); named in Suris 2001, Introdu
 import numpy as np
 
 from kreisel.algebra import act, identity, mat, pairing, wedge
-from kreisel.contract import TWO_FIELDS_SPACE, Frame, Parameter, System
-from kreisel.invariants import laurent_spectrum
+from kreisel.algebra.invariants import laurent_spectrum
+from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, System
 
 
 def shape(*, n):

@@ -4,7 +4,7 @@ For n = 3 and Q = 0 this is Kovalevskaya's top of 1889.  [as `kovalevskaya_gyros
 """
 
 from kreisel.algebra import act
-from kreisel.contract import TWO_FIELDS_SPACE, Frame, Parameter, Relation, System
+from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, Relation, System
 from kreisel.systems import kovalevskaya_gyrostat as gyrostat
 
 

@@ -19,11 +19,11 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
+from kreisel.algebra.invariants import bordered_spectrum
+from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
-from kreisel.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
-from kreisel.invariants import bordered_spectrum
-from kreisel.matrices import border
-from kreisel.systems.checks import nonzero_alpha, nonzero_vector
+from kreisel.record.checks import nonzero_alpha, nonzero_vector
+from kreisel.record.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a

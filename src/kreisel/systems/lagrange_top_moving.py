@@ -23,11 +23,11 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
+from kreisel.algebra.invariants import bordered_spectrum
+from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top_moving import BAECKLUND
-from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
-from kreisel.invariants import bordered_spectrum
-from kreisel.matrices import border
-from kreisel.systems.checks import nonzero_alpha, nonzero_vector
+from kreisel.record.checks import nonzero_alpha, nonzero_vector
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)

@@ -15,9 +15,9 @@ the formulas is open, the formulas themselves are tested]
 from dataclasses import replace
 
 from kreisel.algebra import act, axial, dot, identity, log
-from kreisel.contract import Relation
-from kreisel.invariants import stack, trace
-from kreisel.matrices import su2
+from kreisel.algebra.invariants import stack, trace
+from kreisel.algebra.matrices import su2
+from kreisel.record.contract import Relation
 from kreisel.systems import lagrange_top
 
 

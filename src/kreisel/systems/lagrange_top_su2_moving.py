@@ -9,9 +9,9 @@ Notation and source as in `lagrange_top_su2`.  With W = g_k^-1 g_(k+1) in SU(2) 
 from dataclasses import replace
 
 from kreisel.algebra import act, axial, dot, identity, log
-from kreisel.contract import Relation
-from kreisel.invariants import stack, trace
-from kreisel.matrices import su2
+from kreisel.algebra.invariants import stack, trace
+from kreisel.algebra.matrices import su2
+from kreisel.record.contract import Relation
 from kreisel.systems import lagrange_top_moving as moving
 
 

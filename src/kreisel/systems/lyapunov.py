@@ -7,8 +7,8 @@ integral.  Plus bracket, F' = {H, F}.  [Lyapunov 1893; named in Suris 2001, Intr
 from dataclasses import replace
 
 from kreisel.algebra import hat
-from kreisel.contract import Relation
-from kreisel.invariants import stack
+from kreisel.algebra.invariants import stack
+from kreisel.record.contract import Relation
 from kreisel.systems import fluid, steklov, steklov_lyapunov
 
 

@@ -4,10 +4,10 @@ Omega_jk = c_jk M_jk with c_jk = (b_j - b_k)/(a_j - a_k); plus bracket, F' = {H,
 Suris 2001, Introduction]
 """
 
-from kreisel.contract import FREE_SPACE, Frame, Parameter, System
-from kreisel.invariants import metric_spectrum
-from kreisel.matrices import diagonal
-from kreisel.systems.checks import distinct
+from kreisel.algebra.invariants import metric_spectrum
+from kreisel.algebra.matrices import diagonal
+from kreisel.record.checks import distinct
+from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System
 from kreisel.systems.clebsch_general import quotients
 from kreisel.systems.euler_top import energy, flow, inverse_inertia, velocity
 

@@ -7,11 +7,11 @@ potential by errata E6 and E7; the map is Adler's]
 """
 
 from kreisel.algebra import cayley_plane, dot, log, mat, vec, wedge
+from kreisel.algebra.invariants import pencil_spectrum
+from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
-from kreisel.contract import SPHERE_SPACE, Frame, Map, Parameter, Relation, System
-from kreisel.invariants import pencil_spectrum
-from kreisel.matrices import diagonal
+from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.systems import clebsch
 
 

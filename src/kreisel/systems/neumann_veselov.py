@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
-from kreisel.contract import Map, Relation
-from kreisel.matrices import diagonal
+from kreisel.algebra.matrices import diagonal
+from kreisel.record.contract import Map, Relation
 from kreisel.systems import neumann
 
 

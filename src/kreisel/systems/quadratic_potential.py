@@ -13,10 +13,10 @@ Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 20
 from dataclasses import replace
 
 from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve, turned
-from kreisel.contract import QUADRATIC_SPACE
+from kreisel.algebra.invariants import laurent_spectrum
+from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch
-from kreisel.invariants import laurent_spectrum
-from kreisel.matrices import diagonal
+from kreisel.record.contract import QUADRATIC_SPACE
 from kreisel.systems import euler_top
 from kreisel.systems.euler_top import inverse_inertia
 

@@ -31,8 +31,8 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
-from kreisel.contract import Map, Parameter
-from kreisel.invariants import stack
+from kreisel.algebra.invariants import stack
+from kreisel.record.contract import Map, Parameter
 from kreisel.systems import ratiu_top
 
 DUAL, SIGNS = np.array([5, 4, 3, 2, 1, 0]), np.array([-1, 1, -1, -1, 1, -1], dtype=np.int8)

@@ -8,9 +8,9 @@ Suris 2001, Conclusions]
 import numpy as np
 
 from kreisel.algebra import bracket, identity, mat, pairing, wedge
-from kreisel.contract import ADJOINT_SPACE, Frame, Parameter, System
+from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.errors import InputError
-from kreisel.invariants import laurent_spectrum
+from kreisel.record.contract import ADJOINT_SPACE, Frame, Parameter, System
 
 
 def positive(a, letter):

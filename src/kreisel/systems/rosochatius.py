@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
-from kreisel.contract import SPHERE_SPACE, Frame, Map, Parameter, System, on_sphere
+from kreisel.algebra.invariants import stack
+from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
-from kreisel.invariants import stack
-from kreisel.matrices import diagonal
+from kreisel.record.checks import distinct
+from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, System, on_sphere
 from kreisel.systems import neumann, neumann_veselov
-from kreisel.systems.checks import distinct
 
 
 def nonzero(mu, letter):

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import hat, vec
-from kreisel.contract import Parameter, Relation
+from kreisel.algebra.invariants import stack
 from kreisel.errors import InputError
-from kreisel.invariants import stack
+from kreisel.record.contract import Parameter, Relation
 from kreisel.systems import fluid, steklov_lyapunov
 
 

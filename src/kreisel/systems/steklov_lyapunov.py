@@ -11,9 +11,9 @@ Conclusions.  The Lax pair was found from the requirement of involution; it was 
 """
 
 from kreisel.algebra import bracket, identity, mat, pairing, vec
-from kreisel.contract import ADJOINT_PAIR_SPACE, Frame, Parameter, System
-from kreisel.invariants import stack, trace
-from kreisel.matrices import diagonal
+from kreisel.algebra.invariants import stack, trace
+from kreisel.algebra.matrices import diagonal
+from kreisel.record.contract import ADJOINT_PAIR_SPACE, Frame, Parameter, System
 
 
 def coefficients(*, b, s, l):

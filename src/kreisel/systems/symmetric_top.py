@@ -19,11 +19,11 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
+from kreisel.algebra.invariants import bordered_spectrum
+from kreisel.algebra.matrices import border
 from kreisel.baecklund import lagrange_top, lagrange_top_moving
-from kreisel.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
-from kreisel.invariants import bordered_spectrum
-from kreisel.matrices import border
-from kreisel.systems.checks import nonzero_vector
+from kreisel.record.checks import nonzero_vector
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P

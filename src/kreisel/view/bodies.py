@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, axial, hat
-from kreisel.model import Model
+from kreisel.record.model import Model
 
 SECTORS, AROUND = 6, 36
 TOP = (  # radius, height along the axis: peg, disc, handle

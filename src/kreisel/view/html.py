@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.contract import System
-from kreisel.model import Model, State
+from kreisel.record.contract import System
+from kreisel.record.model import Model, State
 from kreisel.view.record import summary
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def state_html(state: State) -> str:
 def run_html(run: xr.Dataset) -> str:
     """What a run is, and how still its Casimirs and integrals stand."""
     from kreisel.runs.drift import broken, drift
-    from kreisel.runs.reading import a_run
+    from kreisel.storage.reading import a_run
 
     needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
     attrs, found = a_run(run, *needed, rows=False).attrs, drift(run)

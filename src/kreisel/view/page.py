@@ -20,8 +20,8 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError
-from kreisel.runs.reading import place
-from kreisel.runs.replacing import written
+from kreisel.storage.reading import place
+from kreisel.storage.replacing import written
 from kreisel.view.scene import scene
 
 if TYPE_CHECKING:

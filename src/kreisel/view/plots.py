@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel.errors import InputError, brief
-from kreisel.runs.archive import is_own
 from kreisel.runs.drift import MACHINE_EPSILON, all_series, read
 from kreisel.runs.geometry import carried_letter, kinds_of, model_for
-from kreisel.runs.reading import a_run
+from kreisel.storage.archive import is_own
+from kreisel.storage.reading import a_run
 from kreisel.view.style import Theme, theme_of
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from kreisel.contract import Map, System, keywords
+from kreisel.record.contract import Map, System, keywords
 
 SHORT = {"skew": "so(n)", "symmetric": "Sym(n)", "vector": "R^n"}
 MAP_CLAIMS = {

@@ -19,15 +19,15 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import Frame
 from kreisel.errors import InputError, printable
 from kreisel.methods.observing import ORIENTATION
-from kreisel.model import Model
-from kreisel.runs.archive import is_own
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
 from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, model_for, orientation_of, to_third_axis
 from kreisel.runs.plan import within
-from kreisel.runs.reading import a_run
+from kreisel.storage.archive import is_own
+from kreisel.storage.reading import a_run
 from kreisel.view import bodies
 from kreisel.view.style import THEMES
 from kreisel.view.thinning import mixed

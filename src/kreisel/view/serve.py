@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from kreisel.errors import InputError, RunError
-from kreisel.runs.archive import open_archive
+from kreisel.storage.archive import open_archive
 from kreisel.view.page import as_json, page
 from kreisel.view.scene import scene
 

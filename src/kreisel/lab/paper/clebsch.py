@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, bracket, cayley, dot, identity, log, pairing, wedge
+from kreisel.algebra.matrices import diagonal
 from kreisel.lab import laws
 from kreisel.lab.jets import coefficient, generator
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, by_law, gradient, law_row, printed, rank, right_derivative, row
 from kreisel.lab.paper.tops import HALF_LEAF, half, leaf_rank, outer, trace_log_of
-from kreisel.matrices import diagonal
 from kreisel.systems import clebsch, clebsch_general, kirchhoff, neumann
 
 KIRCHHOFF, GENERAL, CLEBSCH, NEUMANN = (s.SYSTEM for s in (kirchhoff, clebsch_general, clebsch, neumann))

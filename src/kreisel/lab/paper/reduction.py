@@ -27,10 +27,10 @@ from kreisel.algebra import (
     triangle,
     wedge,
 )
-from kreisel.contract import MOVING_SPACE, REST_SPACE
 from kreisel.lab.jets import Jet, coefficient, generator
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, gradient, left_derivative, printed, right_derivative, row
+from kreisel.record.contract import MOVING_SPACE, REST_SPACE
 
 
 def generic_lagrangian(s: Setting) -> Callable[[Array, Array], Any]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.contract import System
 from kreisel.errors import InputError, nearest, shown
 from kreisel.lab import exact, laws
 from kreisel.lab.laws import Sides
+from kreisel.record.contract import System
 
 DIMENSIONS = (3, 4, 5, 6)
 CERTAIN_FAILURE = 1e-6  # of a printed form: four orders above the tolerance

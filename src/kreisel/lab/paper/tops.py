@@ -23,6 +23,7 @@ from kreisel.algebra import (
     triangle,
     wedge,
 )
+from kreisel.algebra.matrices import border
 from kreisel.lab import laws
 from kreisel.lab.jets import coefficient, generator
 from kreisel.lab.laws import Sides
@@ -37,7 +38,6 @@ from kreisel.lab.paper.rows import (
     right_derivative,
     row,
 )
-from kreisel.matrices import border
 from kreisel.systems import heavy_top, lagrange_top, lagrange_top_moving, symmetric_top
 
 HEAVY, TOP, MOVING = heavy_top.SYSTEM, lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM

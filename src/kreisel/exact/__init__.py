@@ -1,0 +1,1 @@
+"""Closed forms in time, in extended digits."""

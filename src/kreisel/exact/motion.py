@@ -1,0 +1,396 @@
+"""One motion of the Lagrange top, n = 3, at any times: set up once in extended digits, then cheap in doubles.
+
+Three phases grow like the time: that of nutation, and those of the mean turns about p and about the axis.  The period
+of nutation is cut into 2^k parts.  The state at the middle of each, freed of the mean turns, comes from the closed
+form in extended digits, once, and from the equations of motion the polynomials that it follows within the part.
+The phases are integers, mod one turn: no error grows with t.  Beside the critical sleeping top the orientation loses
+digits, and the set-up takes long (docs/exact.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from fractions import Fraction
+from functools import cache, partial
+from operator import mul
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.exact.nutation import Integrals, Number, Nutation, darboux, number, rationals
+from kreisel.methods.scheme import Orbit
+
+TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
+ORDERS = 28  # of the Taylor series that they come from
+TAIL = 2e-17  # what they leave out, relative to m, b and q
+BINARY = 100  # places of the numbers in which the series are made
+DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
+SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
+LARGEST = 1e150  # of an integral: products of two must not overflow
+PHASE_BITS = 64
+LEAST_PLACES, LEAPT = 3, 8  # as powers of two
+
+State = tuple[Array, Array, Array]
+NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@cache
+def _economised() -> tuple[Array, Array]:
+    """The powers 0, ..., ORDERS - 1 on [-1, 1] as polynomials of TERMS terms, and what that costs.
+
+    By cutting off their Chebyshev series.
+    """
+    chebyshev, out, cost = np.polynomial.chebyshev, np.zeros((TERMS, ORDERS)), np.zeros(ORDERS)
+    for k in range(ORDERS):
+        series = chebyshev.poly2cheb(np.eye(ORDERS)[k, : k + 1])
+        kept = chebyshev.cheb2poly(series[:TERMS])
+        out[: len(kept), k], cost[k] = kept, abs(series[TERMS:]).sum()
+    cost[1:] += abs(out[0, 1:])
+    out[0, 1:] = 0  # what is known in the middle stays
+    cost[-1] = 1.0  # and what the Taylor series leaves out
+    return out, cost
+
+
+def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
+    """Bounds of the Taylor coefficients of m, b and q, relative to the size of each: `_taylor` of lengths, (ORDERS,).
+
+    From the greatest |m - turning|, |b||p| and the mean turns.
+    """
+    ws, bs, qs = np.zeros((3, ORDERS))
+    ws[0], bs[0], qs[0] = rates, 1.0, 1.0
+    for k in range(ORDERS - 1):
+        back = slice(k, None, -1)
+        ws[k + 1] = (bp * bs[k] + turning * ws[k]) / (k + 1)
+        bs[k + 1] = ws[: k + 1] @ bs[back] / (k + 1)
+        qs[k + 1] = (ws[: k + 1] @ qs[back] + spinning * qs[k]) / (2 * (k + 1))
+    return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
+
+
+def _left_out(bounds: Array, h: float) -> float:
+    """What the polynomials leave out at most where half a part lasts h."""
+    return float((bounds * _economised()[1]) @ h ** np.arange(ORDERS))
+
+
+def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
+    """The m, b and q as power series, (ORDERS, 10), from integers of BINARY binary places.
+
+    m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
+    """
+    w, b, q = ([[x] for x in v] for v in (m - turning, b, q))  # w = m - turning: of each coordinate its series
+    for k in range(1, ORDERS):
+        (now, b_now, (scalar, *u)), (q0, *qs) = ([x[-1] for x in v] for v in (w, b, q)), q
+        forces = zip(_cross(p, b_now), _cross(turning, now), strict=True)
+        rates = _cross(w, b, _convolved)
+        lean = -sum(map(_convolved, w, qs)) - sum(map(mul, u, spinning))
+        leans = zip(
+            (_convolved(x, q0) for x in w), _cross(w, qs, _convolved), _cross(u, spinning), spinning, strict=True
+        )
+        turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
+        for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
+            series.append((new >> BINARY) // k)
+        for series in q:
+            series[-1] >>= 1
+    out = np.array([*w, *b, *q], dtype=object).T
+    out[0, :3] += turning
+    return out
+
+
+def _cross(x: Sequence[Any], y: Sequence[Any], times: Callable[[Any, Any], int] = mul) -> list[int]:
+    return [times(x[i], y[j]) - times(x[j], y[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
+
+
+def _convolved(f: list[int], g: list[int]) -> int:
+    return sum(map(mul, f, reversed(g)))
+
+
+def _pure(v: Array) -> Array:
+    return np.concatenate([0 * v[..., :1], v], -1)
+
+
+@dataclass(frozen=True)
+class Leap:
+    """`count` times D_eps with the constant r, then turns about p and the axis, as quaternions."""
+
+    count: int
+    eps: Number
+    r: Number
+    turn: Array
+    spin: Array
+
+
+class Motion:
+    """The motion through (m, b), axial vectors, under p.
+
+    `reach` is the largest |time| that will be asked; the body turns about its axis b by spin_factor (m.b)/|b| more than
+    m says, without an effect on m and b.
+    """
+
+    def __init__(self, m: Array, b: Array, p: Array, *, reach: float, spin_factor: Fraction = NONE):
+        import mpmath
+
+        self.ctx = ctx = mpmath.MPContext()
+        self.m, self.b, self.p = (rationals(v) for v in (m, b, p))
+        self.integrals = known = Integrals.of(self.m, self.b, self.p)
+        if max(abs(v) for v in astuple(known)) > LARGEST:
+            raise InputError(
+                f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
+                "closed form, so that their products do not overflow; larger ones came. Use other units."
+            )
+        ctx.dps = self._digits(reach)
+        self.nutation = Nutation(ctx, known)
+        self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
+        m0, b0, _ = self._mp
+        self._places: dict[int, State] = {0: (m0, b0, np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
+        self._leaps: dict[int, Leap] = {}
+        self._clock(reach, spin_factor)
+
+    def _digits(self, reach: float) -> int:
+        """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
+        ctx, known = self.ctx, self.integrals
+        scale = max(
+            number(ctx, abs(known.E)),
+            ctx.sqrt(number(ctx, known.A * known.P2)),
+            ctx.sqrt(abs(number(ctx, known.J * known.c))),
+        )
+        if scale == 0:
+            return DIGITS
+        periods = max(0, int(ctx.log10(1 + reach * ctx.sqrt(scale))) + 1)
+        if known.separatrix:
+            away = self.e_foldings()
+            return DIGITS + periods + (int(2 * (SETTLED + away) / math.log(10)) if math.isfinite(away) else 0)
+        if known.discriminant == 0:
+            return DIGITS + periods
+        closeness = ctx.log10((4 * scale) ** 6 / number(ctx, known.discriminant))
+        return int(DIGITS + periods + max(0, closeness))
+
+    def e_foldings(self) -> float:
+        """How far a separatrix motion is from the steady one that it tends to, x = x3; infinite if it is that."""
+        ctx, known = self.ctx, self.integrals
+        if known.coincident is None:
+            return 0.0
+        x1, _, x3 = known.coincident
+        gap = x3 - 2 * (algebra.dot(self.b, self.p) - known.E)
+        return float(ctx.log(number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
+
+    def _clock(self, reach: float, spin_factor: Fraction) -> None:
+        """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady."""
+        ctx, nutation, known = self.ctx, self.nutation, self.integrals
+        turn = 2 * ctx.pi
+        self.settled = 0
+        turns = [0, 0] if known.separatrix else [nutation.period_turn(dual) / turn for dual in (False, True)]
+        self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
+        bp = ctx.sqrt(number(ctx, known.A * known.P2))
+        most: list[tuple[Number, Number, Number]] = []  # of the sizes of m less the mean turn, and of the mean turns
+        for seen, turning, spinning in zip((known, known.dual), self.means, self.means[::-1], strict=True):
+            w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
+            along = 2 * w * number(ctx, seen.c) / ctx.sqrt(number(ctx, seen.P2)) if seen.P2 else 0
+            most.append((ctx.sqrt(max(w * w - along - nutation.x[0], 0)), abs(w), abs(turn * spinning)))
+        rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
+        scaled = [tuple(float(v / rate) for v in three) for three in most]
+        bounds = np.max([_majorants(m, w, other, float(bp / rate**2)) for m, w, other in scaled], 0)
+        unit = 1 / rate if known.separatrix else nutation.half_period
+        halvings = 0
+        while (h := float(unit * rate / 2**halvings)) > 1 or _left_out(bounds, h) > TAIL:
+            halvings += 1
+        if known.separatrix:
+            self.part = 2 * unit / 2**halvings
+            self.settled = self._settled()
+            self.places = max(LEAST_PLACES, (2 * self.settled + 1).bit_length())
+        else:
+            self.places = max(LEAST_PLACES, halvings)
+            self.part = 2 * unit / 2**self.places
+        spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
+        self.bits = 64 + PHASE_BITS + 53 + spread
+        self.spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A)) / turn
+        self.sleeping = number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / turn
+
+    def _settled(self) -> int:
+        """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
+
+        For x3 = 2 (|b||p| - E) then: C <= 0 at b.p = |b||p|, so x2 <= 2 (|b||p| - E) <= x3 always.
+        """
+        away, (x1, _, x3) = self.e_foldings(), self.nutation.x
+        if not math.isfinite(away):
+            return 0
+        return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))
+
+    def _fixed(self, x: Number) -> int:
+        return int(self.ctx.floor(self.ctx.ldexp(x, self.bits)))
+
+    # -- in extended digits --------------------------------------------------------------------------
+
+    def place(self, j: int, inside: bool = False) -> Array:
+        """The polynomials (TERMS, 10) of part j in the time from its middle, in halves of the part.
+
+        Of m, b (axial) and the orientation from time 0, a unit quaternion, freed of the mean turns; `inside`: of
+        -M, P and the inverse orientation, which obey the same equations with (m, b, p) -> (-M, P, A).
+        """
+        ctx = self.ctx
+        m, b, q = self._at((j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1)))
+        p, axis = self._mp[2], self._mp[1]
+        turning, spinning = (self._along(v) * (2 * ctx.pi * w) for w, v in zip(self.means, (p, axis), strict=True))
+        if inside:
+            back = algebra.rotation_matrix(q).T
+            m, b, p, q = -(back @ m), back @ p, axis, algebra.inverse_turn(q)
+            turning, spinning = spinning, turning
+        half, size = self.part / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
+        scaled = (m * half, b / size, q, p * (half * half * size), turning * half, spinning * half)  # arrays first
+        found = _taylor(*(np.array([int(ctx.ldexp(v, BINARY)) for v in w], dtype=object) for w in scaled))
+        units = np.repeat(np.array([float(1 / half), float(size), 1.0]), (3, 3, 4))
+        series = np.ldexp(found.astype(np.float64), -BINARY)
+        out = _economised()[0] @ series * units
+        out[0] = [float(v) for v in (*m, *b, *q)]
+        return out
+
+    def _at(self, j: int) -> State:
+        """The state at time j parts, freed of the mean turns: by leaps of 2^k parts, of which few are needed.
+
+        Where there are so many parts that few are asked for, by one leap.
+        """
+        if self.places > LEAPT:
+            return self.jump(j * self.part)
+        if j not in self._places:
+            low, sign = j & -j, 1 if j > 0 else -1
+            if low not in self._leaps:
+                self._leaps[low] = self._leap(low * self.part)
+            self._places[j] = self._leapt(self._at(j - sign * low), self._leaps[low], sign)
+        return self._places[j]
+
+    def jump(self, h: Number) -> State:
+        """The flow over |h| <= omega_1 without its mean turns: m, b (axial), orientation, in extended digits."""
+        return self._leapt(self._places[0], self._leap(abs(h)), 1 if h > 0 else -1) if h else self._places[0]
+
+    def _leapt(self, state: State, leap: Leap, sign: int) -> State:
+        m, b, q = state
+        hat_m = algebra.hat(m)
+        for _ in range(leap.count):
+            old = b
+            hat_m, b, a = darboux(hat_m, b, self._mp[2], sign * leap.eps, leap.r)
+            q = algebra.quaternion_product(half_turns(a, old), q)
+        turn, spin = (v if sign > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
+        q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
+        R = algebra.rotation_matrix(turn)
+        return R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
+
+    def _leap(self, h: Number) -> Leap:
+        """What the flow over h > 0 takes: `count` times D_eps, then turns about p and the axis."""
+        ctx, nutation, known = self.ctx, self.nutation, self.integrals
+        count = 2 if h > nutation.half_period / 2 else 1
+        while ctx.isnan(eps := nutation.epsilon(h / count)):
+            count += 1
+        A = ctx.sqrt(number(ctx, known.A))
+        along, across = (2 * ctx.pi * mean * h for mean in self.means)
+        left = -count * nutation.theta(eps) - along
+        right = count * (nutation.theta(eps, dual=True) + 2 * ctx.atan(eps * number(ctx, known.J) / (2 * A))) + across
+        turn, spin = self._about(self._mp[2], left), self._about(self._mp[1], right)
+        return Leap(count, eps, nutation.length(eps), turn, spin)
+
+    def _along(self, axis: Array) -> Array:
+        length = self.ctx.sqrt(algebra.dot(axis, axis))
+        return axis / length if length else axis
+
+    def _about(self, axis: Array, angle: Number) -> Array:
+        ctx = self.ctx
+        return np.concatenate([[ctx.cos(angle / 2)], self._along(axis) * ctx.sin(angle / 2)])
+
+    # -- phases, in integers ---------------------------------------------------------------------------
+
+    def orbit(
+        self,
+        finish: Callable[..., tuple[Array, ...]],
+        constants: Mapping[str, Array],
+        step: tuple[Number, Number] | None = None,
+        inside: bool = False,
+        start: Array = UNTURNED,
+    ) -> Orbit:
+        """The states that `finish(m, b, q, **constants)` makes of axial m, b and the orientation, `start` at time 0.
+
+        `inside`: of -M, P and the inverse orientation.  The clock counts times; with `step` = (tau, theta), the steps
+        of a map: the flow over tau, then a turn about p.
+        """
+        tau, theta = (self.ctx.one, self.ctx.zero) if step is None else step
+        units = (tau / self.part, tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1]))
+        nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
+        rates = (nutating >> self.places, left, right)
+        up, axis = (_unit(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
+        rates = (rates[0], -rates[2], -rates[1]) if inside else rates
+
+        def row(
+            place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array, **known: Array
+        ) -> tuple[Array, ...]:
+            return finish(*turned(place, left, right, up=up, axis=axis, start=start), **known)
+
+        def phases(M: Array, e: Array) -> Array:
+            low = int(e.min(initial=0))
+            scaled = M << (e - low).astype(object)
+            return _fractions([scaled * rate for rate in rates], self.bits - low)
+
+        def phases_to_rest(M: Array, e: Array) -> Array:
+            low = int(e.min(initial=0))
+            scaled = M << (e - low).astype(object)
+            bits = self.bits - low
+            most, at = self.settled << bits, scaled * nutating
+            kept = np.minimum(np.maximum(at, -most), most)
+            asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part, self.bits)))
+            beyond = ((at - kept) * asleep) >> self.bits
+            turns = [scaled * left, scaled * right + beyond]
+            return _fractions([kept >> self.places, *([-t for t in turns[::-1]] if inside else turns)], bits)
+
+        return Orbit(
+            phases=phases_to_rest if self.integrals.separatrix else phases,
+            rates=None if self.integrals.separatrix else rates,
+            bits=self.bits,
+            places=self.places,
+            place=cache(partial(self.place, inside=inside)),
+            row=row,
+            constants={"up": up, "axis": axis, "start": np.asarray(start, dtype=np.float64), **constants},
+        )
+
+
+def turned(
+    place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array
+) -> tuple[Array, Array, Array]:
+    """The m, b and q of a place, (..., 10), turned: about `up` from the left, and q about `axis` from the right.
+
+    `left` and `right`, (..., 3), are half-angles: cos, sin and what is left of the angle.  q follows on `start`.
+    """
+    (cos, sin), (c, s), H = _cos_sin(left), _cos_sin(right), algebra.hat(up)
+    R = algebra.identity(3) + algebra.mat(2 * sin * cos) * H + algebra.mat(2 * sin * sin) * (H @ H)
+    turn = np.concatenate([algebra.vec(cos) + 0 * up[..., :1], algebra.vec(sin) * up], -1)
+    first = algebra.vec(c) * start + algebra.vec(s) * algebra.quaternion_product(_pure(axis), start)
+    q = algebra.quaternion_product(turn, algebra.quaternion_product(place[..., 6:], first))
+    return algebra.act(R, place[..., :3]), algebra.act(R, place[..., 3:6]), q
+
+
+def _cos_sin(half: Array) -> tuple[Array, Array]:
+    """Of an angle in parts, the rest of it at most pi/512; as small changes of the first part, so rounded once."""
+    cos, sin, x = half[..., 0], half[..., 1], half[..., 2]
+    y = x * x
+    less, s = y * (0.5 - y * (1 / 24 - y * (1 / 720))), x * (1 - y * (1 / 6 - y * (1 / 120)))
+    return cos - (cos * less + sin * s), sin - (sin * less - cos * s)
+
+
+def half_turns(a: Array, b: Array) -> Array:
+    """The turn R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
+    return np.concatenate([(a * b).sum(-1, keepdims=True), algebra.cross(b, a - b)], -1)
+
+
+def _fractions(scaled: list[Array], bits: int) -> Array:
+    """Integers of `bits` binary places, mod 1, as 64-bit fractions (times, count)."""
+    return np.stack([((v >> (bits - 64)) & (2**64 - 1)).astype(np.uint64) for v in scaled], -1)
+
+
+def _unit(x: Array) -> Array:
+    x = x * 2.0 ** -min(max(math.frexp(float(abs(x).max()))[1], -1000), 1000)  # exactly; the square may underflow
+    length = math.sqrt(algebra.dot(x, x))
+    return np.asarray(x / length if length else x, dtype=np.float64)
+
+
+def rotation(axis: Array, angle: Array) -> Array:
+    """The turn about an axis, of any length, as a unit quaternion."""
+    return np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * _unit(axis)], -1)

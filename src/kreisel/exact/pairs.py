@@ -1,0 +1,226 @@
+"""method="exact" without a closed form, n = 3: the flow over dt as copies of one conjugate pair of Bäcklund maps.
+
+For n = 3 the commuting fields span two directions beside the symmetry of the state, so two parameters suffice: mu,
+complex, with D_eps D_conj(eps) = Phi_h, eps = 2/mu.  It is found once a trajectory by Newton's method in extended
+precision against a product of order 24; near h = 0 it is the zero of the Padé approximant of order 4 over h.  The
+integrals of the map are those of the flow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.methods.baecklund import MOST_ORDER, one_stage, pade_zeros, stage_points
+from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.methods.scheme import Scheme
+from kreisel.record.contract import call
+from kreisel.record.model import Model
+
+REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodies it was found for all
+MOST_TRIALS = 8  # each with more copies
+NEWTON_STEPS = 14
+SETTLED = 64  # residual in units of the last place of the extended numbers
+LEAST_REAL = 0.5  # of mu h, which is 3 for short times
+
+State = tuple[Array, ...]
+
+
+def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
+    """The exact flow of a body in e*(3) with Bäcklund maps, or of its leaf; see the module.
+
+    Raises `InputError` where no pair is found.
+    """
+    body, carry, back = _in_coadjoint(model)
+    record = body.system.baecklund
+    if record is None:
+        raise TypeError(f"{body.system.name} states no Bäcklund transformation")
+    kept = ("casimir", "energy", *model.system.integrals)
+    observe, outcomes = observer(model, None, None, kept=kept)
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+
+    def prepare(x0: State) -> State:
+        return (*carry(x0[:2]), *x0[2:])
+
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        own = carry(x0[:2])
+        copies, mu = parameter(body, own, dt)
+        rho = call(record.point, _wide(own), {**_wide_constants(body), "mu": mu})
+        numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
+        stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
+        return (_turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {}), stages
+
+    def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
+        known = {**consts, "mu": algebra.complex_number(mu_re, mu_im), "rho": algebra.complex_number(rho_re, rho_im)}
+        own, (x, y) = one_stage(record, z[:2], known, True)
+        return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
+
+    def close(M: Array, P: Array, g: Array, *, cos: Array, sin: Array, **consts: Array) -> State:
+        turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
+        return M, P, algebra.unit(algebra.quaternion_product(turn, g))
+
+    axes = {**body.axes, **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0), "sin": 1}
+    return Scheme(
+        name="exact",
+        components=with_orientation(body, oriented),
+        constants=dict(body.constants),
+        axes=axes,
+        n=3,
+        prepare=prepare,
+        step=step,
+        close=close if oriented else None,
+        observe=lambda z, /, **constants: observe((*back(z[:2]), *z[2:]), **constants),
+        reopen=prepare,
+        outcomes=outcomes,
+        trajectory=trajectory,
+    )
+
+
+def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callable[[State], State]]:
+    """The body in e*(3) that moves as the model does, and the change of state there and back."""
+    if "skew" in model.system.space.kinds:
+        return model, lambda x: tuple(x[:2]), lambda z: z
+    from kreisel.systems import find
+
+    (relation,) = (r for r in model.system.relations if r.back is not None)
+    params = {p.letter: model.constants[p.letter] for p in model.system.parameters}
+
+    def carry(x: State) -> State:
+        return tuple(relation.carry(*x[:2], None, **params)[0])
+
+    def back(z: State) -> State:
+        return tuple(call(relation.back, z, {}))
+
+    return find(relation.target)(**params), carry, back
+
+
+# -- the parameter of the pair ------------------------------------------------------------------------
+
+
+def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
+    """(copies, mu): the pair with parameter mu, ([lane]), is the flow over dt/copies."""
+    copies = max(1, int(np.ceil(dt * float(np.max(_rate(model, state))) / REACH)))
+    record: Any = model.system.baecklund
+    first = np.asarray(complex(pade_zeros(2)[0]) / dt)
+    alive = np.isfinite(model.call(record.point, *state, mu=first)).all()
+    for _ in range(MOST_TRIALS if alive else 0):
+        mu, found = _newton(model, state, dt / copies)
+        if found.all():
+            return copies, mu.astype(complex)
+        copies = copies + max(1, copies // 2)
+    raise InputError(
+        f"No conjugate pair was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. "
+        "Look for a state that is zero or not finite; else use method='baecklund' with a high order."
+    )
+
+
+def _rate(model: Model, state: State) -> Array:
+    """About the fastest rate of the motion, from its right-hand side linearised along the state."""
+    flat = np.concatenate([algebra.coordinates(state[0]), state[1]], -1)
+    slopes = []
+    for i in range(flat.shape[-1]):
+        step = np.zeros(flat.shape[-1])
+        step[i] = 1.0
+        up, down = (model.flow(*_unflat(flat + s * step)) for s in (0.5, -0.5))  # exact: the field is quadratic
+        slopes.append(_flat(up) - _flat(down))
+    return np.linalg.norm(np.stack(slopes, -1), 2, (-2, -1))
+
+
+def _flat(z: State) -> Array:
+    return np.concatenate([algebra.coordinates(z[0]), z[1]], -1)
+
+
+def _unflat(flat: Array) -> State:
+    return algebra.skew(flat[..., :3], 3), flat[..., 3:]
+
+
+def _wide(state: State) -> State:
+    return tuple(np.asarray(x).astype(np.longdouble) for x in state)
+
+
+def _wide_constants(model: Model) -> dict[str, Array]:
+    return {k: np.asarray(v).astype(np.longdouble) for k, v in model.constants.items()}
+
+
+def _pair(model: Model, z: State, mu: Array) -> State:
+    """The conjugate pair in extended precision; it turns an orientation too, but for a turn about P in space."""
+    record: Any = model.system.baecklund
+    with np.errstate(all="ignore"):
+        known = {**_wide_constants(model), "mu": mu}
+        known["rho"] = call(record.point, z[:2], known)
+        own, (x, y) = one_stage(record, z[:2], known, True)
+        return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
+
+
+def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
+    """mu of each lane in extended precision, and where it is one of the near branch."""
+    z = _wide(state)
+    batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
+    batch = np.broadcast_shapes(batch, state[1].shape[:-1])
+    want, _ = _flown(model, z, h, batch)
+    target, last = _flat(want), np.finfo(np.longdouble).eps
+    mu = np.full(batch, complex(pade_zeros(2)[0]) / h, dtype=np.clongdouble)
+    size = abs(target).max(-1)
+    for _ in range(NEWTON_STEPS):
+        miss = _flat(_pair(model, z, mu[()])) - target
+        if (abs(miss).max(-1) <= SETTLED * last * size).all():
+            break
+        change = np.sqrt(last) * abs(mu)
+        slopes = [
+            (_flat(_pair(model, z, (mu + change * way)[()])) - target - miss) / change[..., None] for way in (1, 1j)
+        ]
+        mu = mu + _limited(_least_squares(slopes, -miss), abs(mu) / 3)
+    near = (abs(miss).max(-1) <= SETTLED * last * size) & (mu.real * h > LEAST_REAL)
+    return mu, near
+
+
+def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[State, list[Array]]:
+    """The flow over h by a product of order 24, and the mu of its pairs."""
+    parts = max(1, int(np.ceil(h * float(np.max(_rate(model, tuple(x.astype(float) for x in z[:2])))))))
+    points = [np.full(batch, mu, dtype=np.clongdouble)[()] for mu in stage_points(MOST_ORDER, h / parts)] * parts
+    for point in points:
+        z = _pair(model, z, point)
+    return z, points
+
+
+def _turn_in_space(model: Model, own: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
+    """The turn about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is constant.
+
+    In the product of order 24 each pair turns by prod cay(eps/2 block) about p; the exact pair by what is missing.
+    """
+    record: Any = model.system.baecklund
+    one = np.zeros((*mu.shape, 4), dtype=np.longdouble)
+    one[..., 0] = 1
+    start = (*_wide(own), one)
+    true, points = _flown(model, start, dt / copies, mu.shape)
+    pair = _pair(model, start, mu.astype(np.clongdouble)[()])
+    P = own[1].astype(np.longdouble)
+    along = P / np.sqrt(algebra.dot(P, P))[..., None]
+    theta = algebra.dot(algebra.axial(call(record.block, start[:2], {})), along)
+    by_maps = sum(4 * np.arctan(theta / point).real for point in points)
+    back = pair[2] * np.array([1, -1, -1, -1])
+    left = algebra.quaternion_product(true[2], back)
+    half = copies * (by_maps / 2 + np.arctan2(algebra.dot(left[..., 1:], along), left[..., 0]))
+    axis = algebra.act(algebra.rotation_matrix(g.astype(np.longdouble)), along)
+    axis = axis / np.sqrt(algebra.dot(axis, axis))[..., None]
+    return {"cos": np.cos(half).astype(float), "sin": (np.sin(half)[..., None] * axis).astype(float)}
+
+
+def _least_squares(slopes: list[Array], want: Array) -> Array:
+    """x + iy with x slopes[0] + y slopes[1] nearest to `want`."""
+    (a, b), dot = slopes, algebra.dot
+    aa, bb, ab, aw, bw = dot(a, a), dot(b, b), dot(a, b), dot(a, want), dot(b, want)
+    ridge = np.finfo(np.longdouble).eps * (aa + bb)
+    det = (aa + ridge) * (bb + ridge) - ab * ab
+    return ((bb + ridge) * aw - ab * bw + 1j * ((aa + ridge) * bw - ab * aw)) / det
+
+
+def _limited(change: Array, most: Array) -> Array:
+    size = abs(change)
+    return change * np.where(size > most, most / np.where(size > 0, size, 1), 1)

@@ -1,0 +1,175 @@
+"""Double-doubles as a type of compiled code: unevaluated sums of two doubles, about 31 digits, for numbers and vectors.
+
+The operations are those of Dekker and Knuth with fused products.  The last one or two of 106 bits may be wrong, in a
+sum those of the larger term: half the operations of one that is as exact where terms cancel.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
+
+from kreisel.kernels._numba.vector_type import Vector, broadcast, everywhere, llvm_intrinsic
+
+Two = tuple[Any, Any]  # the upper and the lower double
+fused = llvm_intrinsic("fma")
+
+
+class Pair(types.Type):
+    """The sum of two numbers, or of two vectors of numbers."""
+
+    def __init__(self, element: types.Type):
+        self.element = element
+        super().__init__(name=f"Pair({element})")
+
+
+@register_model(Pair)
+class PairModel(models.StructModel):
+    """Upper part first."""
+
+    def __init__(self, manager: Any, kind: Pair):
+        super().__init__(manager, kind, [("upper", kind.element), ("lower", kind.element)])
+
+
+def _parts(context: Any, builder: ir.IRBuilder, kind: Pair, value: Any) -> Two:
+    held = cgutils.create_struct_proxy(kind)(context, builder, value=value)
+    return held.upper, held.lower
+
+
+def _joined(context: Any, builder: ir.IRBuilder, kind: Pair, two: Two) -> Any:
+    held = cgutils.create_struct_proxy(kind)(context, builder)
+    held.upper, held.lower = two
+    return held._getvalue()
+
+
+def _two_sum(builder: ir.IRBuilder, x: Any, y: Any) -> Two:
+    total = builder.fadd(x, y)
+    part = builder.fsub(total, x)
+    return total, builder.fadd(builder.fsub(x, builder.fsub(total, part)), builder.fsub(y, part))
+
+
+def _ordered(builder: ir.IRBuilder, x: Any, y: Any) -> Two:
+    """The sum of a large and a small number and its error."""
+    total = builder.fadd(x, y)
+    return total, builder.fsub(y, builder.fsub(total, x))
+
+
+def _add(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
+    upper, error = _two_sum(builder, x[0], y[0])
+    return _ordered(builder, upper, builder.fadd(error, builder.fadd(x[1], y[1])))
+
+
+def _negative(builder: ir.IRBuilder, x: Two) -> Two:
+    return builder.fneg(x[0]), builder.fneg(x[1])
+
+
+def _subtract(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
+    return _add(builder, x, _negative(builder, y))
+
+
+def _multiply(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
+    product = builder.fmul(x[0], y[0])
+    error = fused(builder, x[0], y[0], builder.fneg(product))
+    return _ordered(builder, product, fused(builder, x[0], y[1], fused(builder, x[1], y[0], error)))
+
+
+def _divide(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
+    quotient = builder.fdiv(x[0], y[0])
+    back = builder.fneg(quotient)
+    rest = fused(builder, back, y[1], builder.fadd(fused(builder, back, y[0], x[0]), x[1]))
+    return _ordered(builder, quotient, builder.fdiv(rest, y[0]))
+
+
+def _root(builder: ir.IRBuilder, x: Two) -> Two:
+    root = llvm_intrinsic("sqrt")(builder, x[0])
+    rest = builder.fadd(fused(builder, builder.fneg(root), root, x[0]), x[1])
+    return _ordered(builder, root, builder.fdiv(rest, builder.fadd(root, root)))
+
+
+def common(kinds: Sequence[Any]) -> Pair | None:
+    """The one type of double-doubles among those of numbers, vectors and double-doubles."""
+    if not all(isinstance(kind, Pair | Vector | types.Float | types.Integer) for kind in kinds):
+        return None
+    elements = {kind.element if isinstance(kind, Pair) else kind for kind in kinds}
+    vectors = {kind for kind in elements if isinstance(kind, Vector)}
+    if len(vectors) > 1 or not any(isinstance(kind, Pair) for kind in kinds):
+        return None
+    return Pair(vectors.pop() if vectors else types.float64)
+
+
+def _operation(function: Callable[..., Any], count: int, emit: Callable[..., Two]) -> None:
+    """Let compiled code take double-doubles for `function`, which has `count` arguments."""
+
+    class Template(AbstractTemplate):
+        def generic(self, kinds: Sequence[Any], keywords: Any) -> Any:
+            kind = common(kinds) if len(kinds) == count else None
+            return None if kind is None else signature(kind, *[kind] * count)
+
+    def lower(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        kind = form.return_type
+        parts = [_parts(context, builder, kind, value) for value in values]
+        return _joined(context, builder, kind, emit(builder, *parts))
+
+    infer_global(function)(Template)
+    lower_builtin(function, *[Pair] * count)(lower)
+
+
+for _function, _count, _emit in (
+    (operator.add, 2, _add),
+    (operator.sub, 2, _subtract),
+    (operator.mul, 2, _multiply),
+    (operator.truediv, 2, _divide),
+    (operator.neg, 1, _negative),
+    (math.sqrt, 1, _root),
+):
+    _operation(_function, _count, _emit)
+
+
+def _widened(context: Any, builder: ir.IRBuilder, number: Any, kind: Pair, value: Any) -> Any:
+    """A number, the same in all places of a vector, or a vector: its lower part is 0."""
+    if not isinstance(number, Vector):
+        value = context.cast(builder, value, number, types.float64)
+        if isinstance(kind.element, Vector):
+            value = broadcast(context, builder, types.float64, kind.element, value)
+    return _joined(context, builder, kind, (value, everywhere(value.type, 0.0)))
+
+
+def _spread(context: Any, builder: ir.IRBuilder, one: Any, kind: Any, value: Any) -> Any:
+    """The same double-double in all places of a vector."""
+    parts = _parts(context, builder, one, value)
+    upper, lower = (broadcast(context, builder, one.element, kind.element, v) for v in parts)
+    return _joined(context, builder, kind, (upper, lower))
+
+
+for _kind in (types.Float, types.Integer, Vector):
+    lower_cast(_kind, Pair)(_widened)
+lower_cast(Pair, Pair)(_spread)
+
+
+@intrinsic
+def pair(typing_context: Any, upper: Any, lower: Any) -> Any:
+    """The double-double of two numbers or vectors, |lower| at most half a unit in the last place of |upper|."""
+    kind = Pair(next((v for v in (upper, lower) if isinstance(v, Vector)), types.float64))
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        return _joined(context, builder, kind, (values[0], values[1]))
+
+    return signature(kind, kind.element, kind.element), emit
+
+
+@intrinsic
+def upper(typing_context: Any, x: Any) -> Any:
+    """The double next to it."""
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        return _parts(context, builder, x, values[0])[0]
+
+    return signature(x.element, x), emit

@@ -1,0 +1,314 @@
+"""Compiled kernels for the CPU, made from a scheme's step by recording it.
+
+Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
+same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.kernels.lanes`); lane i has the
+bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has (NUMBA_NUM_THREADS).
+Source and machine code are kept on disk (`kreisel.kernels.cache`), named by the hash of the source, of the operations
+that it imports and of what it is compiled for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.kernels import dense, simd
+from kreisel.kernels.cache import module
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection import arrays
+from kreisel.kernels.projection.compiled import WIDTH as WIDE
+from kreisel.kernels.projection.compiled import Corrections, Projection, Weave, interval, plain
+from kreisel.kernels.projection.program import MOST_N, program_of, program_of_orientation, recordable
+from kreisel.kernels.recording import (
+    Recording,
+    flat_constants,
+    flat_stages,
+    indented,
+    recorded_outputs,
+)
+from kreisel.kernels.tape import TooLong
+from kreisel.methods.scheme import Scheme
+
+if TYPE_CHECKING:
+    from kreisel.kernels.large.blockwise import Printer
+
+# Straight-line code has its fused products written out (`kreisel.kernels.printing`); a flag that lets LLVM choose would
+# make it choose otherwise in scalar than in vector code.
+EXACT = 'cache=True, nogil=True, error_model="numpy"'
+FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
+WIDTH = 64  # shares of the lanes are whole multiples of it
+OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
+MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
+LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
+
+HEAD = '''"""Made by kreisel.kernels.cpu by recording {name}; not to be edited."""
+from math import sqrt
+
+import numpy as np
+from numba import njit
+from numpy import ascontiguousarray, eye, full
+from numpy.linalg import solve
+
+from kreisel.kernels._numba.fused import fma, sign
+
+'''
+
+ADVANCE = """
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
+def kernel(z, c, s, out, every, first, last{arguments}):
+{begin}
+    for lane in range(first, last):
+{load}
+        for row in range(out.shape[0]):
+{steps}
+{save}
+{store}
+"""
+
+STEP = """for stage in range(s.shape[1]):
+{stage}
+{body}
+{close}"""
+
+OBSERVE = """
+@njit("void(f8[:,:,::1], f8[:,::1], f8[:,:,::1])", {options})
+def kernel(z, c, out):
+    for row in range(z.shape[0]):
+        for lane in range(z.shape[1]):
+{load}
+{body}
+{save}
+"""
+
+RATE = """
+@njit("void(f8[::1], f8[::1], f8[::1])", {options})
+def kernel(z, c, out):
+{load}
+{body}
+{save}
+"""
+
+
+@cache
+def _operations() -> bytes:
+    """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
+    folder = Path(__file__).with_name("_numba")
+    return b"".join((folder / f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors", "pointers"))
+
+
+@cache
+def _machine() -> bytes:
+    """What the same source is compiled for, and by what."""
+    from numba.core.registry import cpu_target
+
+    return repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode()
+
+
+def load(source: str) -> ModuleType:
+    """Generated source as a module, compiled once for this machine."""
+    return module(
+        "kreisel_kernel_" + hashlib.sha256(_operations() + _machine() + source.encode()).hexdigest()[:20], source
+    )
+
+
+class Kernel:
+    """A compiled step, its state in rows (lanes, d), and its constants.
+
+    `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
+    With `project` the state is put back on its invariants now and then (`kreisel.kernels.projection.program`).
+    """
+
+    def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
+        self._scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
+        self.constants, columns = flat_constants(scheme, len(self.z))
+        self.stages, stage_columns = flat_stages(scheme, len(self.z))
+        self.projection: Corrections | None = None
+        self._woven: Projection | None = None  # the projection, where the kernel calls it
+        self._between: Corrections | None = None  # where it does not
+        woven = project and printer is None and scheme.n <= MOST_N
+        if printer is not None:
+            head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
+            self.source = printer(columns, stage_columns, head, EXACT)
+        else:
+            record = Recording(scheme, self.constants, columns, stage_columns)
+            in_vectors = len(self.z) > 1 and record.straight
+            try:
+                program = recordable(lambda: program_of(scheme, columns)) if woven else None
+            except TooLong:
+                woven, program = False, None
+            also = program_of_orientation(scheme) if program else None
+            width, weave = (WIDE if in_vectors else 1), plain
+            if program is not None:
+                every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
+                self.projection = self._woven = Projection(program, also, every, self.z, self.constants, width)
+                weave = self._woven.weave
+            text = simd.source(record, EXACT, weave, len(self.z)) if in_vectors else _one_by_one(record, weave)
+            self.source = _head(scheme, record) + weave.head + text
+        if project and not woven:
+            work = scheme.stage_count * (_large_work(scheme) if printer is not None else record.work)
+            self._between = recordable(lambda: between(scheme, self.z, work, arrays_only=printer is None))
+            self.projection = self._between
+        self._kernel = load(self.source).kernel
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if self._between is not None:
+            self._between.in_parts(out, every, self._advance, self._project)
+        else:
+            self._advance(out, every)
+            if self._woven is not None:
+                self._woven.count(len(out) * every)
+
+    def _project(self) -> Floats:
+        if self._between is not None:
+            self._between.apply()
+            arrays.orthogonal(self._scheme, self.z)
+        return self.z
+
+    def _advance(self, out: Floats, every: int) -> None:
+        parts = list(shares(len(self.z), len(out) * every * len(self.z)))
+        more = self._woven.arguments if self._woven else ()
+
+        def work_on(part: tuple[int, int]) -> None:
+            self._kernel(self.z, self.constants, self.stages, out, every, *part, *more)
+
+        if len(parts) < 2:
+            work_on((0, len(self.z)))
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
+                work = [pool.submit(work_on, part) for part in parts]
+            for done in work:
+                done.result()
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+        if self.projection:
+            self.projection.restore(snapshot)
+
+
+def between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:
+    """The projection of rows z for kernels that do not call it; None where nothing is conserved."""
+    if scheme.n > (arrays.MOST_N if scheme.conserved is None else MOST_LARGE_N):
+        return None
+    observed = arrays.Observed(scheme, z)
+    by_arrays = observed.function is scheme.observe
+    if by_arrays and scheme.n > arrays.MOST_N:
+        return None
+    if not (by_arrays and (arrays_only or scheme.n > MOST_N)):
+        more = scheme.basis if by_arrays else {}
+        constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **more}), len(z))
+        with contextlib.suppress(TooLong):
+            program = program_of(scheme, columns, observed.function, observed.members)
+            if program is None:
+                return None
+            return Projection(program, None, interval(program.cost, work), z, constants, WIDE if len(z) > 1 else 1)
+    found = arrays.Projection(observed, work) if by_arrays else None
+    return found if found and found.labels else None
+
+
+def _large_work(scheme: Scheme) -> int:
+    """About how many operations a stage is in a kernel of O(n), or O(n^2) where it keeps a matrix."""
+    n, dense = scheme.n, any(kind == f"R^{scheme.n**2}" for _, kind in scheme.components)
+    return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
+
+
+def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
+    """First and last lane of the shares of the threads, whole blocks where there are many."""
+    threads = numba.config.NUMBA_NUM_THREADS if work >= LEAST_WORK else 1  # type: ignore[attr-defined]
+    size = -(-lanes // threads)
+    if threads > 1 and size > 4 * WIDTH:
+        size = -(-size // (4 * WIDTH)) * WIDTH  # four shares a thread: another process may slow one down
+    for first in range(0, lanes, max(size, 1)):
+        yield first, min(first + size, lanes)
+
+
+def _one_by_one(record: Recording, weave: Weave) -> str:
+    step = STEP.format(
+        stage=record.load_constants("s", "s[lane, stage, ", 4), body=record.body(4), close=record.close(0)
+    )
+    load, store = record.load("z[lane, ", 0), record.save("z[lane, ", record.state, 0)
+    return ADVANCE.format(
+        options=FAST if record.places else EXACT,
+        types=weave.types,
+        arguments=weave.arguments,
+        begin=weave.begin(4),
+        load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines()], 8),
+        steps=indented(weave.steps(step, load, store, "lane + 1"), 12),
+        save=record.save("out[row, lane, ", record.state, 12),
+        store=indented(store.splitlines(), 8),
+    )
+
+
+def compiled_observe(
+    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int
+) -> Callable[[Floats], dict[str, Floats]] | None:
+    """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None where that would take too long.
+
+    The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.
+    """
+    if scheme.n > OBSERVED_N or scheme.numbers != "any":
+        return None
+    constants, columns = flat_constants(scheme, lanes)
+    try:
+        found = recorded_outputs(scheme, function, columns)
+    except (TypeError, AttributeError, ValueError):  # an integral of a user's own
+        return None
+    if len(found.lines) > OBSERVED_LINES:
+        return None
+    used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}
+    names = sorted(name for name in used if name[0] in "zc" and name[1:].isdigit())
+    source = HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}") + OBSERVE.format(
+        options=EXACT,
+        load=indented(
+            [f"{n} = z[row, lane, {n[1:]}]" if n[0] == "z" else f"{n} = c[lane, {n[1:]}]" for n in names], 12
+        ),
+        body=indented([line.text for line in found.lines], 12),
+        save=indented([f"out[row, lane, {j}] = {value}" for j, value in enumerate(found.values)], 12),
+    )
+    kernel = load(source).kernel
+
+    def observe(z: Floats) -> dict[str, Floats]:
+        out = np.empty((*z.shape[:2], len(found.values)))
+        kernel(np.ascontiguousarray(z), constants, out)
+        return {name: out[..., place].reshape(*z.shape[:2], *shape) for name, (place, shape) in found.places.items()}
+
+    return observe
+
+
+def _head(scheme: Scheme, record: Recording) -> str:
+    head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
+    return head + (dense.HELPERS.format(options=FAST) if record.places else "")
+
+
+def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:
+    """The right-hand side y' = f(t, y, constants) of a scheme that states a rate, compiled; of one lane at a time."""
+    constants, columns = flat_constants(scheme, lanes)
+    record = Recording(scheme, np.full_like(constants, np.nan), columns)
+    source = _head(scheme, record) + RATE.format(
+        options=FAST if record.places else EXACT,
+        load=record.load("z[", 4) + "\n" + record.load_constants("c", "c[", 4),
+        body=record.body(4),
+        save=record.save("out[", record.state, 4),
+    )
+    kernel = load(source).kernel
+
+    def rate(t: float, y: Floats, c: Floats) -> Floats:
+        out = np.empty_like(y)
+        kernel(np.ascontiguousarray(y), c, out)
+        return out
+
+    return rate

@@ -1,0 +1,1 @@
+"""The closed form of the Lagrange top, n = 3, in compiled code."""

@@ -1,0 +1,170 @@
+"""Elliptic integrals and functions in compiled code, without branches: for numbers and for vectors of them.
+
+Those of which a large multiple is taken are in double-doubles.  Arguments that need more iterations than are made
+give a result whose error is told, or no number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt
+from typing import Any
+
+from numba import njit
+
+from kreisel.kernels._numba import double_double, fused
+
+fma: Any = fused.fma  # called from compiled code, without the context that their definitions take first
+nearest: Any = fused.nearest
+size: Any = fused.size
+where_less: Any = fused.where_less
+pair: Any = double_double.pair
+upper: Any = double_double.upper
+
+PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
+MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
+TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of compiled code that is compiled where it is called."""
+    return njit(error_model="numpy", forceinline=True)(function)
+
+
+@inlined
+def largest_root(u: Any, v: Any) -> Any:
+    """Of y^3 + u y + v with three real roots, by Newton's method: double-double; and the last change, a double."""
+    first, last = upper(u), upper(v)
+    unit = 2.0 * sqrt(-first / 3.0)
+    q = -4.0 * last / (unit * unit * unit)  # the root is `unit` cos(arccos(q)/3)
+    y = 0.5 + 0.5 * sqrt(max(0.5 + 0.5 * q, 0.0 * q))
+    for _ in range(4):
+        y = y - (y * (4.0 * y * y - 3.0) - q) / (12.0 * y * y - 3.0)
+    y = y * unit
+    root = pair(y, 0.0)
+    change = y
+    for _ in range(2):
+        square = root * root
+        change = upper((square + u) * root + v) / upper(3 * square + u)
+        root = root - change
+    return root, size(change)
+
+
+@inlined
+def complete(a: Any, g: Any, p: Any) -> Any:
+    """M(a, g), the sum S with R_J(0, a^2, g^2, p^2) = 3 pi S/(4 M p^2), and the relative error: double-doubles.
+
+    By the arithmetic-geometric mean (Carlson); where a = g the rest of the sum is 2 p/(M + p).
+    """
+    term, total = a / a, 0 * a
+    for _ in range(MEANS):
+        product, square = a * g, p * p
+        both = square + product
+        total = total + term
+        term = term * (square - product) / (2 * both)
+        a, g, p = (a + g) / 2, sqrt(product), both / (2 * p)
+    apart = upper((a - g) / a)
+    mean = (a + g) / 2
+    return mean, total + 2 * term * p / (mean + p), apart * apart
+
+
+@inlined
+def _descended(level: Any, a: Any, mean: Any, g: Any) -> Any:
+    c, d = level
+    ratio = c * c / mean
+    return c * d, (g + ratio) / (a + ratio)
+
+
+@inlined
+def cs(a: Any, g: Any, angle: Any) -> Any:
+    """Jacobi's function of that name, times a, at u = a angle/M(a, g), 0 < angle <= pi/4, where k' = g/a.
+
+    By descending Landen transformations.
+    """
+    a1, g1 = 0.5 * (a + g), sqrt(a * g)
+    a2, g2 = 0.5 * (a1 + g1), sqrt(a1 * g1)
+    a3, g3 = 0.5 * (a2 + g2), sqrt(a2 * g2)
+    a4, g4 = 0.5 * (a3 + g3), sqrt(a3 * g3)
+    a5, g5 = 0.5 * (a4 + g4), sqrt(a4 * g4)
+    a6 = 0.5 * (a5 + g5)
+    cos, sin = cos_sin(angle)
+    level = (a6 * cos / sin, a / a)
+    level = _descended(level, a5, a6, g5)
+    level = _descended(level, a4, a5, g4)
+    level = _descended(level, a3, a4, g3)
+    level = _descended(level, a2, a3, g2)
+    level = _descended(level, a1, a2, g1)
+    c, d = level
+    return c * d
+
+
+@inlined
+def arctan_ratio(e: Any) -> Any:
+    """arctan(x)/x, e = x^2: after three bisections of the angle by its series."""
+    factor = 1.0 + 0.0 * e
+    for _ in range(3):
+        part = 1.0 + sqrt(1.0 + e)
+        factor = factor * 2.0 / part
+        e = e / (part * part)
+    total = 1.0 / 25.0 + 0.0 * e
+    total = 1.0 / 23.0 - e * total
+    total = 1.0 / 21.0 - e * total
+    total = 1.0 / 19.0 - e * total
+    total = 1.0 / 17.0 - e * total
+    total = 1.0 / 15.0 - e * total
+    total = 1.0 / 13.0 - e * total
+    total = 1.0 / 11.0 - e * total
+    total = 1.0 / 9.0 - e * total
+    total = 1.0 / 7.0 - e * total
+    total = 1.0 / 5.0 - e * total
+    total = 1.0 / 3.0 - e * total
+    return factor * (1.0 - e * total)
+
+
+@inlined
+def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
+    """R_J(x, y, z, p) by duplication (Carlson), delta = (p - x)(p - y)(p - z) >= 0."""
+    mean = 0.2 * (x + y + z + 2.0 * p)
+    small_x, small_y, small_z = mean - x, mean - y, mean - z
+    part, total = 1.0, 0.0 * x
+    for _ in range(6):
+        rx, ry, rz, rp = sqrt(x), sqrt(y), sqrt(z), sqrt(p)
+        step = rx * ry + rx * rz + ry * rz
+        d = (rp + rx) * (rp + ry) * (rp + rz)
+        total = total + part / d * arctan_ratio(delta * (part * part * part) / (d * d))
+        x, y, z, p = 0.25 * (x + step), 0.25 * (y + step), 0.25 * (z + step), 0.25 * (p + step)
+        mean = 0.25 * (mean + step)
+        part = 0.25 * part
+    X, Y, Z = small_x * part / mean, small_y * part / mean, small_z * part / mean
+    P = -0.5 * (X + Y + Z)
+    E2 = X * Y + X * Z + Y * Z - 3.0 * P * P
+    E3 = X * Y * Z + 2.0 * E2 * P + 4.0 * P * P * P
+    E4 = (2.0 * X * Y * Z + E2 * P + 3.0 * P * P * P) * P
+    E5 = X * Y * Z * P * P
+    series = 1.0 - E2 * 3.0 / 14.0 + E3 / 6.0 + E2 * E2 * 9.0 / 88.0 - E4 * 3.0 / 22.0 - E2 * E3 * 9.0 / 52.0
+    return part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
+
+
+@inlined
+def cos_sin(x: Any) -> Any:
+    """Of an angle of at most pi/4, by Taylor's series."""
+    e = x * x
+    c, s = -1.0 / 87178291200.0 + e / 20922789888000.0, 1.0 / 6227020800.0 - e / 1307674368000.0
+    c, s = 1.0 / 479001600.0 + e * c, -1.0 / 39916800.0 + e * s
+    c, s = -1.0 / 3628800.0 + e * c, 1.0 / 362880.0 + e * s
+    c, s = 1.0 / 40320.0 + e * c, -1.0 / 5040.0 + e * s
+    c, s = -1.0 / 720.0 + e * c, 1.0 / 120.0 + e * s
+    c, s = 1.0 / 24.0 + e * c, -1.0 / 6.0 + e * s
+    return 1.0 - e * (0.5 - e * c), fma(x * e, s, x)
+
+
+@inlined
+def of_turns(part: Any) -> Any:
+    """Cos and sin of 2 pi part, |part| <= 1/2."""
+    quarter = nearest(4.0 * part)
+    c, s = cos_sin((part - 0.25 * quarter) * 6.283185307179586)
+    some = size(quarter)
+    return (
+        where_less(some, 0.5, c, where_less(some, 1.5, -s * quarter, -c)),
+        where_less(some, 0.5, s, where_less(some, 1.5, c * quarter, -s)),
+    )

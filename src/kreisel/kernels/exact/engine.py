@@ -1,0 +1,349 @@
+"""Schemes that know the state at any time, behind the same two names as a compiled kernel: `z` and `advance`.
+
+A row depends on its own phases alone, so neither the cut into calls nor the number of threads changes a bit of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, cached_property
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import EXACT, HEAD, load, shares
+from kreisel.kernels.exact.jumps import Jumps
+from kreisel.kernels.layout import LANES, Floats, Look, no_look
+from kreisel.kernels.printing import split
+from kreisel.kernels.recording import indented, recorded_function
+from kreisel.methods.scheme import Orbit, Scheme, States
+
+AT_ONCE = 4096  # times that a function is asked for
+FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
+MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
+CIRCLE_BITS = 8  # half-turns in a table, as a power of two
+WORD = (1 << 64) - 1
+NO_PHASES, NO_PLACES = np.empty((0, 3), dtype=np.uint64), np.empty(0, dtype=np.int64)
+ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
+WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
+
+ROWS = """
+from kreisel.kernels._numba.vectors import expect_rows, polynomials, store_rows
+
+
+@njit(
+    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,:,::1], f8[::1], f8[::1], i8, f8[:,:,::1], i8, i8, i8)",
+    {options},
+)
+def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, first, last):
+{constants}
+    w, x, part = np.empty({rows}), np.zeros({width}), np.zeros({width}, dtype=np.int64)
+    u = np.empty({words}, dtype=np.uint64)
+    half, shift, up = np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places), np.uint64(places)
+{start}
+    start, stopped = first, False
+    while start < last and not stopped:
+        count = min({width}, last - start)
+        if len(phases) > 0:
+            for i in range(count):
+                part[i] = where[start + i]
+{given}
+        else:
+{step}
+            for i in range(count):
+                j = (u[i] + half) >> shift
+                if not known[j]:
+                    count, stopped = i, True
+                    break
+                part[i] = np.int64(j)
+        for i in range(count):
+            x[i] = np.float64(np.int64(u[i] << up)) * 2.0**-63
+{turns}
+        for i in range(0, count, {lanes}):
+            expect_rows(out, start + i, lane, {values})
+            polynomials(table, part, x, w, i, {terms}, {numbers}, {width})
+        for i in range(count):
+{begin}
+{body}
+{save}
+        for i in range(0, count - count % {lanes}, {lanes}):
+            store_rows(out, start + i, lane, w, i, {begin_out}, {values}, {width})
+        for i in range(count - count % {lanes}, count):
+{store}
+        start += count
+    return start
+"""
+
+STEP = """
+            for i in range(count):
+                u[{words} + i] = h{k}
+                l{k} += step[1, {k}]
+                h{k} += step[0, {k}] + np.uint64(l{k} < step[1, {k}])
+"""
+
+TURN = """
+        for i in range(count):
+            phase = u[{words} + i]
+            j = (phase + np.uint64({half})) >> np.uint64({shift})
+            w[{at} + i] = circle[j]
+            w[{at} + {width} + i] = circle[j + np.uint64({size})]
+            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
+"""
+
+
+def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> list[Orbit | States]:
+    """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` for what has none."""
+    if scheme.orbit is None:
+        raise TypeError(f"the scheme {scheme.name} states no orbit")
+    kinds = [kind for _, kind in scheme.components]
+    starts = layout.restore(z0.copy(), kinds, scheme.n)  # an engine goes on changing its rows
+    lanes = len(z0)
+    constants = {}
+    for name, value in scheme.constants.items():
+        array = np.asarray(value, dtype=np.float64)
+        constants[name] = np.broadcast_to(array, (lanes, *array.shape[array.ndim - scheme.axes[name] :]))
+    return [
+        scheme.orbit(tuple(part[lane] for part in starts), {k: v[lane] for k, v in constants.items()}, reach)
+        for lane in which
+    ]
+
+
+def dyadic(times: Floats) -> tuple[Array, Array]:
+    """Doubles as M 2^e, exactly: M Python integers in an object array."""
+    fraction, exponent = np.frexp(times)
+    return (fraction * 2.0**53).astype(np.int64).astype(object), exponent.astype(np.int64) - 53
+
+
+class ClosedForm:
+    """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
+
+    Or at any times: a few are jumps, each with its own set-up.
+    """
+
+    projection = None
+
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float):
+        self.z = np.array(z0, dtype=np.float64)
+        self._scheme, self._start, self._reach = scheme, self.z.copy(), reach
+        self._done = 0
+        (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
+
+    @cached_property
+    def _lanes(self) -> list[Rows | Samples]:
+        return self._set_up(range(len(self.z)))
+
+    @cached_property
+    def _jumps(self) -> Jumps:
+        return Jumps(self._scheme, self._start)
+
+    def _set_up(self, which: Iterable[int]) -> list[Rows | Samples]:
+        """These lanes, in many digits.  Raises `InputError` for what has no closed form."""
+        kinds = [kind for _, kind in self._scheme.components]
+        found = orbits(self._scheme, self._start, self._reach, which)
+        used, source = _source(found[0], kinds, self._scheme.name) if isinstance(found[0], Orbit) else ([], "")
+        kernel = load(source).kernel if source else None  # no number of a lane stands in it
+        return [Rows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in found]
+
+    def ready(self) -> ClosedForm:
+        """Set up before the first row is asked for."""
+        _ = self._lanes
+        return self
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        for lane, rows in enumerate(self._lanes):
+            look()
+            if isinstance(rows, Samples) or rows.orbit.rates is None:
+                k = self._done + every * np.arange(1, len(out) + 1).astype(object)
+                rows.at(out, lane, k * self._dt, np.broadcast_to(self._exponent, k.shape))
+            else:
+                shift = 128 - rows.orbit.bits + int(self._exponent)
+                steps = [v * self._dt << shift if shift >= 0 else v * self._dt >> -shift for v in rows.orbit.rates]
+                rows.march(out, lane, [self._done * s for s in steps], [every * s for s in steps])
+        self._done += every * len(out)
+        self.z[:] = out[-1]
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"steps": np.asarray(self._done, dtype=np.float64), "z": self.z}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self._done, self.z[:] = int(snapshot["steps"]), snapshot["z"]
+
+    def at(self, times: Floats) -> Floats:
+        """The states (times, lanes, d) at times in any order."""
+        if self._scheme.jump is None or len(times) > FEW:
+            out, lanes = np.empty((len(times), *self.z.shape)), dict(enumerate(self._lanes))
+        else:
+            out, right = self._jumps.at(times)
+            left = np.flatnonzero(~right.all(0)).tolist()
+            lanes = dict(zip(left, self._set_up(left), strict=True)) if left else {}
+        for lane, rows in lanes.items():
+            rows.at(out, lane, *dyadic(times))
+        return out
+
+
+def words(numbers: list[int]) -> Array:
+    """Numbers of 128 binary places, mod 1, as their upper and lower words (2, count)."""
+    return np.array([[v >> 64 & WORD for v in numbers], [v & WORD for v in numbers]], dtype=np.uint64)
+
+
+@cache
+def circle() -> Floats:
+    """Cos and then sin of the multiples of pi/2^CIRCLE_BITS below pi."""
+    import mpmath
+
+    angles = [mpmath.mpf(i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
+    with mpmath.workdps(30):
+        return np.array([float(f(a)) for f in (mpmath.cospi, mpmath.sinpi) for a in angles])
+
+
+def _in_lines(shape: tuple[int, ...]) -> Floats:
+    """An empty array that begins with a line of the cache, 64 bytes."""
+    store = np.empty(math.prod(shape) + 7)
+    first = -store.ctypes.data % 64 // 8
+    return store[first : first + math.prod(shape)].reshape(shape)
+
+
+class Samples:
+    """The states of one orbit that a function of the time states."""
+
+    def __init__(self, states: States, kinds: list[str]):
+        self._states, self._kinds = states, kinds
+
+    def at(self, out: Floats, lane: int, M: Array, e: Array) -> None:
+        """The states at the times M 2^e into out[:, lane]."""
+        for first in range(0, len(out), AT_ONCE):
+            here = slice(first, first + AT_ONCE)
+            out[here, lane] = layout.flatten(self._states(M[here], e[here]), self._kinds)
+
+
+class Rows:
+    """The states of one orbit, by a kernel made of its `row`."""
+
+    def __init__(self, orbit: Orbit, used: list[int], kernel: Any):
+        self.orbit, self._used = orbit, used
+        values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
+        self._constants = np.concatenate([v.ravel() for v in values])
+        dense = orbit.places <= MOST_PLACES
+        self._table = _in_lines((1 << orbit.places if dense else 0, *self._numbers(0).shape))
+        self._known = np.zeros(len(self._table), dtype=bool)
+        self._sparse: dict[int, Array] = {}
+        self._one_at_a_time = Lock()  # numbers in many digits change their context
+        self._kernel = kernel
+
+    def march(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
+        """The states at the phases before + step, before + 2 step, ..., of 128 binary places, into out[:, lane]."""
+        if not len(self._table):
+            at = np.array([[b + k * s for b, s in zip(before, step, strict=True)] for k in range(1, len(out) + 1)])
+            self.fill(out, lane, (at >> 64 & WORD).astype(np.uint64))
+            return
+
+        def share(first: int, last: int) -> None:
+            while first < last:
+                at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
+                self._place(at[0, 0])
+                first = self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
+
+        parts = list(shares(len(out), ROW_WORK * len(out)))
+        if len(parts) < 2:
+            share(0, len(out))
+            return
+        with ThreadPoolExecutor(len(parts)) as pool:
+            for done in [pool.submit(share, *part) for part in parts]:
+                done.result()
+
+    def at(self, out: Floats, lane: int, M: Array, e: Array) -> None:
+        """The states at the times M 2^e into out[:, lane]."""
+        self.fill(out, lane, self.orbit.phases(M, e))
+
+    def fill(self, out: Floats, lane: int, phases: Array) -> None:
+        """The states at these phases (rows, 3) into out[:, lane]."""
+        needed, where = np.unique(self._nearest(phases[:, 0]), return_inverse=True)
+        if len(self._table):
+            for j in needed[~self._known[needed]].tolist():
+                self._place(np.uint64(j << (64 - self.orbit.places)))
+            table, where = self._table, needed[where]
+        else:
+            self._sparse |= {j: self._numbers(j) for j in needed.tolist() if j not in self._sparse}
+            table = np.array([self._sparse[j] for j in needed.tolist()])
+        self._call(words([0] * 3), words([0] * 3), phases, where, table, out, lane, 0, len(out))
+
+    def _nearest(self, phase: Array) -> Array:
+        """The parts that phases are nearest to."""
+        half, shift = np.uint64(1 << (63 - self.orbit.places)), np.uint64(64 - self.orbit.places)
+        return ((phase + half) >> shift).astype(np.int64)
+
+    def _place(self, phase: Array) -> None:
+        j = int(self._nearest(np.asarray([phase]))[0])
+        with self._one_at_a_time:
+            if not self._known[j]:
+                self._table[j] = self._numbers(j)
+                self._known[j] = True
+
+    def _numbers(self, j: int) -> Array:
+        """The polynomials of place j that the kernel needs, in whole multiples of LANES."""
+        kept = self.orbit.place(j)[:, self._used]
+        return np.pad(kept, ((0, 0), (0, -len(self._used) % LANES)))
+
+    def _call(self, at: Array, step: Array, phases: Array, where: Array, table: Floats, *rest: Any) -> int:
+        """The kernel, up to a row whose place is not known; its number."""
+        given = (at, step, phases, where, self._known, table, circle(), self._constants, self.orbit.places)
+        return int(self._kernel(*given, *rest))
+
+
+def _source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
+    """The numbers of a place that are used, and straight-line code of `row` in blocks of rows.
+
+    LLVM vectorises it; what all rows share comes first.
+    """
+    terms, numbers = orbit.place(0).shape
+    shapes = {"place": (numbers,), "left": (3,), "right": (3,)}
+
+    def function(place: Array, left: Array, right: Array, **known: Array) -> Array:
+        return layout.flatten(orbit.row(place, left, right, **known), kinds)
+
+    lines, values, count = recorded_function(function, shapes, {k: np.shape(v) for k, v in orbit.constants.items()})
+    words = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}
+    constants, inputs = (
+        sorted(int(w[1:]) for w in words if w[0] == letter and w[1:].isdigit()) for letter in ("c", "z")
+    )
+    fixed, varying = split(lines, [f"c{k}" for k in constants])
+    used = [k for k in inputs if k < numbers]
+    at = {k: place * WIDTH for place, k in enumerate([*used, *range(numbers, count)])}
+    begin = len(at) * WIDTH
+    turns = {1 + side: at[first] for side, first in enumerate((numbers, numbers + 3)) if first in inputs}
+    phases = [0, *turns]
+    circle = {
+        "width": WIDTH,
+        "size": 1 << CIRCLE_BITS,
+        "bits": CIRCLE_BITS,
+        "shift": 64 - CIRCLE_BITS,
+        "half": 1 << (63 - CIRCLE_BITS),
+        "rest": float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+    }
+    return used, HEAD.format(name=f"{name} in closed form") + ROWS.format(
+        options=EXACT,
+        width=WIDTH,
+        lanes=LANES,
+        terms=terms,
+        numbers=len(used),
+        begin_out=begin,
+        values=len(values),
+        rows=begin + len(values) * WIDTH,
+        constants=indented([*(f"c{k} = c[{k}]" for k in constants), *(line.text for line in fixed)], 4),
+        start=indented([f"h{k}, l{k} = at[0, {k}], at[1, {k}]" for k in phases], 4),
+        words=len(phases) * WIDTH,
+        given=indented([f"u[{place * WIDTH} + i] = phases[start + i, {k}]" for place, k in enumerate(phases)], 16),
+        step="".join(STEP.format(k=k, words=place * WIDTH).rstrip() for place, k in enumerate(phases)).strip("\n"),
+        turns="".join(
+            TURN.format(words=(1 + place) * WIDTH, at=at, **circle).rstrip() for place, at in enumerate(turns.values())
+        ).strip("\n"),
+        begin=indented([f"z{k} = w[{at[k]} + i]" for k in inputs], 12),
+        body=indented([line.text for line in varying], 12),
+        save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),
+        store=indented([f"out[start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12),
+    )

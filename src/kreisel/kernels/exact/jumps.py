@@ -1,0 +1,189 @@
+"""The flow of the Lagrange top, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops.
+
+Over the period of nutation the flow is a turn about p; over what is left of the time it is `count` times D_eps, less
+the turn of D_eps.  The formulas of `kreisel.exact.nutation` are recorded here, for doubles and double-doubles alike;
+`kreisel.kernels.exact.nutating` puts them together.  Each lane tells what it may be off; some need more digits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import EXACT, HEAD, load, shares
+from kreisel.kernels.layout import Floats
+from kreisel.kernels.printing import arranged
+from kreisel.kernels.recording import flat_constants, indented
+from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.methods.scheme import Scheme
+
+TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
+WORK = 200  # a jump is worth so many steps of a map in an ensemble
+# What the kernel imports beside the operations of all kernels.
+TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py")
+
+FUNCTION = """
+@njit(error_model="numpy", forceinline=True)
+def {name}({arguments}):
+{body}
+    return {result}
+
+"""
+
+KERNEL = """
+MOST = 64  # maps in a jump
+
+
+@njit("Tuple((f8[:,:,::1], b1[:,::1]))(f8[:,::1], f8[:,::1], f8[::1])", {options})
+def jump(z, c, times):
+    lanes, rows = len(z), len(times) * len(z)
+    states, constants, when = np.empty((rows, {state})), np.empty((rows, {constants})), np.empty((rows, 1))
+    out, off, right = np.empty((rows, {state})), np.empty((rows, 1)), np.empty((len(times), lanes), dtype=np.bool_)
+    for k in range(rows):
+        states[k], constants[k], when[k, 0] = z[k % lanes], c[k % lanes], times[k // lanes]
+    for row in range(0, rows, {width}):
+        start = begin(*gather(states, {state}, row, rows, {width}), *gather(constants, {constants}, row, rows, {width}))
+        m0, m1, m2, b0, b1, b2, p0, p1, p2, alpha = start
+        (t,) = gather(when, 1, row, rows, {width})
+        known = integrals({pairs})
+        count, eps, r, cos, sin, unit, error = leap(known, alpha, t, turning, length)
+        most = MOST
+        if largest(count) < MOST:
+            most = int(largest(count))
+        for k in range(most):
+            m0, m1, m2, b0, b1, b2 = mapped(
+                m0, m1, m2, b0, b1, b2, p0, p1, p2, where_less(float(k), count, eps, 0.0), r
+            )
+        new = finish(m0, m1, m2, b0, b1, b2, p0 * unit, p1 * unit, p2 * unit, cos, sin)
+        scatter(out, (), row, rows, new)
+        scatter(off, (), row, rows, (error + where_less(float(MOST), count, 1.0, 0.0),))
+    for k in range(rows):
+        right[k // lanes, k % lanes] = off[k, 0] <= {tolerance!r}
+    return out.reshape((len(times), lanes, {state})), right
+"""
+
+
+def _function(name: str, function: Callable[..., Any], *shapes: tuple[int, ...], fuse: bool = True) -> str:
+    """Source of a function of numbers, from one of arrays of these shapes; `fuse`: products into sums."""
+    tape = Tape()
+    names: list[str] = []
+    given: list[Any] = []
+    for shape in shapes:
+        own = [f"x{len(names) + k}" for k in range(int(np.prod(shape)))]
+        names += own
+        array: Any = np.array([Scalar(tape, x) for x in own], dtype=object).reshape(shape)
+        given.append(array[()])
+    values = list(function(*given))
+    outputs = [v.name for v in values if isinstance(v, Scalar)]
+    lines = tape.needed(outputs)
+    body = [line.text for line in (arranged(lines, outputs) if fuse else lines)]
+    result = ", ".join(map(text, values))
+    return FUNCTION.format(
+        name=name,
+        arguments=", ".join(names),
+        body=indented(body or ["pass"], 4),
+        result=result if len(values) == 1 else f"({result})",
+    )
+
+
+@cache
+def _formulas() -> str:
+    """What is the same for all systems: the integrals and `turning`, for double-doubles too, r, and D_eps."""
+
+    def integrals(m: Array, b: Array, p: Array) -> list[Any]:
+        known = Integrals.of(m, b, p)
+        return [*astuple(known), known.K, *known.depressed]
+
+    def mapped(m: Array, b: Array, p: Array, eps: Any, r: Any) -> list[Any]:
+        hat, b, _ = darboux(algebra.hat(m), b, p, eps, r)
+        return [*algebra.axial(hat), *b]
+
+    three = (3,), (3,), (3,)
+    return (
+        _function("integrals", integrals, *three, fuse=False)
+        + _function("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
+        + _function("length", lambda *x: [squared_length(*x)], *[()] * 6)
+        + _function("mapped", mapped, *three, (), ())
+    )
+
+
+def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
+    from kreisel.kernels._numba.vector_type import register_width
+
+    kinds, n = [kind for _, kind in scheme.components], scheme.n
+    jump = scheme.jump
+    if jump is None:
+        raise TypeError(f"the scheme {scheme.name} states no jump")
+    state = sum(layout.size(kind, n) for kind in kinds)
+    constants = max(place.stop for place in columns.values())
+
+    def begin(z: Array, c: Array) -> list[Any]:
+        known = {name: c[place].reshape((n,) * scheme.axes[name])[()] for name, place in columns.items()}
+        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **known)
+        return [*m, *b, *p, alpha]
+
+    def finish(m: Array, b: Array, axis: Array, cos: Any, sin: Any) -> list[Any]:
+        H = algebra.hat(axis)
+        new = [v + sin * algebra.act(H, v) + (1 - cos) * algebra.act(H, algebra.act(H, v)) for v in (m, b)]
+        return list(layout.flatten(jump.finish(*new), kinds))
+
+    width = register_width()
+    return (
+        HEAD.format(name=f"{scheme.name} of {kinds}, jumps")
+        + "from kreisel.kernels._numba.double_double import pair\n"
+        + "from kreisel.kernels._numba.fused import largest, where_less\n"
+        + "from kreisel.kernels.exact.nutating import leap\n"
+        + "from kreisel.kernels._numba.vector_type import gather, scatter\n\n"
+        + f"# {_operations()}\n"
+        + _function("begin", begin, (state,), (constants,))
+        + _function("finish", finish, *[(3,)] * 3, (), ())
+        + _formulas()
+        + KERNEL.format(
+            options=EXACT,
+            tolerance=TOLERANCE,
+            width=width,
+            state=state,
+            constants=constants,
+            pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3)),
+        )
+    )
+
+
+@cache
+def _operations() -> str:
+    """Of the text of what the kernel imports, which Numba compiles into it."""
+    texts = b"".join((Path(__file__).parent / name).read_bytes() for name in TEXTS)
+    return hashlib.sha256(texts).hexdigest()
+
+
+class Jumps:
+    """The states of tops z0 (lanes, d) at any times."""
+
+    def __init__(self, scheme: Scheme, z0: Floats):
+        self._z = np.ascontiguousarray(z0)
+        self._constants, columns = flat_constants(scheme, len(z0))
+        self._jump = load(_source(scheme, columns)).jump
+
+    def at(self, times: Floats) -> tuple[Floats, Array]:
+        """The states (times, lanes, d), and which of them are right (times, lanes)."""
+        z, c, count = self._z, self._constants, len(self._z)
+        parts = list(shares(count, WORK * count * len(times))) if count > 1 else [(0, 1)]
+        if len(parts) < 2:
+            out, right = self._jump(z, c, times)
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:
+                work = [pool.submit(self._jump, z[first:last], c[first:last], times) for first, last in parts]
+            found = [done.result() for done in work]
+            out, right = (np.concatenate(each, 1) for each in zip(*found, strict=True))
+        return out, right

@@ -1,0 +1,208 @@
+"""Steps of JAX: compiled loops, one trajectory a lane, and the right-hand side for a library's integrator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import RunError
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection.arrays import InDoubles, led, newton
+from kreisel.kernels.projection.program import recordable
+from kreisel.methods.observing import ORIENTATION
+from kreisel.methods.scheme import Scheme
+from kreisel.reduction.double import double, jax
+
+jnp = jax.numpy
+lax = jax.lax
+ROWS = 256  # saved rows in one call of the compiled loop
+EVERY = 1000  # steps between two projections, of about 0.1 ms; steps take some microseconds
+MOST_KEPT = 64
+
+
+def flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
+    """The state of one lane as one array (d,)."""
+    return jnp.concatenate(
+        [algebra.coordinates(p) if k == "skew" else jnp.ravel(p) for p, k in zip(parts, kinds, strict=True)]
+    )
+
+
+@lru_cache(64)
+def _compiled_loop(
+    step: Callable[..., tuple[Array, ...]], kinds: tuple[str, ...], n: int, names: frozenset[str], lanes: frozenset[str]
+) -> Callable[..., Any]:
+    """The loop for a step, compiled at its first call and kept for further runs; `lanes` are constants with lanes."""
+
+    def one(z: Array, constants: Mapping[str, Array]) -> Array:
+        return flat(step(*layout.restore(z, kinds, n), **constants), kinds)
+
+    every_lane = jax.vmap(one, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
+
+    def loop(z: Array, constants: Mapping[str, Array], rows: Array, every: Array) -> Any:
+        def advance(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            z, alive, count = carry
+            new = every_lane(z, constants)
+            alive = alive & jnp.isfinite(new).all(-1)
+            return jnp.where(alive[:, None], new, z), alive, count + alive
+
+        def fill(row: Array, carry: Any) -> Any:
+            out, *rest = carry
+            rest = lax.fori_loop(0, every, advance, tuple(rest))
+            return (out.at[row].set(rest[0]), *rest)
+
+        alive, count = jnp.ones(len(z), bool), jnp.zeros(len(z), jnp.int64)
+        return lax.fori_loop(0, rows, fill, (jnp.zeros((ROWS, *z.shape)), z, alive, count))
+
+    return jax.jit(loop)
+
+
+_projections: dict[Any, tuple[Callable[..., Any], Callable[..., Any]]] = {}
+
+
+def _projection(
+    scheme: Scheme, constants: Mapping[str, Floats], lanes: frozenset[str]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Compiled: the values of the invariants by name, and a corrected state with what it lacked; kept for further runs.
+
+    They depend on the record, whose step is one function, and on eps.
+    """
+    kinds, n = tuple(kind for _, kind in scheme.components), scheme.n
+    own = sum(letter != ORIENTATION for letter, _ in scheme.components)
+    key = scheme.step, kinds, n, lanes, repr(scheme.constants.get("eps"))
+    if key in _projections:
+        return _projections[key]
+
+    def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
+        found = scheme.observe(layout.restore(z, kinds, n)[:own], **known)
+        return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].kept}
+
+    def values(z: Array, known: Mapping[str, Array]) -> Array:
+        return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
+
+    def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array, Array]:
+        start, _, size, lead = targets.T
+        lack = values(z, known) - start
+        drift, lead = led(lack, lead)
+        z, unit = newton(z, jax.jacrev(values)(z, known), lack + lead, size)
+        return z, abs(drift) * unit, lead
+
+    each = {k: 0 if k in lanes else None for k in constants}
+    every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
+    if len(_projections) >= MOST_KEPT:
+        _projections.clear()
+    _projections[key] = every_lane, jax.jit(jax.vmap(correction, in_axes=(0, each, 0)))
+    return _projections[key]
+
+
+class Projection(InDoubles):
+    """The projection of a step of JAX."""
+
+    def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
+        self._family, self._correct = _projection(scheme, constants, lanes)
+        self._constants = constants
+        self._begin(z, EVERY)
+        if self.labels:
+            with double():
+                jax.eval_shape(self._correct, z, constants, self.targets)  # what has no derivative fails here
+
+    def _values(self, z: Floats) -> dict[str, Floats]:
+        with double():
+            return {name: np.asarray(value) for name, value in self._family(z, self._constants).items()}
+
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        with double():
+            new, distance, lead = map(np.asarray, self._correct(z, self._constants, self.targets))
+        return new, distance, lead
+
+
+def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:
+    """None where nothing is conserved, and, with a warning, for integrals of a user's own that JAX cannot trace."""
+    projection = recordable(lambda: Projection(scheme, z, constants, lanes), "arrays of JAX")
+    return projection if projection and projection.labels else None
+
+
+class Compiled:
+    """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
+
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float, project: bool = False):
+        self.z = np.array(z0, dtype=np.float64)
+        self._scheme, self._dt, self._done = scheme, dt, 0
+        self._kinds = [kind for _, kind in scheme.components]
+        self._constants = {k: np.asarray(v, dtype=np.float64) for k, v in scheme.constants.items()}
+        if scheme.step is None:
+            raise TypeError(f"the scheme {scheme.name} states no step")
+        lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
+        self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
+        self.projection = _projected(scheme, self.z, self._constants, lanes) if project else None
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if self.projection is None:
+            self._advance(out, every, look)
+        else:
+            self.projection.in_parts(out, every, lambda rows, steps: self._advance(rows, steps, look), self._project)
+
+    def _project(self) -> Floats:
+        if self.projection is not None:
+            self.z = self.projection.applied(self.z)
+        return self.z
+
+    def _advance(self, out: Floats, every: int, look: Look) -> None:
+        for start in range(0, len(out), ROWS):
+            look()
+            rows = min(ROWS, len(out) - start)
+            with double():
+                filled, z, alive, count = map(np.asarray, self._loop(self.z, self._constants, rows, every))
+            out[start : start + rows] = filled[:rows]
+            self.z = z.copy()
+            if not alive.all():
+                self._fail(int(np.argmin(alive)), int(count[np.argmin(alive)]), len(alive))
+            self._done += rows * every
+
+    def snapshot(self) -> dict[str, Floats]:
+        steps = np.asarray(self._done, dtype=np.float64)
+        return {"z": self.z, "steps": steps, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z, self._done = np.array(snapshot["z"]), int(snapshot["steps"])
+        if self.projection:
+            self.projection.restore(snapshot)
+
+    def _fail(self, lane: int, count: int, lanes: int) -> None:
+        step = self._done + count + 1
+        state = layout.restore(self.z[lane], self._kinds, self._scheme.n)
+        constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
+        why = self._scheme.explain(state, constants) if self._scheme.explain else "The step is not finite."
+        told = f" of lane {lane}" if lanes > 1 else ""
+        raise RunError(f"Step {step}{told} (time {step * self._dt:g}) could not be made. {why}")
+
+
+def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
+    """The right-hand side y' = f(t, y, constants) of a scheme whose rate is of JAX arrays."""
+    kinds = [kind for _, kind in scheme.components]
+    shapes = {k: np.shape(v)[np.ndim(v) - scheme.axes[k] :] for k, v in scheme.constants.items()}
+    if scheme.rate is None:
+        raise TypeError(f"the scheme {scheme.name} states no rate")
+    function = scheme.rate
+
+    def rate(y: Array, row: Array) -> Array:
+        constants, start = {}, 0
+        for k, shape in shapes.items():
+            size = int(np.prod(shape))
+            constants[k] = row[start : start + size].reshape(shape)
+            start += size
+        return flat(function(*layout.restore(y, kinds, scheme.n), **constants), kinds)
+
+    with double():
+        compiled = jax.jit(rate)
+
+    def call(t: float, y: Floats, row: Floats) -> Floats:
+        with double():
+            return np.asarray(compiled(y, row))
+
+    return call

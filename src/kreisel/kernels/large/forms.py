@@ -1,0 +1,464 @@
+"""Large n: kernels of O(n) or O(n^2) a step, from the definition run on vectors and matrices with structure.
+
+Three forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
+that mean the same in every orthonormal basis.  The part of m that does not touch p is then constant; in its real
+Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: vectors alone, as they stand.
+Dense: one momentum M of n^2 numbers that changes by a few pairs s ^ t; each solve has an inverse of its own, which is
+part of the state and follows the changes by Woodbury's formula.  It starts as 0; where the residual of a solve is too
+large, it is made anew and the step done again.
+Which form a step has, if any, is found by recording it (`kreisel.kernels.large.structured`).
+
+About an axis an orientation may be carried along, known by its columns or its rows, which are turned alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.kernels.large.products import Change, Inverse, Upkeep
+from kreisel.kernels.large.structured import Columns, Dense, Matrix, Rows, Vector, changed_inverse
+from kreisel.kernels.layout import Floats
+from kreisel.kernels.printing import Line, arranged, split
+from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.methods.scheme import Scheme
+
+AXIS_NAME, TURN_NAME = "axis", "turn"
+AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape
+INVERSE = "inverse"
+BASIS = "basis_"
+BASIS_AXES = {f"{BASIS}{letter}": count for letter, count in {"x": 2, "y": 2, "p": 1, "length": 0, "T": 2}.items()}
+SHORTEST = 1e-100  # of an axis
+LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
+IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
+
+
+@dataclass(frozen=True)
+class Form:
+    """How the state and the constants of a scheme are laid out: blocks of h entries, and numbers.
+
+    axis     the letter of the constant p, or "" for the other forms
+    inverses kept ones of the dense form, 0 for the other forms
+    kinds    of the components
+    by_rows  whether an orientation is known by its rows, not by its columns
+    roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and what it is: a number,
+             the axis, a turn in the planes of T, or a vector
+    """
+
+    n: int
+    axis: str
+    roles: Mapping[str, tuple[str, str]]
+    inverses: int = 0
+    kinds: tuple[str, ...] = ()
+    by_rows: bool = False
+
+    @property
+    def _axes(self) -> list[int]:
+        return [2 if kind == "skew" else 1 for kind in self.kinds]
+
+    @property
+    def h(self) -> int:
+        """Entries in a block: planes of p^perp, or n."""
+        return self.n // 2 if self.axis else self.n
+
+    def blocks(self, kind: str) -> tuple[str, ...]:
+        """The blocks of a component, by letter; t is a number."""
+        if not self.axis:
+            return () if kind == "skew" else ("x",)
+        return ("x", "y") if kind == "skew" else ("x", "y", "t")
+
+    def size(self, kind: str) -> int:
+        """Numbers of a component."""
+        if kind == "skew" and not self.axis:
+            return self.n * (self.n - 1) // 2
+        if kind == "matrix":
+            return self.n * self.size("vector")
+        return sum(1 if block == "t" else self.h for block in self.blocks(kind))
+
+    # -- recording -------------------------------------------------------------------------------
+
+    def state(self, tape: Tape, kinds: list[str]) -> tuple[Vector | Matrix | Rows, ...]:
+        """The recorded state."""
+        return tuple(self._component(tape, f"z{i}", kind) for i, kind in enumerate(kinds))
+
+    def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix | Rows:
+        if kind == "skew" and not self.axis:
+            return Matrix(self.n, turn=1.0, dense=Dense(tape, name))
+        if kind == "matrix":
+            x, y, t = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
+            return Vector(self.n, (x, y), t).mT if self.by_rows else Columns(self.n, (x, y), t)
+        x, *more = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
+        if kind != "skew":
+            return Vector(self.n, (x, *more[:1]), more[1]) if more else Vector(self.n, (x,))
+        s = Vector(self.n, (x, *more), 0.0)
+        return Matrix(self.n, turn=Scalar(tape, TURN)).with_pair(s, self._p(tape))
+
+    def _p(self, tape: Tape, name: str = AXIS) -> Vector:
+        return Vector(self.n, (0.0, 0.0), Scalar(tape, AXIS), axis=True)
+
+    def known(self, tape: Tape, letters: str) -> dict[str, Any]:
+        """The recorded constants that a function takes: c those of the trajectory, s those that vary with the stage."""
+        makers: dict[str, Callable[[Tape, str], Any]] = {
+            "number": self._number,
+            "axis": self._p,
+            "turn": self._turn,
+            "vector": self._vector,
+        }
+        return {
+            name: makers[role](tape, f"{letter}_{name}")
+            for name, (letter, role) in self.roles.items()
+            if letter in letters
+        }
+
+    def _number(self, tape: Tape, name: str) -> Scalar:
+        return Scalar(tape, name)
+
+    def _turn(self, tape: Tape, name: str) -> Matrix:
+        return Matrix(self.n, turn=Scalar(tape, name))
+
+    def _vector(self, tape: Tape, name: str) -> Vector:
+        return Vector(self.n, (Scalar(tape, name),))
+
+    def outputs(self, new: tuple[Any, ...], kinds: list[str]) -> list[Any]:
+        """The new state in the order of `names`; TypeError where it has left the form."""
+        out: list[Any] = []
+        for value, kind in zip(new, kinds, strict=True):
+            if kind == "skew" and not self.axis:
+                continue
+            vector = _momentum(value) if kind == "skew" else value
+            if kind == "matrix" and self.by_rows:
+                vector = value.mT
+            if not isinstance(vector, Vector):
+                raise TypeError("a component that is no longer a vector")
+            out += [*vector.blocks, *([vector.tail] if "t" in self.blocks(kind) else [])]
+        return out
+
+    def names(self, kinds: list[str]) -> list[str]:
+        """The recorded numbers of the state."""
+        return [f"z{i}{block}" for i, kind in enumerate(kinds) for block in self.blocks(kind)]
+
+    # -- numbers ---------------------------------------------------------------------------------
+
+    def on(self, scheme: Scheme, x0: tuple[Array, ...]) -> Scheme:
+        """The scheme in this form for the trajectories from x0, whose constants it has."""
+        basis = Basis.of(self, scheme, scheme.prepare(x0)) if self.axis else None
+        into = basis.into if basis else self._into
+        constants = basis.constants(self, scheme) if basis else dict(scheme.constants)
+        axes = {name: int(self.roles.get(name, ("c", "turn"))[1] in ("turn", "vector")) for name in constants}
+        components = [(letter, f"R^{self.size(kind)}") for letter, kind in scheme.components]
+        kept = [(f"{INVERSE}{k}", f"R^{self.n**2}") for k in range(self.inverses)]
+        return replace(
+            scheme,
+            components=(*components, *kept),
+            constants=constants,
+            axes={**scheme.axes, **axes, AXIS_NAME: 0, **BASIS_AXES},
+            prepare=lambda x: into(scheme.prepare(x)),
+            observe=basis.observer(scheme.observe) if basis else self._observer(scheme.observe),
+            reopen=lambda x: into(scheme.reopen(x)),
+            conserved=self._conserved(scheme.observe) if basis else None,
+            numbers="structured",
+            basis=basis.arrays if basis else {},
+        )
+
+    def _conserved(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        """`observe` of the blocks about an axis as they are, of all but T."""
+
+        def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+            p = Vector(self.n, (0.0, 0.0), _number(known[AXIS_NAME]), axis=True)
+            T = Matrix(self.n, turn=known[TURN_NAME], kept=True)
+            parts: list[Any] = []
+            for value, kind in zip(z, self.kinds, strict=False):
+                x, y = value[: self.h], value[self.h : 2 * self.h]
+                if kind == "skew":
+                    parts.append(T.with_pair(Vector(self.n, (x, y), 0.0), p))
+                elif kind == "vector":
+                    parts.append(Vector(self.n, (x, y), _number(value[-1])))
+            own: dict[str, Any] = {}
+            for name, (letter, role) in self.roles.items():
+                if letter == "c" and role != "axis":
+                    own[name] = _number(known[name]) if role == "number" else Matrix(self.n, turn=known[name])
+            return observe(tuple(parts), **own, **{self.axis: p})
+
+        return of_blocks
+
+    def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The inverse of `_into`."""
+        return tuple(algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
+
+    def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The state as the kernel has it, without inverses yet."""
+        if not self.inverses:
+            return z
+        batch = np.broadcast_shapes(*(v.shape[: v.ndim - k] for v, k in zip(z, self._axes, strict=True)))
+        own = (algebra.coordinates_of("skew", v) if k == 2 else v for v, k in zip(z, self._axes, strict=True))
+        return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
+
+    def _observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        def of_rows(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+            return observe(self._back(z), **known)
+
+        return of_rows
+
+
+def _number(x: Any) -> Any:
+    """A number that is recorded, or a plain one."""
+    return x if isinstance(x, Scalar) else float(x)
+
+
+def _momentum(value: Any) -> Vector:
+    """s of m = T + s ^ p, with the T that it had before."""
+    if not isinstance(value, Matrix) or not isinstance(value.turn, Scalar) or value.turn.signed != TURN:
+        raise TypeError("a momentum whose constant part has changed")
+    if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:
+        raise TypeError("a momentum that is not T + s ^ p")
+    ((_, s, t),) = value.pairs.values()
+    if not t.axis:
+        raise TypeError("about an axis, momenta change by pairs with the axis alone")
+    return s
+
+
+def form_of(scheme: Scheme) -> Form | None:
+    """The form that a scheme with the constants of its trajectories has, found by recording it; None for none."""
+    if scheme.step is None or scheme.numbers != "any" or scheme.n < LEAST_N:
+        return None
+    kinds = tuple(kind for _, kind in scheme.components)
+    if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
+        return None
+    axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _names(scheme, letter)}
+    vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
+    forms: list[tuple[str, tuple[str, ...], bool]] = []
+    if "skew" in kinds and len(vectors) == 1:
+        if not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
+            return None
+        about = ("number", "axis", "turn")
+        forms += [(vectors[0], about, by_rows) for by_rows in ((False, True) if "matrix" in kinds else (False,))]
+    if all(count < 2 for _, count in axes.values()) and "matrix" not in kinds:
+        forms.append(("", ("number", "vector"), False))
+    for axis, kind_of, by_rows in forms:
+        roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
+        form = Form(scheme.n, axis, roles, 0, kinds, by_rows)
+        try:
+            pieces = [recorded(form, list(kinds), *function) for function in functions(scheme)]
+        except (TypeError, KeyError, AttributeError):
+            continue
+        upkeep = pieces[0].upkeep
+        if upkeep is None and "matrix" not in kinds:
+            return form
+        if len(pieces) == 1 and scheme.stage_count == 1:
+            return replace(form, inverses=len(upkeep.inverses) if upkeep else 0)
+    return None
+
+
+def _names(scheme: Scheme, letter: str) -> list[str]:
+    return [*(scheme.constants if letter == "c" else scheme.stages)]
+
+
+def functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
+    """The step and `close`, and the constants that they take."""
+    if scheme.step is not None:
+        yield scheme.step, "cs"
+    if scheme.close is not None:
+        yield scheme.close, "c"
+
+
+class Piece(NamedTuple):
+    """A recorded function: its lines, the new state, and what is done to a dense momentum."""
+
+    lines: list[Line]
+    new: list[str]
+    upkeep: Upkeep | None
+
+
+def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters: str) -> Piece:
+    """A step or `close` on recorded numbers; TypeError where the form does not hold."""
+    tape = Tape("e" * (letters == "c"))
+    values = function(*form.state(tape, kinds), **form.known(tape, letters))
+    new = form.outputs(values, kinds)
+    if any(not isinstance(v, Scalar | float | int) for v in new):
+        raise TypeError("a new state that is complex")
+    upkeep, also = None, list[str]()
+    if "skew" in kinds and not form.axis:
+        upkeep, also = _upkeep(values[kinds.index("skew")])
+    wanted = [*(v.name for v in new if isinstance(v, Scalar)), *also]
+    lines = arranged(tape.needed(wanted), wanted)
+    if upkeep is not None:
+        constant = {f"c_{name}" for name in form.known(tape, "c")}
+        constant |= {n for line in split(lines, constant)[0] for n in line.names}
+        given = {v.strip("(-)") for inverse in upkeep.inverses for v in (inverse.diagonal, inverse.turn)}
+        if any(v[0].isalpha() for v in given - constant):
+            raise TypeError("a solve with more than the momentum in its matrix that varies")
+    return Piece(lines, [text(v) for v in new], upkeep)
+
+
+def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
+    """How the new momentum and its inverses come from the old ones, and the recorded names that this needs."""
+    if not isinstance(M, Matrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
+        raise TypeError("a momentum that has changed by other than pairs")
+    pairs = [*M.pairs.values()]
+    names: list[str] = []
+
+    def number(x: Any) -> str:
+        if not isinstance(x, Scalar | float | int):
+            raise TypeError("a dense momentum changed by complex numbers")
+        names.extend([x.name] if isinstance(x, Scalar) else [])
+        return text(x)
+
+    def change(scale: Any, x: Vector, y: Vector) -> Change:
+        (a,), (b,) = x.blocks, y.blocks
+        if not isinstance(a, Scalar) or not isinstance(b, Scalar):
+            raise TypeError("a dense momentum changed by plain numbers")
+        names.extend([a.name, b.name])
+        return Change(number(-scale if a.negative != b.negative else scale), a.name, b.name)
+
+    moved = tuple(change(*pair) for pair in pairs)
+    inverses = []
+    for k, (diagonal, turn) in enumerate(M.dense.inverses):
+        res, size = M.dense.checks[k]
+        diagonal = diagonal.blocks[0] if isinstance(diagonal, Vector) else diagonal
+        changes = tuple(change(-1.0, x, r) for x, r in changed_inverse(M.dense, k, pairs))
+        inverses.append(Inverse(number(diagonal), number(turn), (number(res), number(size)), changes))
+    return Upkeep(moved, tuple(inverses)), names
+
+
+def _lengths(p: Array) -> Array:
+    p = np.asarray(p, dtype=np.float64)
+    return np.sqrt((p * p).sum(-1))
+
+
+@dataclass(frozen=True)
+class Basis:
+    """An orthonormal basis for each trajectory, ([lane,] n, h) twice and p/|p|, in which T has blocks theta.
+
+    T = pi m pi, pi = I - p p^T/|p|^2, takes x_k to theta_k y_k and y_k to -theta_k x_k.  Where n - 1 is odd the last
+    y is 0.  m = T + s ^ p with s = m p/|p|^2.
+    """
+
+    x: Array
+    y: Array
+    p: Array
+    length: Array
+    theta: Array
+    T: Array
+    kinds: tuple[str, ...]
+    by_rows: bool
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """What `back` takes, by name."""
+        return {name: getattr(self, name.removeprefix(BASIS)) for name in BASIS_AXES}
+
+    @staticmethod
+    def of(form: Form, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
+        """The basis for the states z0."""
+        kinds = tuple(kind for _, kind in scheme.components)
+        p = np.asarray(scheme.constants[form.axis], dtype=np.float64)
+        m = np.asarray(z0[kinds.index("skew")], dtype=np.float64)
+        batch = np.broadcast_shapes(p.shape[:-1], m.shape[:-2])
+        p = np.broadcast_to(p, (*batch, form.n))
+        T = algebra.project_out(m, p) / algebra.mat(algebra.dot(p, p))
+        T = np.broadcast_to((T - T.mT) / 2, (*batch, form.n, form.n))
+        found = [_planes(T[lane], p[lane]) for lane in np.ndindex(batch)]
+        x, y, theta = (np.array(part).reshape((*batch, *part[0].shape)) for part in zip(*found, strict=True))
+        return Basis(x, y, p, _lengths(p), theta, T, kinds, form.by_rows)
+
+    def constants(self, form: Form, scheme: Scheme) -> dict[str, Array]:
+        """The constants in this basis.  Raises `InputError` for a turn that is not in the planes of T."""
+        out: dict[str, Array] = {AXIS_NAME: self.length, TURN_NAME: self.theta}
+        for name, value in scheme.constants.items():
+            role = form.roles[name][1]
+            if role == "number":
+                out[name] = value
+            elif role == "turn":
+                moved = value @ self.x
+                out[name] = (self.y * moved).sum(-2)
+                off = abs(moved - self.y * out[name][..., None, :]).max(initial=0)
+                if off > IN_PLANES * max(1.0, abs(value).max(initial=0)):
+                    raise InputError(
+                        f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'."
+                    )
+        return out
+
+    def into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Blocks of the components, one after the other (..., size)."""
+        out = []
+        for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                g = value if self.by_rows else value.mT  # the vectors of g, as rows
+                along = g @ (self.p / algebra.vec(self.length))[..., None]
+                blocks = np.concatenate([g @ self.x, g @ self.y, along], -1)
+                out.append(blocks.reshape((*blocks.shape[:-2], -1)))
+                continue
+            v = algebra.act(value, self.p) / algebra.vec(self.length**2) if kind == "skew" else value
+            along = [] if kind == "skew" else [algebra.vec(algebra.dot(v, self.p) / self.length)]
+            out.append(np.concatenate([algebra.act(self.x.mT, v), algebra.act(self.y.mT, v), *along], -1))
+        return tuple(out)
+
+    def observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
+
+        def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+            given = {name: known.pop(name) for name in self.arrays if name in known}
+            return observe(self.with_arrays(given).back(z), **known)
+
+        return of_blocks
+
+    def with_arrays(self, known: Mapping[str, Array]) -> Basis:
+        """The basis with these `arrays` in the place of its own."""
+        return replace(self, **{name.removeprefix(BASIS): value for name, value in known.items()})
+
+    def back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The components of blocks."""
+        out: list[Array] = []
+        h = self.theta.shape[-1]
+        for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                n = self.p.shape[-1]
+                g = value.reshape((*value.shape[:-1], n, 2 * h + 1))
+                unit = (self.p / algebra.vec(self.length))[..., None, :]
+                g = g[..., :h] @ self.x.mT + g[..., h : 2 * h] @ self.y.mT + g[..., 2 * h :] * unit
+                out.append(g if self.by_rows else g.mT)
+                continue
+            v = algebra.act(self.x, value[..., :h]) + algebra.act(self.y, value[..., h : 2 * h])
+            if kind == "skew":
+                out.append(self.T + algebra.wedge(v, self.p + 0 * v))
+            else:
+                out.append(v + self.p * (value[..., 2 * h :] / algebra.vec(self.length)))
+        return tuple(out)
+
+
+def _planes(T: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+    """x, y (n, h) and theta (h) of one skew matrix T with T p = 0, by its real Schur form across p."""
+    from scipy.linalg import schur
+
+    n = len(p)
+    u = p / np.sqrt(p @ p)
+    u[-1] += np.copysign(1.0, u[-1])
+    across = (np.eye(n) - 2 / (u @ u) * np.outer(u, u))[:, :-1]
+    inner = across.T @ T @ across
+    blocks, turn = schur((inner - inner.T) / 2, output="real")
+    full = across @ turn
+    for _ in range(2):  # orthonormal to the last digit, and orthogonal to p
+        full = np.column_stack([full[:, : n - 1], p / np.sqrt(p @ p)])
+        full = full @ (1.5 * np.eye(n) - 0.5 * full.T @ full)
+    x, y, theta = [], [], []
+    lone = []
+    i = 0
+    while i < n - 1:
+        if i + 1 < n - 1 and blocks[i + 1, i] != 0:
+            x.append(full[:, i])
+            y.append(full[:, i + 1])
+            theta.append(float(full[:, i + 1] @ T @ full[:, i]))
+            i += 2
+        else:
+            lone.append(full[:, i])
+            i += 1
+    lone += [np.zeros(n)] * (len(lone) % 2)
+    x, y = x + lone[::2], y + lone[1::2]
+    theta += [0.0] * (len(lone) // 2)
+    return np.column_stack(x), np.column_stack(y), np.array(theta)

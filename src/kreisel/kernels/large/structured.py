@@ -1,0 +1,499 @@
+"""Recorded vectors and matrices of O(n) numbers, on which the definition of a step runs as it is written.
+
+A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is D + T + sum
+c_i s_i ^ t_i with D a number or a diagonal, T skew and the same for the whole step, and few pairs s_i, t_i.  The
+entries are recorded numbers (`kreisel.kernels.tape.Scalar`) that stand for the entry at any place k; `total` adds up
+over k.
+
+About an axis, T turns block x into block y by theta and the axis is (0, 0, |p|): the canonical form of a constant skew
+matrix with T p = 0.  A basis of that kind may be chosen only for steps that mean the same in every orthonormal basis.
+Those are the steps that can be recorded: products entry by entry are known there only as a part of <x, y>.
+What is not known raises `TypeError`: the step has no such form.  [Woodbury's formula; real Schur form]
+
+Else T is a multiple of the momentum M as the step found it, `Dense`, of n^2 numbers: products with it and with kept
+inverses of D + T are O(n^2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra.complex import Complex
+from kreisel.kernels.tape import Scalar, Tape
+
+Number = Any  # recorded, complex of recorded, or plain
+
+
+def total(x: Number) -> Number:
+    """The sum of an entry over all places."""
+    if isinstance(x, Complex):
+        return Complex(total(x.re), total(x.im))
+    if isinstance(x, Scalar):
+        return Scalar(x.tape, x.tape.record(f"total({x.name})", (x.name,)), x.negative)
+    if isinstance(x, np.ndarray):  # all entries, one after the other
+        return x.sum() if x.dtype.kind == "O" else float(x.sum())
+    if x == 0:
+        return 0.0
+    raise TypeError("the sum of a plain number over all places is not recorded")
+
+
+def _is_number(x: Any) -> bool:
+    return isinstance(x, Scalar | Complex | int | float | np.number)
+
+
+def _key(x: Number) -> Any:
+    if isinstance(x, Scalar):
+        return x.signed
+    if isinstance(x, np.ndarray):
+        return tuple(map(_key, x))
+    return (_key(x.re), _key(x.im)) if isinstance(x, Complex) else float(x)
+
+
+def _parts(x: Number) -> tuple[Number, Number]:
+    return (x.re, x.im) if isinstance(x, Complex) else (x, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Vector:
+    """Blocks of entries; about an axis two, and `tail` along it.  `axis`: it is the axis itself."""
+
+    n: int
+    blocks: tuple[Number, ...]
+    tail: Number = None
+    axis: bool = False
+
+    __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("a structured vector has no entries")
+
+    def __pow__(self, exponent: int) -> Any:
+        return self * self if exponent == 2 else NotImplemented
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.n,)
+
+    @property
+    def mT(self) -> Rows:
+        """Any column of a matrix as a row of the transposed one."""
+        return Rows(self)
+
+    @property
+    def canonical(self) -> bool:
+        """Whether it is given in the basis about an axis."""
+        return self.tail is not None
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Equal for vectors that are the same on the tape."""
+        return (*map(_key, self.blocks), None if self.tail is None else _key(self.tail))
+
+    def map(self, function: Callable[..., Number], *others: Vector) -> Vector:
+        """The function on all entries."""
+        columns = zip(self.blocks, *(v.blocks for v in others), strict=True)
+        tail = function(self.tail, *(v.tail for v in others)) if self.canonical else None
+        return Vector(self.n, tuple(function(*column) for column in columns), tail)
+
+    def across(self) -> Vector:
+        """Without the part along the axis."""
+        return Vector(self.n, self.blocks, 0.0)
+
+    def __getitem__(self, index: Any) -> Vector:
+        """A vector as a column, and back."""
+        if index in ((Ellipsis, None), (Ellipsis, 0)):
+            return self
+        raise TypeError(f"a structured vector cannot be indexed by {index!r}")
+
+    def __neg__(self) -> Vector:
+        return self.map(lambda x: -x)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Vector):
+            return self.map(lambda x, y: x + y, other)
+        if _is_number(other) and not self.canonical:
+            return self.map(lambda x: x + other)
+        return NotImplemented
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if isinstance(other, Vector) or _is_number(other) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Vector):
+            products = self.map(lambda x, y: x * y, other)
+            return Products(products) if self.canonical else products
+        if _is_number(other):
+            return self.map(lambda x: x * other)
+        if _is_identity(other) and not self.canonical:
+            return Matrix(self.n, diagonal=self)
+        return NotImplemented
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self.map(lambda x: x / other) if _is_number(other) else NotImplemented
+
+    def sum(self, axis: int) -> Number:
+        """The sum of all entries, which means something in a basis of its own only."""
+        if self.canonical:
+            raise TypeError("a sum of entries depends on the basis")
+        return Products(self).sum(axis)
+
+    def record_wedge(self, other: Vector) -> Matrix:
+        return Matrix(self.n).with_pair(self, other)
+
+    def record_parts(self) -> tuple[Vector, Vector | None]:
+        everything = (*self.blocks, self.tail)
+        if not any(isinstance(x, Complex) for x in everything):
+            return self, None
+        return self.map(lambda x: _parts(x)[0]), self.map(lambda x: _parts(x)[1])
+
+    def record_complex(self, im: Vector) -> Vector:
+        return self.map(Complex, im)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns(Vector):
+    """Any one column of a matrix of n x n numbers, for what is done to each column alike."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.n, self.n)
+
+    @property
+    def mT(self) -> Rows:
+        raise TypeError("the rows of a matrix that is known by its columns")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The same for the rows: the transposed matrix is known by its columns."""
+
+    vector: Vector
+
+    @property
+    def ndim(self) -> int:
+        return 2
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return (self.vector.n, self.vector.n)
+
+    @property
+    def mT(self) -> Vector:
+        return self.vector
+
+
+@dataclass(frozen=True)
+class Products:
+    """Products entry by entry in a basis about an axis, to be added up."""
+
+    vector: Vector
+
+    def sum(self, axis: int) -> Number:
+        """<x, y>."""
+        first, *rest = self.vector.blocks
+        for block in rest:
+            first = first + block
+        return total(first) + (0.0 if self.vector.tail is None else self.vector.tail)
+
+
+def _is_identity(other: Any) -> bool:
+    return isinstance(other, np.ndarray) and other.ndim == 2 and bool((other == np.eye(len(other))).all())
+
+
+@dataclass(eq=False)
+class Dense:
+    """The momentum M of a step, recorded, with the inverses of diagonal + turn M that it solves by.
+
+    inverses  (diagonal, turn) of each kept inverse
+    checks    of each, by the first solve: |r|^2 and |v|^2, r the residual
+    """
+
+    tape: Tape
+    name: str
+    inverses: list[tuple[Any, Number]] = field(default_factory=list)
+    checks: dict[int, tuple[Scalar, Scalar]] = field(default_factory=dict)
+
+    def times(self, v: Vector) -> Vector:
+        """M v."""
+        return self._applied("product", v)
+
+    def solved(self, k: int, v: Vector) -> Vector:
+        """Inverse k times v."""
+        return self._applied(f"kept{k}", v)
+
+    def solved_transposed(self, k: int, v: Vector) -> Vector:
+        """Inverse k, transposed, times v."""
+        return self._applied(f"turned{k}", v)
+
+    def _applied(self, what: str, v: Vector) -> Vector:
+        (x,) = v.blocks
+        if not isinstance(x, Scalar):
+            raise TypeError("products of the dense momentum with complex vectors are not recorded")
+        name = self.tape.record(f"{what}({x.name})", (x.name, self.name))
+        return Vector(v.n, (Scalar(self.tape, name, x.negative),))
+
+    def inverse(self, diagonal: Any, turn: Number) -> int:
+        """The number of the kept inverse of diagonal + turn M."""
+        keys = [(_key_of(d), _key(t)) for d, t in self.inverses]
+        wanted = _key_of(diagonal), _key(turn)
+        if wanted not in keys:
+            self.inverses.append((diagonal, turn))
+            return len(keys)
+        return keys.index(wanted)
+
+
+def _key_of(diagonal: Any) -> Any:
+    return diagonal.key if isinstance(diagonal, Vector) else _key(diagonal)
+
+
+class Nothing:
+    """The entries of a constant matrix: none that change, and none to be used."""
+
+    ndim, shape, size = 1, (0,), 0
+    __array_ufunc__: ClassVar[None] = None
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """diagonal + T + sum c s ^ t: `diagonal` a number or a vector; T its entry theta, `turn`, or `turn` times `dense`.
+
+    The pairs stand under the key of their t.
+    """
+
+    n: int
+    diagonal: Any = 0.0
+    turn: Number = 0.0
+    pairs: dict[Any, tuple[Number, Vector, Vector]] = field(default_factory=dict)
+    dense: Dense | None = None
+    kept: bool = False  # T is known to be constant, and its entries are asked for to see what changes
+
+    __array_ufunc__: ClassVar[None] = None
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError("a structured matrix has no entries")
+
+    @property
+    def ndim(self) -> int:
+        return 2
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return (self.n, self.n)
+
+    def with_pair(self, s: Vector, t: Vector, c: Number = 1.0) -> Matrix:
+        """Plus c s ^ t; pairs with the same t are one, and what does not count of s along an axis t goes."""
+        if s.canonical and not t.axis and s.axis:
+            s, t = -t, s
+        before = self.pairs.get(t.key)
+        if s.canonical:
+            s, c = (s.across() if t.axis else s) * c, 1.0
+            s = s if before is None else before[1] + s
+        elif before is not None:
+            b, r, _ = before
+            c, s = (b + c, s) if r.key == s.key else (1.0, r * b + s * c)
+        pairs = {**self.pairs, t.key: (c, s, t)}
+        if not isinstance(c, Scalar) and c == 0.0:
+            del pairs[t.key]
+        return replace(self, pairs=pairs)
+
+    def __neg__(self) -> Matrix:
+        return self * -1.0
+
+    def __add__(self, other: Any) -> Any:
+        if _is_identity(other):
+            return replace(self, diagonal=self.diagonal + 1.0)
+        if isinstance(other, Matrix):
+            out = replace(
+                self,
+                diagonal=self.diagonal + other.diagonal,
+                turn=self.turn + other.turn,
+                dense=self.dense or other.dense,
+            )
+            for c, s, t in other.pairs.values():
+                out = out.with_pair(s, t, c)
+            return out
+        return NotImplemented
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if isinstance(other, Matrix) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        pairs = {k: (c, s * other, t) if s.canonical else (c * other, s, t) for k, (c, s, t) in self.pairs.items()}
+        return replace(self, diagonal=self.diagonal * other, turn=self.turn * other, pairs=pairs)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * (1 / other) if _is_number(other) else NotImplemented
+
+    def __getitem__(self, index: Any) -> Any:
+        if self.kept and not self.pairs and _key_of(self.diagonal) == 0.0:
+            return Nothing()
+        raise TypeError(f"a structured matrix has no entries: {index!r}")
+
+    def record_pairing(self, other: Matrix) -> Number:
+        """<X, Y> = <T, S> + sum <u_i, T v_i> + <s_i, S t_i> + <s_i, u_j> <t_i, v_j> - <s_i, v_j> <t_i, u_j>."""
+        if self.dense or other.dense or _key_of(self.diagonal) != 0.0 or _key_of(other.diagonal) != 0.0:
+            raise TypeError("a pairing of other than T + sum c s ^ t")
+        out = total(self.turn * other.turn)
+        for c, u, v in other.pairs.values():
+            out = out + c * algebra.dot(u, self._turned(v))
+        for k, s, t in self.pairs.values():
+            out = out + k * algebra.dot(s, other._turned(t))
+            for c, u, v in other.pairs.values():
+                both = algebra.dot(s, u) * algebra.dot(t, v) - algebra.dot(s, v) * algebra.dot(t, u)
+                out = out + (k * c) * both
+        return out
+
+    def record_characteristic(self, last: int) -> list[Number]:
+        """c_k, k = 0..last, of det(mu - X) for X = T + s ^ p, p the axis, <s, p> = 0.
+
+        det(mu - X) = det(mu - T) (1 + <p, p> <s, (mu - T)^-1 s>/mu).  [matrix determinant lemma]
+        """
+        if len(self.pairs) != 1:
+            raise TypeError("a characteristic polynomial of other than T + s ^ p")
+        ((scale, s, p),) = self.pairs.values()
+        if not p.axis or self.dense or _key_of(self.diagonal) != 0.0:
+            raise TypeError("a characteristic polynomial of other than T + s ^ p")
+        powers, c = [self.turn * self.turn], [1.0]  # theta^2j; tr T^2j = 2 (-1)^j sum theta^2j
+        while 2 * len(powers) < last:
+            powers.append(powers[-1] * powers[0])
+        traces = [2 * (-1) ** (j + 1) * total(power) for j, power in enumerate(powers)]
+        for k in range(1, last + 1):
+            odd = k % 2 == 1
+            c.append(0.0 if odd else -sum(c[k - 2 * j - 2] * traces[j] for j in range(k // 2)) / k)
+        square, v = algebra.dot(p, p) * scale * scale, s
+        out = c[:2]
+        for k in range(2, last + 1):  # v = B_(k-2) s
+            out.append(c[k] + square * algebra.dot(s, v))
+            v = self._turned(v) + s * c[k - 1]
+        return out
+
+    def record_parts(self) -> tuple[Matrix, None]:
+        return self, None
+
+    def record_shifted(self, mu: Number) -> Matrix:
+        """mu - X."""
+        back = -self
+        return replace(back, diagonal=back.diagonal + mu)
+
+    def record_project_out(self, p: Vector) -> Matrix:
+        """|p|^2 pi X pi; for the axis p T alone is left."""
+        if not p.axis:
+            return self * algebra.dot(p, p) - algebra.wedge(self @ p, p)
+        if _key_of(self.diagonal) != 0.0:
+            raise TypeError("pi X pi of a diagonal")
+        return Matrix(self.n, turn=self.turn * algebra.dot(p, p), kept=self.kept)
+
+    def record_conjugate(self, X: Matrix) -> Matrix:
+        """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""
+        if X.pairs or _key_of(X.diagonal) != 0.0 or self.dense:
+            raise TypeError("a turn that does not leave the axis alone")
+        pairs = {key: (c, algebra.cayley_act(X, s), t) for key, (c, s, t) in self.pairs.items()}
+        return replace(self, pairs=pairs)
+
+    def _own_pairs(self) -> list[tuple[Number, Vector, Vector]]:
+        """The pairs, the numbers in s unless products with s are what costs.
+
+        Neumann's |x|^2 drifts by 3.7 bands in a million steps with <s, y> multiplied afterwards, by 0.2 like this.
+        """
+        return [(c, s, t) if self.dense else (1.0, s * c, t) for c, s, t in self.pairs.values()]
+
+    def __matmul__(self, v: Vector) -> Vector:
+        out = self._turned(v)
+        for c, s, t in self._own_pairs():
+            out = out + (s * (c * algebra.dot(t, v)) - t * (c * algebra.dot(s, v)))
+        return out
+
+    def _turned(self, v: Vector) -> Vector:
+        """(diagonal + T) v."""
+        out = self.diagonal * v
+        if isinstance(out, Products):
+            raise TypeError("a diagonal about an axis")
+        if v.canonical:
+            x, y = v.blocks
+            return out + Vector(self.n, (-(self.turn * y), self.turn * x), 0.0)
+        return out + self.dense.times(v) * self.turn if self.dense else out
+
+    def _unturned(self, v: Vector) -> Vector:
+        """(diagonal + T)^-1 v."""
+        c, theta = self.diagonal, self.turn
+        if self.dense:
+            return self.dense.solved(self.dense.inverse(c, theta), v)
+        if not v.canonical:
+            return v.map(lambda x, d: x / d, c) if isinstance(c, Vector) else v * (1 / c)
+        x, y = v.blocks
+        scale = 1 / (c * c + theta * theta)
+        return Vector(self.n, ((c * x + theta * y) * scale, (c * y - theta * x) * scale), v.tail * (1 / c))
+
+    def record_solve(self, v: Vector) -> Vector:
+        """(diagonal + T + c s ^ t)^-1 v; by a kept inverse corrected once, by a residual that is first put to the test.
+
+        A kept inverse is good to 1e-9, relative, or made anew (`kreisel.kernels.large.products.NEAR`).
+        """
+        y = self._solved(v)
+        if not self.dense:
+            return y
+        r = v - self @ y
+        k = self.dense.inverse(self.diagonal, self.turn)
+        self.dense.checks.setdefault(k, (algebra.dot(r, r), algebra.dot(v, v)))
+        return y + self._solved(r)
+
+    def _solved(self, v: Vector) -> Vector:
+        """By Woodbury's formula for the last pair: y = R (v - c s <t, y> + c t <s, y>), R the inverse without it."""
+        if not self.pairs:
+            return self._unturned(v)
+        key, *_ = reversed(self.pairs)
+        less = replace(self, pairs={k: pair for k, pair in self.pairs.items() if k != key})
+        k, s, t = self._own_pairs()[-1]
+        dot, Rv, Rs, Rt = algebra.dot, less._solved(v), less._solved(s), less._solved(t)
+        a, b, c, d = 1 + k * dot(t, Rs), -(k * dot(t, Rt)), k * dot(s, Rs), 1 - k * dot(s, Rt)
+        scale, tv, sv = 1 / (a * d - b * c), k * dot(t, Rv), k * dot(s, Rv)
+        along_s, along_t = (d * tv - b * sv) * scale, (a * sv - c * tv) * scale
+        return Rv - Rs * along_s + Rt * along_t
+
+
+def changed_inverse(
+    dense: Dense, k: int, pairs: Sequence[tuple[Number, Vector, Vector]]
+) -> list[tuple[Vector, Vector]]:
+    """Vectors x, r: the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M, by Woodbury's formula."""
+    turn = dense.inverses[k][1]
+    changes = [change for c, s, t in pairs for change in ((turn * c, s, t), (-(turn * c), t, s))]  # a x y^T
+    left = [dense.solved(k, x) for _, x, _ in changes]
+    right = [dense.solved_transposed(k, y) for _, _, y in changes]
+    G = np.array([[a * algebra.dot(y, Wx) for Wx in left] for a, _, y in changes], dtype=object)
+    weights = algebra.solve(G + algebra.identity(len(G)), np.diag([a for a, _, _ in changes]))
+    return [(x, _combined(right, row)) for x, row in zip(left, weights, strict=True)]
+
+
+def _combined(vectors: Sequence[Vector], weights: Sequence[Number]) -> Vector:
+    first, *others = (v * w for v, w in zip(vectors, weights, strict=True))
+    for v in others:
+        first = first + v
+    return first

@@ -1,0 +1,116 @@
+"""The library's integrators, behind the same two names as a compiled kernel: `z` and `advance`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import RunError
+from kreisel.kernels.cpu import compiled_rate
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.recording import flat_constants
+from kreisel.methods.scheme import Scheme
+
+# all that the next step and the dense output of scipy.integrate.DOP853 depend on
+SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
+FIRST = ("h_abs", "f")  # what the first step depends on, beside the start: SciPy computes it
+# of the solver within one dt: a step of it is 0.4 radians of the fastest turn and takes 0.1 ms
+MOST_STEPS = 10_000
+
+Rate = Callable[[float, Floats, Floats], Floats]
+
+
+def _bound(rate: Rate, constants: Floats) -> Callable[[float, Floats], Floats]:
+    return lambda t, y: rate(t, y, constants)
+
+
+def _compiled(scheme: Scheme, lanes: int) -> Rate:
+    if scheme.numbers == "jax":
+        from kreisel.kernels.jax import compiled_rate as by_jax
+
+        return by_jax(scheme)
+    return compiled_rate(scheme, lanes)
+
+
+class Reference:
+    """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output."""
+
+    projection = None
+
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float):
+        from scipy.integrate import DOP853
+
+        self.z = np.array(z0, dtype=np.float64)
+        self._dt, self._steps = dt, 0
+        self._counts = [(0.0, 0)] * len(self.z)  # for each lane a number of dt and the solver's steps within it
+        constants, _ = flat_constants(scheme, len(self.z))
+        rate = _compiled(scheme, len(self.z))
+        options = scheme.options or {}
+        tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
+        with np.errstate(all="ignore"):
+            self._solvers = [
+                DOP853(_bound(rate, row), 0.0, start, np.inf, **tolerances)
+                for start, row in zip(self.z.copy(), constants, strict=True)  # it keeps the array that it is given
+            ]
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        with np.errstate(all="ignore"):
+            for row in out:
+                self._steps += every
+                for lane, solver in enumerate(self._solvers):
+                    row[lane] = self._to(solver, lane, self._steps * self._dt, look)
+                self.z[:] = row
+
+    def snapshot(self) -> dict[str, Floats]:
+        out = {"steps": np.asarray(self._steps, dtype=np.float64), "z": self.z}
+        for name in SOLVER:
+            like = np.full(np.shape(getattr(self._solvers[0], "y" if name == "y_old" else name)), np.nan)
+            values = [getattr(solver, name) for solver in self._solvers]
+            out[name] = np.array([like if value is None else value for value in values], dtype=np.float64)
+        return out
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self._steps, self.z[:] = int(snapshot["steps"]), snapshot["z"]
+        for lane, solver in enumerate(self._solvers):
+            begun = not np.isnan(snapshot["t_old"][lane])  # before the first step some are not known
+            for name in SOLVER if begun else FIRST:
+                value = np.array(snapshot[name][lane])
+                setattr(solver, name, value if value.ndim else float(value))
+            if begun:
+                solver.K = solver.K_extended[: len(solver.K)]
+
+    def _to(self, solver: Any, lane: int, t: float, look: Look) -> Floats:
+        while solver.t < t:
+            look()
+            self._require_progress(solver, lane)
+            solver.step()
+            if solver.status == "failed":
+                raise RunError(
+                    f"DOP853 expected to go on from time {solver.t:g}{self._of(lane)}, got steps as short as the "
+                    "spacing of doubles. Usual cause: a state so large that its square overflows, or a time "
+                    "so long that dt is lost in it. Use other units, or a map."
+                )
+        return solver.y if solver.t == t else solver.dense_output()(t)
+
+    def _require_progress(self, solver: Any, lane: int) -> None:
+        """Raises `RunError` where the solver would not end: its step is not finite, or there are too many in one dt."""
+        if not np.isfinite(solver.h_abs):
+            raise RunError(
+                f"DOP853 expected a finite step, got {solver.h_abs:g} at time {solver.t:g}{self._of(lane)}: the "
+                "right-hand side overflows. Usual cause: a state so large that its square overflows. Use other units."
+            )
+        before, count = self._counts[lane]
+        here = solver.t // self._dt
+        self._counts[lane] = here, count + 1 if here == before else 1
+        if self._counts[lane][1] > MOST_STEPS:
+            raise RunError(
+                f"DOP853 expected to cross one dt = {self._dt:g} in {MOST_STEPS:,} steps of its own, got no further "
+                f"than time {solver.t:g}{self._of(lane)}. Usual cause: frequencies so high that thousands of turns lie "
+                "within dt. Use a smaller dt (with a larger every the same rows are saved), or method='exact' where it "
+                "is known."
+            )
+
+    def _of(self, lane: int) -> str:
+        return f" of lane {lane}" if len(self.z) > 1 else ""

@@ -1,0 +1,233 @@
+"""The projection in doubles, for n > 10 by the definitions on arrays, and for steps of JAX.
+
+Values of invariants then have rounding errors of their own, of a few units in the last place; they do not add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats
+from kreisel.kernels.projection.compiled import GAIN, TAU, Corrections, interval
+from kreisel.kernels.projection.gradients import Namespace, Traced, cost, gradient
+from kreisel.methods.observing import ORIENTATION
+from kreisel.methods.scheme import Scheme
+
+FLAT = 2.0**-4  # as in `kreisel.kernels.projection.compiled`, where values have more digits
+MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
+STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
+SAMPLES = 8  # states by which the size of an invariant's terms is told
+NONE = 1e-300  # instead of a length of 0
+EPS = float(np.finfo(np.float64).eps)
+MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and less than what then changes stays by itself
+
+
+def newton(z: Array, J: Array, lack: Array, size: Array) -> tuple[Array, Array]:
+    """One step of Gauss and Newton from the state z (d,); the distance that 1 of each invariant is, in eps |z|.
+
+    J is dI/dz, lack what I is off by, size that of the terms of I.
+    """
+    length = (z * z).sum() ** 0.5 + NONE
+    scale = 1 / ((J * J).sum(-1) + (FLAT * size / length) ** 2 + NONE) ** 0.5
+    J, lack = scale[:, None] * J, scale * lack
+    y = algebra.solve(J @ J.T + TAU * algebra.identity(len(lack)), lack[:, None])[:, 0]
+    return z - y @ J, scale / (EPS * length)
+
+
+def led(lack: Array, lead: Array) -> tuple[Array, Array]:
+    """By how much invariants have drifted since the last projection, and by how much they are to lead from now on."""
+    drift = lack + lead
+    return drift, lead + GAIN * (drift / 2 - lead)
+
+
+class InDoubles(Corrections):
+    """The projection of rows z (lanes, d), corrected one after the other or together by `_corrected`."""
+
+    def _values(self, z: Floats) -> Mapping[str, Floats]:
+        """Those families of invariants that are projected, (lanes, members) each."""
+        raise NotImplementedError
+
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        """The projected rows, and of each invariant (lanes, invariants) the distance that it drifted, and the lead."""
+        raise NotImplementedError
+
+    def _begin(self, z: Floats, every: int) -> None:
+        """Take the values at the start from the rows z."""
+        found = self._values(z)
+        labels = tuple(f"{k}[{i}]" if v.shape[1] > 1 else k for k, v in found.items() for i in range(v.shape[1]))
+        super().__init__(labels, every, len(z))
+        if not labels:
+            return
+
+        def at(state: Floats) -> Floats:
+            return np.concatenate(list(self._values(state).values()), -1)
+
+        def largest(size: Floats, other: Floats) -> Floats:
+            return np.fmax(size, np.where(np.isfinite(other), abs(other), 0))
+
+        here = np.concatenate(list(found.values()), -1)
+        rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * here, here)
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
+        for sign in signs:
+            size = largest(size, at(rms * sign))
+        for sign in signs[: SAMPLES // 2]:  # what a second difference shows is rounding in the values themselves
+            close = 8 * EPS * rms * sign
+            size = largest(size, (at(z + close) + at(z - close) - 2 * here) / EPS)
+        self.targets[..., 0], self.targets[..., 2] = here, size
+
+    def applied(self, z: Floats) -> Floats:
+        """The projected rows; as they were where they could not be."""
+        new, distance, lead = self._corrected(z)
+        self.worst, self.targets[..., 3] = np.fmax(self.worst, distance), lead
+        return np.where(np.isfinite(new).all(-1, keepdims=True), new, z)
+
+    def peek(self, z: Floats) -> Floats:
+        # Where nothing was projected yet a short run need not wait for it: `kr.drift` sees what changed.
+        return np.fmax(self.worst, self._corrected(z)[1]) if self.worst.any() else np.full_like(self.worst, np.nan)
+
+
+class Observed:
+    """What is conserved of rows z (lanes, d) of a kernel, by the definitions on arrays of any kind.
+
+    own      how many numbers of a row are the state's, without orientation and what the kernel keeps beside
+    function the definitions: on what is left in the form of the kernel, where they are known there
+    members  of each family those that change with these numbers; others stay by the form of the kernel
+    """
+
+    def __init__(self, scheme: Scheme, z: Floats):
+        self.scheme, self.z = scheme, z
+        sizes = [(letter, kind, layout.size(kind, scheme.n)) for letter, kind in scheme.components]
+        self._kinds = [kind for _, kind, _ in sizes]
+        self.own = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
+        self._known = [self._constants(lane) for lane in range(len(z))]
+        self.function = scheme.conserved or scheme.observe
+        try:
+            self.members = self._changing()
+        except Exception:  # not known in that form: whatever a function that expects arrays makes of it
+            if scheme.conserved is None:
+                raise
+            self.function = scheme.observe
+            self.members = self._changing()
+
+    def _constants(self, lane: int) -> dict[str, Array]:
+        """All that `observe` takes, of one lane."""
+        axes = self.scheme.axes
+        return {
+            name: np.asarray(value)[lane] if np.ndim(value) > axes[name] else value
+            for name, value in {**self.scheme.constants, **self.scheme.basis}.items()
+        }
+
+    def at(self, row: Any, lane: int) -> dict[str, Array]:
+        """The conserved variables at z[lane] with the numbers of `row` in place of its first ones."""
+        return self._at(row, lane, self._known[lane])
+
+    def _at(self, row: Any, lane: int, known: Mapping[str, Array]) -> dict[str, Array]:
+        parts: list[Array] = []
+        start, n = 0, self.scheme.n
+        for kind in self._kinds:
+            end = start + layout.size(kind, n)
+            numbers = row[start:end] if end <= self.own else self.z[lane, start:end]
+            parts += layout.restore(numbers, [kind], n)
+            start = end
+        found = self.function(tuple(parts), **known)
+        return {name: value for name, value in found.items() if self.scheme.outcomes[name].kept}
+
+    def _changing(self) -> dict[str, Array]:
+        """By random numbers in place of state and constants, so that lanes do not depend on each other."""
+        if self.function is self.scheme.observe:
+            return {name: np.arange(np.size(value)) for name, value in self.at(self.z[0, : self.own], 0).items()}
+        draw, out = np.random.default_rng(0), {}
+        known = {name: draw.normal(size=np.shape(value)) for name, value in self._known[0].items()}
+        here, there = (self._at(draw.normal(size=self.own), 0, known) for _ in range(2))
+        for name, value in here.items():
+            a, b = np.ravel(value), np.ravel(there[name])
+            members = np.flatnonzero(abs(a - b) > CHANGED * np.maximum(abs(a), abs(b)))
+            if len(members):
+                out[name] = members
+        return out
+
+    def together(self, z: Floats) -> dict[str, Floats]:
+        """`at` of all lanes, with the first numbers of `z`, by the definitions on arrays of all lanes."""
+        rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
+        known = {**self.scheme.constants, **self.scheme.basis}
+        found = self.scheme.observe(layout.restore(rows, self._kinds, self.scheme.n), **known)
+        return {
+            name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
+            for name, value in found.items()
+            if self.scheme.outcomes[name].kept
+        }
+
+
+class Projection(InDoubles):
+    """The projection of the states of a kernel by the definitions themselves, on arrays."""
+
+    def __init__(self, observed: Observed, work: float):
+        self._observed, self._z = observed, observed.z
+        if not observed.members:
+            super().__init__((), 1, len(self._z))
+            return
+        (first, own), d = self._recorded(self._z[0], 0), observed.own
+        gradient(first, own)  # what cannot be traced back fails here
+        k = first.shape[0]
+        self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
+
+    def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
+        """The invariants (k,) at z[lane] with the first numbers of `row`, and these numbers, traced."""
+        z = Traced(row[: self._observed.own])
+        found = self._observed.at(z, lane)
+        members = self._observed.members.items()
+        return Namespace.concatenate([_row(found[name])[kept] for name, kept in members]), z
+
+    def _values(self, z: Floats) -> dict[str, Floats]:
+        with np.errstate(all="ignore"):
+            found = self._observed.together(z)
+        return {name: found[name][:, kept] for name, kept in self._observed.members.items()}
+
+    def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        new, distance, d = z.copy(), np.full_like(self.worst, np.nan), self._observed.own
+        start, _, size, lead = np.moveaxis(self.targets, -1, 0)
+        lead = lead.copy()
+        with np.errstate(all="ignore"):
+            for lane, row in enumerate(new):
+                for again in range(STEPS):
+                    values, own = self._recorded(row, lane)
+                    J, lack = gradient(values, own), values.value - start[lane]
+                    known = np.isfinite(J).all(-1) & np.isfinite(lack)
+                    J, lack = np.where(known[:, None], J, 0), np.where(known, lack, 0)
+                    if not again:
+                        drift, ahead = led(lack, lead[lane])
+                        lead[lane] = np.where(known, ahead, 0)
+                    row[:d], unit = newton(row[:d], J, lack + lead[lane], size[lane])
+                    distance[lane] = distance[lane] if again else abs(drift) * unit
+        return new, distance, lead
+
+    def apply(self) -> None:
+        """Project the state, in place."""
+        self._z[:] = self.applied(self._z)
+
+
+def _times(a: Floats, b: Floats) -> Floats:
+    """a b^T of each lane, with the same bits for any number of threads."""
+    return np.einsum("lij,lkj->lik", a, b)
+
+
+def _row(x: Any) -> Any:
+    """An array as a row."""
+    return x.reshape((x.value.size,)) if isinstance(x, Traced) else np.ravel(x)
+
+
+def orthogonal(scheme: Scheme, z: Floats) -> None:
+    """Make the orientations in rows z (lanes, d) orthogonal again: g <- g (3 - g^T g)/2."""
+    start = 0
+    for letter, kind in scheme.components:
+        end = start + layout.size(kind, scheme.n)
+        if letter == ORIENTATION:
+            g = z[:, start:end].reshape((len(z), scheme.n, -1))
+            z[:, start:end] = (1.5 * g - 0.5 * _times(_times(g, g), g.mT)).reshape((len(z), -1))
+        start = end

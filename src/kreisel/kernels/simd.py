@@ -1,0 +1,136 @@
+"""Ensembles of straight-line code: the step of one trajectory on vectors of lanes, whose state stays in registers.
+
+Each number of the record becomes a vector (`kernels/_numba/vector_type.py`); lane i has the bits of a run on its own.
+A short step takes two or four vectors, one after the other in the same loop: while one waits for a result, the others
+go on.  At a ragged end the last lane stands in the places that are left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from kreisel.kernels.printing import Line, latest
+from kreisel.kernels.projection.compiled import Weave
+from kreisel.kernels.recording import Recording, indented, names_of
+
+# Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 lines) 1.9, 0.94, 0.61, 0.66; its
+# moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
+# order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
+# Each more takes longer to compile.
+FOUR_VECTORS, TWO_VECTORS = 100, 300  # lines of a step up to which it takes so many; beyond, in the order of the record
+INLINED = 'error_model="numpy", forceinline=True'
+
+HEAD = "from kreisel.kernels._numba.vector_type import gather, load, scatter, store\n\n"
+
+FUNCTION = """
+@njit({options})
+def {name}({arguments}):
+{body}
+    return {result}
+
+"""
+
+KERNEL = """
+LANES = {lanes}  # at once
+
+
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
+def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
+{room}
+    for lane in range(first, last, LANES):
+        end = lane + min(LANES, last - lane)
+{begin}
+        for row in range(out.shape[0]):
+{steps}
+{save}
+{store}
+"""
+STAGES = "for stage in range(s.shape[1]):"
+
+
+def source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
+    """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
+    from kreisel.kernels._numba.vector_type import register_width
+
+    by_stage, early, fixed, late, of_stage, pieces = record.varying()
+    constants, varying = record.used("c"), record.used("s")
+    words = {name for piece in pieces for name in piece.words}
+    staged = [name for name in (*late, *names_of(of_stage)) if name in words]
+    words |= {name for line in of_stage for name in line.needs}
+    known = [name for name in (*early, *names_of(fixed)) if name in words]
+
+    lines = sum(len(piece.lines) for piece in pieces)
+    short = lines <= TWO_VECTORS
+    functions = {"known": _function({"c": constants, "s": [] if by_stage else varying}, fixed, known)}
+    if staged:
+        functions["staged"] = _function({"k": known, "s": varying}, of_stage, staged)
+    takes = ({"z": record.state, "k": known, "v": staged}, {"z": record.state, "k": known})
+    for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
+        functions[name] = _function(given, latest(piece.lines) if short else piece.lines, piece.new)
+
+    width, vectors = register_width(), 4 if lines <= FOUR_VECTORS else 2 if short else 1
+    while (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
+        vectors //= 2
+    kept = vectors * len(staged)
+
+    def each(indent: int, text: str, *marks: str) -> str:
+        """A line for each vector."""
+        lines = []
+        for k in range(vectors):
+            here, there = f"lane + {k * width}, end", f"v, stage * {kept} + {k * len(staged)}"
+            lines.append(text.format(k=k, here=here, there=there))
+        return indented(lines, indent)
+
+    def gathered(array: str, letter: str) -> str:
+        columns = max((place.stop for place in record.columns[letter].values()), default=0)
+        return f"gather({array}, {columns}, {{here}}, {width})"
+
+    rows = [gathered("c", "c")] * bool(constants) + [gathered("s[:, 0]", "s")] * bool(varying and not by_stage)
+    load = each(0, f"z{{k}} = gather(z, {len(record.state)}, {{here}}, {width})")
+    begin = [
+        indented(load.splitlines(), 8),
+        each(8, f"k{{k}} = known({', '.join(rows)})"),
+    ]
+    loaded = ""
+    if staged:
+        of = f"staged(k{{k}}, {gathered('s[:, stage]', 's')})"
+        begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of})")]
+        loaded = f", load({{there}}, {len(staged)}, {width})"
+    step = f"z{{k}} = step(z{{k}}, k{{k}}{loaded})"
+    steps = [STAGES, each(4, step)] if by_stage else [each(0, step)]
+    steps += [each(0, "z{k} = close(z{k}, k{k})")] if "close" in functions else []
+    back = each(0, "scatter(z, (), {here}, z{k})")
+    return (
+        HEAD
+        + "".join(functions[name].format(name=name) for name in functions)
+        + KERNEL.format(
+            options=options,
+            types=weave.types,
+            arguments=weave.arguments,
+            room=weave.begin(4),
+            scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if staged else "",
+            lanes=vectors * width,
+            begin="\n".join(begin),
+            steps=indented(weave.steps("\n".join(steps), load, back, "end"), 12),
+            save=each(12, "scatter(out, (row,), {here}, z{k})"),
+            store=indented(back.splitlines(), 8),
+        )
+    )
+
+
+def _function(given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
+    """A function, without its name, of tuples of numbers: of rows c, s all columns, of others those that are listed."""
+    unpacked = [
+        f"{', '.join(names)}, = {', '.join(f'{letter}[{n[1:]}]' for n in names)},"
+        if letter in "cs"
+        else f"{', '.join(names)}, = {letter}"
+        for letter, names in given.items()
+        if names
+    ]
+    return FUNCTION.format(
+        options=INLINED,
+        name="{name}",
+        arguments=", ".join(letter for letter, names in given.items() if names or letter not in "csv"),
+        body=indented([*unpacked, *(line.text for line in lines)], 4),
+        result=f"({', '.join(result)}{',' * (len(result) == 1)})",
+    )

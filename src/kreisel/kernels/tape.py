@@ -1,0 +1,397 @@
+"""Recording: run a definition once on recording scalars or arrays, print straight-line Python.
+
+A `Tape` holds each value once.  `Scalar` is a recorded number, for small n; `Matrix` a recorded array,
+for n beyond straight-line code.  Foldings are exact in floating point (0, 1, signs, x - x), so a record with numbers
+put in for some parameters (`kreisel.kernels.folding`) computes the same as one without.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any, ClassVar
+
+import numpy as np
+
+from kreisel.kernels.printing import Line, arranged, needed
+
+# Solves of at most this n by elimination in the kernel: at n = 10 it takes 0.8 us, 1.3 complex, LAPACK 1.8 and 3.3, and
+# seconds to be compiled into a kernel; at n = 32 12.6 and 22 us for 15.8 and 14.
+ELIMINATED_N = 24
+
+
+class TooLong(Exception):
+    """More lines than a tape may have."""
+
+
+class Tape:
+    """Operations in order, each with a key; the same key is recorded once.  `mark` keeps two tapes' names apart.
+
+    Raises `TooLong` beyond `most` lines.
+    """
+
+    def __init__(self, mark: str = "", most: float = math.inf) -> None:
+        self.mark, self._most = mark, most
+        self.lines: list[Line] = []
+        self._names: dict[str, str] = {}
+        self._count = 0
+        self._loop: tuple[list[Line], set[str]] | None = None  # the lines of an open loop, and what they compute
+        self.complex_names: set[str] = set()  # of recorded arrays
+
+    def record(self, expression: str, needs: tuple[str, ...]) -> str:
+        if expression not in self._names:
+            name = self._names[expression] = self._fresh("t")
+            lines = self.lines
+            if self._loop is not None and not self._loop[1].isdisjoint(needs):  # what does not vary goes before
+                lines = self._loop[0]
+                self._loop[1].add(name)
+            lines.append(Line((name,), f"{name} = {expression}", needs))
+            if len(lines) > self._most:
+                raise TooLong
+        return self._names[expression]
+
+    def _fresh(self, letter: str) -> str:
+        self._count += 1
+        return f"{letter}{self.mark}{self._count - 1}"
+
+    def knows(self, expression: str) -> str | None:
+        return self._names.get(expression)
+
+    def loop(
+        self, body: Callable[[list[str]], tuple[list[Any], Any]], start: list[Any], small: float, most: int
+    ) -> tuple[list[str], str]:
+        """Record `x, defect = body(x)` from `start` until defect <= small, at most `most` times; the names of both.
+
+        The numbers of `start` and of `body` are recorded or plain; the body is recorded once.
+        """
+        if self._loop is not None:
+            raise TypeError("a loop within a loop cannot be recorded")
+        names = [self._fresh("v") for _ in start]
+        inner: list[Line] = []
+        self._loop = (inner, {*names})
+        new, defect = body(names)
+        local, self._loop = self._loop[1], None
+        for expression in [e for e, name in self._names.items() if name in local]:
+            del self._names[expression]
+        last = self._fresh("d")
+        wanted = [v.name for v in (*new, defect) if not _is_plain(v)]
+        block = [line.text for line in arranged(needed(inner, wanted), wanted)]
+        block += [f"{', '.join(names)}, = {', '.join(map(text, new))},", f"{last} = {text(defect)}"]
+        lines = [f"{', '.join(names)}, = {', '.join(map(text, start))},", f"for _ in range({most}):"]
+        lines += [f"    {line}" for line in (*block, f"if {last} <= {small!r}:", "    break")]
+        needs = [v.name for v in start if not _is_plain(v)] + wanted + [n for line in inner for n in line.needs]
+        outer = tuple(dict.fromkeys(n for n in needs if n not in local))
+        self.lines.append(Line((*names, last), "\n".join(lines), outer))
+        return names, last
+
+    def needed(self, outputs: list[str]) -> list[Line]:
+        """The lines that the outputs depend on, in order."""
+        return needed(self.lines, outputs)
+
+
+def _is_plain(x: Any) -> bool:
+    return not isinstance(x, Scalar | Matrix)
+
+
+def _number(x: Any) -> float | None:
+    """The value of a plain number, or None for a recorded one."""
+    return None if isinstance(x, Scalar) else float(x)
+
+
+class Scalar:
+    """A recorded real number: `name` on the tape, with a sign kept apart so that -x costs nothing."""
+
+    __slots__ = ("name", "negative", "tape")
+    inexact: ClassVar[bool] = True
+
+    def __init__(self, tape: Tape, name: str, negative: bool = False):
+        self.tape, self.name, self.negative = tape, name, negative
+
+    def _new(self, expression: str, *needs: str, negative: bool = False) -> Scalar:
+        return Scalar(self.tape, self.tape.record(expression, needs), negative)
+
+    def __neg__(self) -> Scalar:
+        return Scalar(self.tape, self.name, not self.negative)
+
+    def __add__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = _number(other)
+        if value == 0:
+            return self
+        if value is None and other.name == self.name and other.negative != self.negative:
+            return 0.0
+        b, b_negative = (other.name, other.negative) if value is None else (repr(abs(value)), value < 0)
+        a, needs = self.name, (self.name,) + ((b,) if value is None else ())
+        if self.negative == b_negative:
+            first, second = sorted((a, b))
+            return self._new(f"{first} + {second}", *needs, negative=self.negative)
+        plus, minus = (b, a) if self.negative else (a, b)
+        known = self.tape.knows(f"{minus} - {plus}")
+        if known is not None:
+            return Scalar(self.tape, known, True)
+        return self._new(f"{plus} - {minus}", *needs)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if _is_number(other) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other if _is_number(other) else NotImplemented
+
+    def __mul__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = _number(other)
+        if value is not None:
+            if value in (0, 1, -1):
+                return 0.0 if value == 0 else (self if value == 1 else -self)
+            return self._new(f"{self.name} * {abs(value)!r}", self.name, negative=self.negative != (value < 0))
+        first, second = sorted((self.name, other.name))
+        return self._new(f"{first} * {second}", first, second, negative=self.negative != other.negative)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = _number(other)
+        if value is not None:
+            if value in (1, -1):
+                return self if value == 1 else -self
+            return self._new(f"{self.name} / {abs(value)!r}", self.name, negative=self.negative != (value < 0))
+        return self._new(f"{self.name} / {other.name}", self.name, other.name, negative=self.negative != other.negative)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if not _is_number(other):
+            return NotImplemented
+        value = float(other)
+        if value == 0:
+            return 0.0
+        return self._new(f"{abs(value)!r} / {self.name}", self.name, negative=self.negative != (value < 0))
+
+    def __pow__(self, exponent: int) -> Any:
+        if exponent not in (2, 3):
+            raise TypeError(f"recorded numbers know the powers 2 and 3, not {exponent!r}")
+        return self * self if exponent == 2 else self * self * self
+
+    def sqrt(self) -> Scalar:
+        return self._new(f"sqrt({self.signed})", self.name)
+
+    def sign(self) -> Scalar:
+        return self._new(f"sign({self.signed})", self.name)
+
+    def maximum(self, other: Any) -> Scalar:
+        needs = (self.name,) if _is_plain(other) else (self.name, other.name)
+        return self._new(f"max({self.signed}, {text(other)})", *needs)
+
+    def record_loop(
+        self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
+    ) -> tuple[Any, Scalar]:
+        """`x, defect = body(x)`, repeated, for an array x (d,) of recorded numbers."""
+
+        def on_names(names: list[str]) -> tuple[list[Any], Any]:
+            new, defect = body(self._array(names))
+            return list(new), defect
+
+        names, defect = self.tape.loop(on_names, list(start), small, most)
+        return self._array(names), Scalar(self.tape, defect)
+
+    def _array(self, names: list[str]) -> Any:
+        return np.array([Scalar(self.tape, name) for name in names], dtype=object)
+
+    def record_fma(self, other: Any, addend: Any) -> Any:
+        """self * other + addend, rounded once."""
+        if not isinstance(other, Scalar) and other in (0, 1, -1):
+            return self * other + addend
+        if not isinstance(addend, Scalar) and addend == 0:
+            return self * other
+        return self._new(f"fma({self.signed}, {text(other)}, {text(addend)})", *_names(self, other, addend))
+
+    def record_sum_with(self, x: float, y: float) -> Any:
+        """x * y + self for plain x, y, rounded once."""
+        return self._new(f"fma({x!r}, {y!r}, {self.signed})", self.name)
+
+    @property
+    def signed(self) -> str:
+        return f"(-{self.name})" if self.negative else self.name
+
+    def __repr__(self) -> str:
+        return self.signed
+
+
+def _names(*numbers: Any) -> tuple[str, ...]:
+    return tuple(x.name for x in numbers if isinstance(x, Scalar))
+
+
+def _is_number(x: Any) -> bool:
+    return isinstance(x, Scalar | int | float | Fraction | np.integer | np.floating)
+
+
+def text(x: Any) -> str:
+    """A recorded or plain number, or a recorded array, as source."""
+    if isinstance(x, Matrix):
+        return x.name
+    return x.signed if isinstance(x, Scalar) else repr(float(x))
+
+
+class Matrix:
+    """A recorded real array of fixed shape, printed as NumPy code that Numba compiles."""
+
+    __array_ufunc__ = None  # so that NumPy arrays leave their operators to us
+    dtype: ClassVar[np.dtype[Any]] = np.dtype(np.float64)
+
+    def __init__(self, tape: Tape, name: str, shape: tuple[int, ...]):
+        self.tape, self.name, self.shape = tape, name, shape
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    def __array_namespace__(self) -> type[MatrixNamespace]:
+        return MatrixNamespace
+
+    def _new(self, expression: str, shape: tuple[int, ...], *needs: str, real: bool = False) -> Matrix:
+        name = self.tape.record(expression, needs)
+        if not real and not self.tape.complex_names.isdisjoint(needs):
+            self.tape.complex_names.add(name)
+        return Matrix(self.tape, name, shape)
+
+    def record_complex(self, im: Matrix) -> Matrix:
+        out = self._new(f"({self.name} + 1j * {im.name})", self.shape, self.name, im.name)
+        self.tape.complex_names.add(out.name)
+        return out
+
+    def record_parts(self) -> tuple[Matrix, Matrix | None]:
+        if self.name not in self.tape.complex_names:
+            return self, None
+        texts = [f"{self.name}.{part}" for part in ("real", "imag")]
+        texts = [f"ascontiguousarray({t})" if self.shape else t for t in texts]
+        re, im = (self._new(t, self.shape, self.name, real=True) for t in texts)
+        return re, im
+
+    def _operand(self, other: Any) -> tuple[str, tuple[int, ...], tuple[str, ...]] | None:
+        if isinstance(other, Matrix):
+            return other.name, other.shape, (other.name,)
+        if np.ndim(other) == 0:
+            return repr(float(other)), (), ()
+        if isinstance(other, np.ndarray) and other.ndim == 2 and (other == np.eye(len(other))).all():
+            return f"eye({len(other)})", other.shape, ()
+        return None
+
+    def _binary(self, other: Any, operation: str, reverse: bool = False) -> Any:
+        """By a function of the engine: written as an operator, Numba would compile each one anew, for 0.2 s."""
+        operand = self._operand(other)
+        if operand is None:
+            return NotImplemented
+        name, shape, needs = operand
+        left, right = (name, self.name) if reverse else (self.name, name)
+        return self._new(f"{operation}({left}, {right})", np.broadcast_shapes(self.shape, shape), self.name, *needs)
+
+    def __add__(self, other: Any) -> Any:
+        return (
+            self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "add")
+        )
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self._binary(other, "subtract")
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._binary(other, "subtract", reverse=True)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._binary(other, "multiply")
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._binary(other, "divide")
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._binary(other, "divide", reverse=True)
+
+    def __pow__(self, exponent: int) -> Any:
+        return self._binary(exponent, "power")
+
+    def __neg__(self) -> Matrix:
+        return self._new(f"negative({self.name})", self.shape, self.name)
+
+    def __matmul__(self, other: Matrix) -> Matrix:
+        shape = (*self.shape[:-1], *other.shape[1:])
+        return self._new(f"{self.name} @ {other.name}", shape, self.name, other.name)
+
+    @property
+    def mT(self) -> Matrix:
+        return self._new(f"ascontiguousarray({self.name}.T)", self.shape[::-1], self.name)
+
+    def sum(self, axis: int) -> Matrix:
+        if self.ndim == 1:
+            return self._new(f"{self.name}.sum()", (), self.name)
+        place = axis % self.ndim
+        return self._new(f"{self.name}.sum({place})", self.shape[:place] + self.shape[place + 1 :], self.name)
+
+    def __getitem__(self, index: Any) -> Matrix:
+        """Only new axes, whole axes and one leading or trailing place, which is all that `algebra` asks for."""
+        index = [i for i in (index if isinstance(index, tuple) else (index,)) if i is not Ellipsis]
+        if None in index:
+            if self.ndim == 0:
+                shape = (1,) * len(index)
+                return self._new(f"full({shape}, {self.name})", shape, self.name)
+            size = iter(self.shape)
+            shape = tuple(1 if i is None else next(size) for i in self._padded(index))
+            return self._new(f"{self.name}.reshape({shape})", shape, self.name)
+        if index == [0] and self.ndim == 2:
+            return self._new(f"ascontiguousarray({self.name}[:, 0])", self.shape[:1], self.name)
+        if len(index) == 1 and isinstance(index[0], slice):
+            count = len(range(*index[0].indices(self.shape[-1])))
+            places = f"{index[0].start or ''}:{index[0].stop or ''}"
+            comma = ":, " * (self.ndim - 1)
+            return self._new(f"ascontiguousarray({self.name}[{comma}{places}])", (*self.shape[:-1], count), self.name)
+        raise TypeError(f"a recorded array cannot be indexed by {index!r}")
+
+    def _padded(self, index: list[Any]) -> list[Any]:
+        whole = sum(i is not None for i in index)
+        return [slice(None)] * (self.ndim - whole) + index
+
+    def record_solve(self, B: Any) -> Matrix:
+        name, shape, needs = self._operand(B) or ("", (), ())
+        if self.name in self.tape.complex_names and self.tape.complex_names.isdisjoint(needs):
+            name = f"{name} + 0j"  # both sides of one type
+        by = "eliminated" if self.shape[-1] <= ELIMINATED_N else "solve"
+        return self._new(f"{by}({self.name}, {name})", shape, self.name, *needs)
+
+    def sqrt(self) -> Matrix:
+        return self._new(f"root({self.name})", self.shape, self.name)
+
+    def maximum(self, other: Matrix) -> Matrix:
+        return self._new(f"max({self.name}, {other.name})", (), self.name, other.name)
+
+    def record_loop(
+        self, body: Callable[..., tuple[tuple[Matrix, ...], Matrix]], start: tuple[Matrix, ...], small: float, most: int
+    ) -> tuple[tuple[Matrix, ...], Matrix]:
+        """`x, defect = body(*x)`, repeated, for arrays x."""
+
+        def arrays(names: list[str]) -> tuple[Matrix, ...]:
+            return tuple(Matrix(self.tape, name, x.shape) for name, x in zip(names, start, strict=True))
+
+        def on_names(names: list[str]) -> tuple[list[Any], Any]:
+            new, defect = body(*arrays(names))
+            return list(new), defect
+
+        names, defect = self.tape.loop(on_names, list(start), small, most)
+        return arrays(names), Matrix(self.tape, defect, ())
+
+    def __repr__(self) -> str:
+        return f"{self.name}{self.shape}"
+
+
+class MatrixNamespace:
+    """What `algebra` needs of a library for recorded arrays."""
+
+    @staticmethod
+    def concatenate(parts: list[Matrix], axis: int) -> Matrix:
+        raise TypeError("concatenation of recorded arrays is not needed by any step")

@@ -1,0 +1,1 @@
+"""What a system states about itself."""

@@ -1,0 +1,380 @@
+"""What a system states about itself: the records, and a record with its parameters filled in.
+
+A `System` is data: pure functions of named state components, and claims about them.  Laws
+(`kreisel.lab.laws`) test the claims; engines compile the functions; nothing else is known of a system.
+Every function takes the components of the state in order, then by keyword the parameters it names and,
+where it depends on them, `eps` (the step) and `lam` (the spectral parameter lambda).
+"""
+
+from __future__ import annotations
+
+import enum
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from kreisel import algebra
+from kreisel.algebra import Array, invariants
+from kreisel.errors import InputError, shown
+
+if TYPE_CHECKING:
+    from kreisel.record.model import Model
+
+Function = Callable[..., Any]
+COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
+PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
+SKEW_TOLERANCE = 1e-12
+MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
+
+
+def check_dimension(n: int, name: str) -> None:
+    """Raises `InputError` for an n whose matrices no memory holds."""
+    if n > MOST_N:
+        raise InputError(
+            f"{name}: expected n of at most {MOST_N:,}, got {n:,}. Usual cause: a batch of states or parameters "
+            "without the axis of the vectors at its end."
+        )
+
+
+def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
+    """Raises `InputError` where arguments that go by name come without."""
+    if unnamed:
+        raise InputError(
+            f"{what}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
+            "without a name."
+        )
+
+
+def component_axes(kind: str) -> int:
+    """The axes of a component without its batch; the kind "R^6" is a plain list of six numbers."""
+    return 1 if kind.startswith("R^") else COMPONENT_AXES[kind]
+
+
+class Frame(enum.Enum):
+    """Where the state is expressed, and how the orientation g (body to space) is carried along."""
+
+    REST = "rest"  # minus bracket; a = g A with A fixed in the body; g_(k+1) = cay(X) g_k
+    MOVING = "moving"  # plus bracket; P = g^T p with p fixed in space; g_(k+1) = g_k cay(X)
+
+
+@dataclass(frozen=True)
+class PhaseSpace:
+    """A Poisson manifold in coordinates: components, Poisson tensor, Casimirs.
+
+    `tensor(*state)` is the matrix of brackets of the independent coordinates (skew matrices count by
+    their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
+    in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
+    body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
+    vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` makes a random point of
+    random numbers draw(shape), where not every point of the coordinate space will do.
+    """
+
+    name: str
+    components: tuple[tuple[str, str], ...]
+    tensor: Function
+    casimirs: Function | None
+    sign: int
+    constraints: Mapping[str, Function] = field(default_factory=dict)
+    momentum: Function | None = None
+    carried: tuple[int, ...] = (1,)
+    draw: Function | None = None
+
+    @property
+    def letters(self) -> tuple[str, ...]:
+        """The letters of the components, in order."""
+        return tuple(letter for letter, _ in self.components)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of the components: "skew", "symmetric", "vector", or "R^k" for k numbers whatever n is."""
+        return tuple(kind for _, kind in self.components)
+
+    @property
+    def leading(self) -> int:
+        """The place of the component that pictures and angles are about: the first that is carried, if any."""
+        return self.carried[0] if self.carried else 0
+
+
+def semidirect(name: str, components: tuple[tuple[str, str], ...], casimirs: Function, sign: int = +1) -> PhaseSpace:
+    """The dual of so(n) <x V: M in so(n), then what it turns, of the kinds "vector", "symmetric" and "skew".
+
+    V = R^n, several of it, the symmetric matrices or so(n) itself; without more components so(n) alone.  The plus
+    bracket (moving frame) or the minus bracket (rest frame) follows from how the components turn.
+    """
+    kinds = tuple(kind for _, kind in components)
+    return PhaseSpace(
+        name=name,
+        components=components,
+        tensor=lambda *state: sign * invariants.lie_poisson(kinds, *state),
+        casimirs=casimirs,
+        momentum=lambda M, *carried: M,
+        sign=sign,
+        carried=tuple(range(1, len(components))),
+    )
+
+
+REST_SPACE = semidirect("e*(n)", (("m", "skew"), ("a", "vector")), invariants.casimirs, -1)
+MOVING_SPACE = semidirect("e*(n)", (("M", "skew"), ("P", "vector")), invariants.casimirs)
+FREE_SPACE = semidirect("so*(n)", (("M", "skew"),), invariants.casimirs_free)
+QUADRATIC_SPACE = semidirect(
+    "(so(n) <x Sym(n))*", (("M", "skew"), ("P", "symmetric")), lambda M, P: invariants.power_traces(P)
+)
+ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
+    semidirect("(so(n) <x so(n))*", (("M", "skew"), (letter, "skew")), invariants.casimirs_adjoint) for letter in "GP"
+)
+TWO_FIELDS_SPACE = semidirect(
+    "(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), lambda M, P, Q: invariants.gram(P, Q)
+)
+
+
+def on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:
+    """A random (x, q) with |x| = 1, <x, q> = 0 and all |x_i| > least/(2 sqrt(n))."""
+    count = n * (n - 1) // 2
+    while True:
+        x = algebra.cayley(algebra.skew(draw((count,)), n))[:, 0]
+        if all(not getattr(v, "ordered", True) or 4 * n * v * v > least for v in x):  # residues have no order
+            return x, algebra.act(algebra.skew(draw((count,)), n), x)
+
+
+SPHERE_SPACE = PhaseSpace(
+    name="T*S^(n-1)",
+    components=(("x", "vector"), ("q", "vector")),
+    tensor=invariants.sphere_poisson,
+    casimirs=lambda x, q: invariants.stack([algebra.dot(x, x), algebra.dot(x, q)]),
+    momentum=algebra.wedge,
+    sign=+1,
+    carried=(0,),
+    constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
+    draw=on_sphere,
+)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter: its letter, kind ("scalar", "vector", "symmetric", "array" or "dimension"), meaning and valid range.
+
+    A dimension is n itself, for systems whose other parameters do not tell it.
+    A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
+    `check(value, name)` raises `InputError`.  `fixed` says where a vector of a top with a fixed point rests: "space"
+    (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).
+    """
+
+    letter: str
+    kind: str
+    meaning: str
+    check: Function | None = None
+    default: Any = None
+    exact_diagonal: bool = False  # in exact numbers the matrix must be diagonal
+    distinct: bool = False  # the entries must be distinct
+    positive: bool = False  # the entries must be positive
+    fixed: str = ""
+
+
+@dataclass(frozen=True)
+class Map:
+    """A discretization of a flow, with all that is known of it.  Each entry is a claim that a law tests.
+
+    Only the step must be stated.
+
+    step, inverse, adjoint   (*state, eps) -> state; the adjoint is the inverse of the step with -eps
+    involution               R with R step R = inverse, anti-Poisson
+    to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; from_symmetric is chi^-1
+    generator                X(*old, *new, eps) with the turn of the body w = cay(X)
+    lagrangian               (q0, q1, *carried, eps): q = g in SO(n) and what is carried, such as A (rest frame) or
+                             p (moving frame), or q = x on the sphere; only its differences matter
+    lax                      L(*state, lam, eps);  conjugator V(*state, lam, eps) with V L_(k+1) = L_k V
+    turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: of implicit
+                             maps, whose step is then move(*state, X, eps)
+    trajectory               (*state, eps) -> {name: number} that `turn` may take beside, constant on a trajectory
+    largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
+    regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
+    commutes                 whether it commutes with itself at other steps and with the flow
+    keeps                    names of the integrals that the map keeps; None: all of the record
+    darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
+                             D_eps at the point (2/eps, rho) of the spectral curve of the flow
+    rational                 whether the step is a rational function; else it takes no exact numbers
+    """
+
+    step: Function
+    inverse: Function | None = None
+    adjoint: Function | None = None
+    involution: Function | None = None
+    to_symmetric: Function | None = None
+    from_symmetric: Function | None = None
+    generator: Function | None = None
+    lagrangian: Function | None = None
+    lax: Function | None = None
+    conjugator: Function | None = None
+    turn: Function | None = None
+    trajectory: Function | None = None
+    move: Function | None = None
+    largest_step: Function | None = None
+    second_order: Function | None = None
+    regularity: Function | None = None
+    keeps: tuple[str, ...] | None = None
+    darboux: Function | None = None
+    rational: bool = True
+    commutes: bool = False
+    order: int = 1
+    source: str = ""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the map is its own adjoint."""
+        return self.adjoint is self.step
+
+
+@dataclass(frozen=True)
+class Baecklund:
+    """Maps D_eps, eps = 2/mu, that keep all integrals of the flow and commute with it and with each other.
+
+    (mu, rho) is a point of the spectral curve, rho a constant of the trajectory; e is the eigenvector there of
+    the Lax matrix.  Re mu > 0; mu, rho and e are real, or complex with e = u + i w.
+
+    point(*state, mu)            the rho that goes with mu on the branch with D_eps -> 1 as eps -> 0, not finite
+                                 or complex where there is none
+    vector(*state, mu, rho)      e, for the rho of the very state, by a step of Newton's method
+    defect(*state, e, mu, rho)   a function that vanishes on the curve
+    step(*state, e, mu)          D_eps for real mu
+    pair(*state, e, mu)          D_eps D_conj(eps) for complex mu, in real arithmetic
+    arc, arc_of_pair(*state, e)  (x, y): the carried vector turns by R_y R_x, R a half-turn
+    darboux(*state, e, mu, rho, lam)     N with N L = L_new N
+    odd                          +1 or -1: rho goes with mu to odd rho with -mu
+    block(*state)                the part of the momentum that does not touch the carried vector; g also turns by
+                                 cay(eps/2 block), in the body for the rest frame, in space for the moving frame
+    spin(*state)                 the constant rest of the angular velocity for unequal moments, in the state's frame
+    largest_step(*state)         the largest real eps
+    case, pair_case(n, draw)     (state, params, e, mu, rho) with everything rational, for the laws; in the latter e, mu
+                                 and rho are complex, over Q(i)
+    """
+
+    point: Function
+    vector: Function
+    defect: Function
+    step: Function
+    pair: Function
+    arc: Function
+    arc_of_pair: Function
+    block: Function
+    darboux: Function | None = None
+    spin: Function | None = None
+    largest_step: Function | None = None
+    case: Function | None = None
+    pair_case: Function | None = None
+    odd: int = 1
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Relation:
+    """The same motion in another system: (state, params, g) -> (state, params) of `target`.
+
+    A law compares the flows and, where `map` names "step" or "adjoint" of the target, the maps; in floats
+    only where `exact` is False.  `back` takes the state of the target back, where the image tells it.
+    """
+
+    target: str
+    carry: Function
+    map: str | None = None
+    meaning: str = ""
+    exact: bool = True
+    back: Function | None = None
+
+
+@dataclass(frozen=True)
+class System:
+    """The record of a system.  Call it with parameters to get a `Model`: `LagrangeTop(p=(0, 0, 1))`.
+
+    energy(*state, eps=0)    at eps = 0 the Hamiltonian H, with F' = {H, F}; else the energy of the map
+    integrals                name -> function; those that name `eps` are deformed by the map
+    invariant                name -> (f, k) with f' = k f: f is no integral, but f = 0 stays
+    commuting                the integrals that are in involution with each other and the energy
+    lax(*state, lam)         the pair (L, U) with L' = [L, U]
+    velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
+    inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
+    spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
+    top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
+    moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
+    derive(params)           further constants computed once from the parameters
+    check_state(*state)      raises `InputError` for states without a meaning
+    n                        the dimension, where the parameters do not tell it
+    numbers                  "any": the functions take any kind of number; "jax": floats and JAX arrays
+                             (`kreisel.reduction`), and steps are compiled by JAX
+    """
+
+    name: str
+    title: str
+    equations: str
+    source: str
+    frame: Frame
+    space: PhaseSpace
+    parameters: tuple[Parameter, ...]
+    flow: Function | None
+    energy: Function | None
+    velocity: Function | None
+    scaling: str
+    integrals: Mapping[str, Function] = field(default_factory=dict)
+    invariant: Mapping[str, tuple[Function, Function]] = field(default_factory=dict)
+    commuting: tuple[str, ...] = ()
+    lax: Function | None = None
+    inverse_inertia: Function | None = None
+    spin: Function | None = None
+    map: Map | None = None
+    baecklund: Baecklund | None = None
+    relations: tuple[Relation, ...] = ()
+    top: Function | None = None
+    moments: Function | None = None
+    derive: Function | None = None
+    check_state: Function | None = None
+    notes: str = ""
+    n: int | None = None
+    numbers: str = "any"
+
+    def __call__(self, *unnamed: Any, **params: Any) -> Model:
+        """The system with these parameters, by name.  Raises `InputError` as `Model` does."""
+        from kreisel.record.model import Model
+
+        require_names(unnamed, self.name, [p.letter for p in self.parameters])
+        return Model(self, params)
+
+    def __repr__(self) -> str:
+        return f"<kreisel system {self.name!r}: {self.title}>"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import system_html
+
+        return system_html(self)
+
+    def __post_init__(self) -> None:
+        letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
+        told = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
+        object.__setattr__(self, "__doc__", told)
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        return inspect.Signature(
+            [
+                inspect.Parameter(
+                    p.letter, keyword, default=inspect.Parameter.empty if p.default is None else p.default
+                )
+                for p in self.parameters
+            ]
+        )
+
+
+@cache
+def keywords(function: Function) -> frozenset[str]:
+    """The keyword-only arguments that a function names."""
+    signature = inspect.signature(function)
+    return frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
+
+
+def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
+    """`function(*state, ...)` with just the keywords it names.  Raises `InputError` for what a record leaves out."""
+    if function is None:
+        raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
+    names = keywords(function)
+    return function(*state, **{k: v for k, v in available.items() if k in names})

@@ -1,0 +1,374 @@
+"""A record with its parameters filled in, states of it, and the checks of what a user gives.
+
+Raises `InputError` with what was expected, what came and the fix.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from datetime import timedelta
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, nearest, shown
+from kreisel.record.contract import (
+    PARAMETER_AXES,
+    SKEW_TOLERANCE,
+    Function,
+    Map,
+    Parameter,
+    PhaseSpace,
+    System,
+    call,
+    check_dimension,
+    component_axes,
+    require_names,
+)
+
+
+class State(Mapping[str, Array]):
+    """Named components of a state, e.g. `x["m"]` or `x.m`; skew matrices are (..., n, n).
+
+    `.axial` gives the same with axial vectors (..., 3) in place of skew 3 x 3 matrices.
+    """
+
+    def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str]):
+        self._components, self._kinds = dict(components), dict(kinds)
+
+    def __getitem__(self, letter: str) -> Array:
+        return self._components[letter]
+
+    def __getattr__(self, letter: str) -> Array:
+        if letter.startswith("_") or letter not in self._components:
+            raise AttributeError(f"this state has the components {', '.join(self._components)}, not {letter!r}")
+        return self._components[letter]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._components)
+
+    def __len__(self) -> int:
+        return len(self._components)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._components]
+
+    def __repr__(self) -> str:
+        return "State(" + ", ".join(f"{k}={v.tolist()}" for k, v in self._components.items()) + ")"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import state_html
+
+        return state_html(self)
+
+    @property
+    def axial(self) -> State:
+        """The same state with axial vectors (..., 3) for skew matrices when n = 3."""
+        parts = {
+            k: algebra.axial(v) if self._kinds[k] == "skew" and v.shape[-1] == 3 else v
+            for k, v in self._components.items()
+        }
+        return State(parts, {**self._kinds, **{k: "vector" for k in parts}})
+
+
+class Model:
+    """A system with its parameters: what a run, a law or a user works with.
+
+    Attributes: `system` (the record), `params` (arrays by letter), `n`.
+    Raises `InputError` for unknown, missing or unusable parameters.
+    """
+
+    def __init__(self, system: System, params: Mapping[str, Any]):
+        self.system = system
+        known = [p.letter for p in system.parameters]
+        for letter in params:
+            if letter not in known:
+                raise InputError(
+                    f"{system.name} has the parameters {', '.join(known)}; {shown(letter)} came."
+                    f"{nearest(letter, known)}"
+                )
+        self.params: dict[str, Array] = {}
+        for p in system.parameters:
+            value = params.get(p.letter, p.default)
+            if value is None:
+                raise InputError(
+                    f"{system.name} needs the parameter {p.letter} ({p.kind}): {p.meaning}. None came; "
+                    f"give {p.letter}=..."
+                )
+            self.params[p.letter] = _parameter(p, value, system.name)
+        self.n = self._dimension()
+        for p in system.parameters:
+            if p.check is not None:
+                with np.errstate(all="ignore"):
+                    p.check(self.params[p.letter], p.letter)
+        batches = [
+            v.shape[: v.ndim - _axes(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
+        ]
+        try:
+            self.batch = np.broadcast_shapes(*batches)
+        except ValueError:
+            told = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
+            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {told}.") from None
+        spread = {
+            k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
+            for (k, v), b in zip(self.params.items(), batches, strict=True)
+        }
+        self.constants: dict[str, Array] = dict(spread)
+        if system.derive is not None:
+            self.constants.update(self._derived(spread))
+        self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
+        for p in system.parameters:
+            if p.kind == "array":  # the same in every lane
+                self.constants[p.letter] = self.params[p.letter]
+                self.axes[p.letter] = self.params[p.letter].ndim
+
+    def _derived(self, spread: Mapping[str, Array]) -> dict[str, Array]:
+        """Further constants, computed once.  Raises `InputError` where they leave the range of doubles."""
+        with np.errstate(all="ignore"):
+            found = dict(call(self.system.derive, (), spread))
+        lost = [k for k, v in found.items() if np.asarray(v).dtype.kind == "f" and not np.isfinite(v).all()]
+        if lost and not self.batch:  # of an ensemble the lanes fail that do
+            raise InputError(
+                f"{self.system.name}: expected parameters whose products and ratios a double can hold, got some with "
+                f"which {', '.join(lost)} is not finite. Use other units."
+            )
+        return found
+
+    def lanes(self, ids: Array) -> Model:
+        """The model of some lanes of a batch; itself where it has no batch axes."""
+        if not self.batch:
+            return self
+        own = {p.letter: _axes(p, self.params[p.letter]) for p in self.system.parameters}
+        return Model(self.system, {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()})
+
+    def _dimension(self) -> int:
+        if self.system.n is not None:
+            for p in self.system.parameters:
+                shape = self.params[p.letter].shape
+                if p.kind in ("vector", "symmetric") and shape[-1] != self.system.n:
+                    raise InputError(
+                        f"{self.system.name}'s parameter {p.letter}: expected n = {self.system.n}, got {shape}."
+                    )
+            return self.system.n
+        stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
+        if stated:
+            return _whole_dimension(self.params[stated[0]], stated[0], self.system.name)
+        sizes = {p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"}
+        if len(set(sizes.values())) != 1:
+            told = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
+            raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {told}.")
+        letter, n = next(iter(sizes.items()))
+        if n < 3:
+            raise InputError(
+                f"{self.system.name} needs n >= 3, but {letter} has length {n}. "
+                "A body in the plane has no gyroscopic motion; embed it with n = 3."
+            )
+        return n
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{k}={v.tolist()}" for k, v in self.params.items())
+        return f"{self.system.name}({told})"
+
+    def _repr_html_(self) -> str:
+        from kreisel.view.html import model_html
+
+        return model_html(self)
+
+    @property
+    def state(self) -> Callable[..., State]:
+        """A checked state, e.g. `top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))`.
+
+        Skew components are (..., n, n), or axial (..., 3) when n = 3; vectors (..., n); leading axes
+        are batch axes; lists, and arrays of NumPy, xarray or JAX.  The keywords complete in a notebook.  Raises
+        `InputError` on unknown or missing components, wrong shapes, matrices that are not skew, NaN or infinity,
+        and states off the phase space.
+        """
+
+        def state(*unnamed: Any, **components: Any) -> State:
+            require_names(unnamed, f"A state of {self.system.name}", self.system.space.letters)
+            return self._state(components)
+
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        letters = [inspect.Parameter(letter, keyword) for letter in self.system.space.letters]
+        state.__doc__ = type(self).state.__doc__
+        state.__dict__["__signature__"] = inspect.Signature(letters)
+        return state
+
+    def _state(self, components: Mapping[str, Any]) -> State:
+        space = self.system.space
+        for letter in components:
+            if letter not in space.letters:
+                raise InputError(
+                    f"A state of {self.system.name} has the components {', '.join(space.letters)} "
+                    f"({self.system.frame.value} frame); {shown(letter)} came.{nearest(letter, space.letters)}"
+                )
+        parts = {}
+        for letter, kind in space.components:
+            if letter not in components:
+                raise InputError(f"The state of {self.system.name} needs {letter} ({kind}); none came.")
+            parts[letter] = _component(letter, kind, components[letter], self.n)
+        with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
+            _on_phase_space(space, parts)
+            if self.system.check_state is not None:
+                self.system.check_state(*parts.values())
+        return State(parts, dict(space.components))
+
+    def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:
+        """A function of the record at a state, with this model's parameters."""
+        return call(function, state, {**self.constants, **extra})
+
+    def flow(self, *state: Array) -> tuple[Array, ...]:
+        """The right-hand side of the equations of motion."""
+        return tuple(self.call(self.system.flow, *state))
+
+    def step(self, *state: Array, eps: Array) -> tuple[Array, ...]:
+        """One step of the system's map."""
+        return tuple(self.call(self.map.step, *state, eps=eps))
+
+    def largest_step(self, *state: Array) -> float:
+        """The step beyond which the map may be singular on one of these orbits.
+
+        Raises `InputError` where that is no number: products of the state or the parameters overflow.
+        """
+        try:
+            with np.errstate(all="ignore"):
+                largest = float(np.min(self.call(self.map.largest_step, *state)))
+        except np.linalg.LinAlgError:
+            largest = np.nan
+        if np.isnan(largest):
+            raise InputError(
+                f"{self.system.name}: expected a state and parameters whose products a double can hold, got larger or "
+                "smaller ones. Use other units."
+            )
+        return largest
+
+    @property
+    def map(self) -> Map:
+        """The system's map.  Raises `InputError` where none is known."""
+        if self.system.map is None:
+            raise InputError(
+                f"No integrable discretization of {self.system.name} is known here. "
+                "Use method='variational', or a system with a map (kreisel systems)."
+            )
+        return self.system.map
+
+
+def _whole_dimension(value: Array, letter: str, system: str) -> int:
+    found = np.unique(value)
+    n = int(found[0]) if len(found) == 1 else 0
+    if n < 3 or n != found[0]:
+        raise InputError(
+            f"{system}'s parameter {letter} is the dimension, a whole number from 3 on; {value.tolist()} came."
+        )
+    check_dimension(n, f"{system}'s parameter {letter}")
+    return n
+
+
+def _array(value: Any, name: str) -> Array:
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError):
+        raise InputError(f"{name} must be an array of numbers; a ragged list came: {shown(value)}.") from None
+    if array.dtype == object and all(isinstance(v, int | float | Decimal) for v in array.flat):  # some beyond 64 bits
+        try:
+            array = array.astype(np.float64)
+        except OverflowError:
+            raise InputError(f"{name} must be numbers that a double can hold; {shown(value)} came.") from None
+    if array.dtype == object and all(
+        hasattr(v, "__mul__") and not isinstance(v, str | list | timedelta) for v in array.flat
+    ):
+        return array
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} must be real numbers; {shown(value)} came.")
+    array = array.astype(np.promote_types(array.dtype, np.float64))
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite; {shown(value)} came. Look for NaN or infinity in the input.")
+    return array
+
+
+def _axes(p: Parameter, value: Array) -> int:
+    return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
+
+
+def _parameter(p: Parameter, value: Any, system: str) -> Array:
+    name = f"{system}'s parameter {p.letter}"
+    array = _array(value, name)
+    if not array.size:
+        raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
+    axes = _axes(p, array)
+    if p.kind in ("vector", "symmetric") and array.ndim:
+        check_dimension(array.shape[-1], name)
+    if p.kind == "symmetric" and array.ndim == 1:
+        array = array[..., None] * np.eye(array.shape[-1], dtype=np.int8)
+    if array.ndim < axes or array.ndim > axes + 1:
+        shapes = {
+            "scalar": "a number",
+            "dimension": "a whole number",
+            "vector": "n numbers",
+            "symmetric": "an n x n matrix or its diagonal",
+        }
+        raise InputError(
+            f"{name} must be {shapes[p.kind]} (a batch axis may stand in front); shape {array.shape} came."
+        )
+    if p.kind == "symmetric":
+        _check_symmetric(array, name)
+    return array
+
+
+def _check_symmetric(array: Array, name: str) -> None:
+    if array.shape[-1] != array.shape[-2]:
+        raise InputError(f"{name} must be square; shape {array.shape} came.")
+    worst = algebra.magnitude(array - array.mT)
+    if worst > SKEW_TOLERANCE * algebra.magnitude(array):
+        raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
+
+
+def _component(letter: str, kind: str, value: Any, n: int) -> Array:
+    name = f"state component {letter}"
+    array = _array(value, name)
+    if kind == "symmetric":
+        if array.ndim < 2 or array.shape[-2:] != (n, n):
+            raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}); shape {array.shape} came.")
+        _check_symmetric(array, name)
+        return array / 2 + array.mT / 2
+    if kind != "skew":
+        count, told = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
+        if array.ndim < 1 or array.shape[-1] != count:
+            raise InputError(f"{name} must be {told} numbers (..., {count}); shape {array.shape} came.")
+        return array
+    if array.ndim >= 2 and array.shape[-2:] == (n, n):
+        off = algebra.magnitude(array + array.mT)
+        if off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1):
+            return array / 2 - array.mT / 2  # halved first: the difference may overflow
+        if n != 3 or array.ndim == 2:
+            raise InputError(
+                f"{name} must be skew ({letter}^T = -{letter}); {letter} + {letter}^T is up to {off:.3g}. "
+                f"Usual cause: a full matrix where its skew part ({letter} - {letter}^T)/2 was meant."
+            )
+    if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
+        X = algebra.hat(array)
+        return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix that came
+    axial = ", or an axial vector (..., 3)" if n == 3 else ""
+    raise InputError(
+        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters; "
+        f"shape {array.shape} came."
+    )
+
+
+def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
+    batches = [v.shape[: v.ndim - component_axes(k)] for v, k in zip(parts.values(), space.kinds, strict=True)]
+    try:
+        np.broadcast_shapes(*batches)
+    except ValueError:
+        raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
+    for told, constraint in space.constraints.items():
+        off = algebra.magnitude(constraint(*parts.values()))
+        if off > SKEW_TOLERANCE:
+            raise InputError(
+                f"The state must lie on {space.name}: {told} = 0, but it is {off:.3g}. "
+                "Normalise x, then take the part of q orthogonal to x."
+            )

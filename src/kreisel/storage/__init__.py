@@ -1,0 +1,1 @@
+"""Archives on disk: written, read, checked, replaced."""

@@ -1,0 +1,175 @@
+"""kr.export: an archive as NetCDF (HDF5) or as Parquet, by the libraries that write them, block by block."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError, shown
+from kreisel.runs.plan import flag
+from kreisel.storage.archive import open_run, target, too_large
+from kreisel.storage.replacing import require_file, written
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NUMBERS_AT_ONCE = 1 << 20
+TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
+ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has its rows
+
+
+def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet where in .parquet.
+
+    run    the path of an archive, or a Dataset such as `kr.simulate` returns
+    out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
+
+    NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
+    and lane (of `kr.analysis` for each event or frequency), a column for each component, such as "m[2]", and the
+    attributes as JSON in the metadata under "kreisel".
+    Needs the extra `export`.  Raises `InputError` for what cannot be exported, and `RunError` where it cannot be
+    written.
+    """
+    where = target(out)
+    flag(overwrite, "overwrite")
+    write = WRITERS.get(where.suffix.lower())
+    if write is None:
+        raise InputError(f"The export must end in {', '.join(WRITERS)}; {str(out)!r} came.")
+    require_file(where, overwrite)
+    data = open_run(run) if isinstance(run, str | os.PathLike) else run
+    if not hasattr(data, "data_vars") or not data.variables:
+        raise InputError(
+            "expected the path of an archive or a Dataset such as kr.simulate returns, got "
+            f"{shown(type(run).__name__)}."
+        )
+    if too_large(data):
+        raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
+    try:
+        with written(where, overwrite) as scratch:
+            write(data, scratch)
+    except InputError:
+        raise
+    except ImportError as error:
+        raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
+    except RunError:
+        raise
+    except Exception as error:  # a damaged chunk, what HDF5 makes of a full disk, or what a format cannot hold
+        raise RunError(
+            f"{where} could not be written: {error}. Usual cause: a damaged archive, a full disk, or a name or a type "
+            "that the format cannot hold."
+        ) from error
+
+
+def _netcdf(run: xr.Dataset, out: Path) -> None:
+    import h5netcdf
+
+    types = {k: v.dtype for k, v in run.variables.items()}
+    wrong = [k for k, t in types.items() if t.kind not in "biufcSU" or not str(k).strip(".") or "/" in str(k)]
+    if wrong:
+        raise InputError(
+            f"expected variables of numbers or text, their names without /, for NetCDF, got {shown(wrong[0])} of the "
+            f"type {types[wrong[0]]}. Leave it out with run.drop_vars."
+        )
+    with h5netcdf.File(out, "w") as file:
+        file.dimensions = {str(k): v for k, v in run.sizes.items()}
+        file.attrs.update({str(k): _plain(v) for k, v in run.attrs.items()})
+        for name, variable in run.variables.items():
+            packed = variable.ndim and variable.size
+            made = file.create_variable(
+                str(name),
+                tuple(map(str, variable.dims)),
+                {"b": np.dtype("i1"), "U": TEXT}.get(variable.dtype.kind, variable.dtype),
+                **({"chunks": _chunks(variable), "compression": "gzip", "shuffle": True} if packed else {}),
+            )
+            made.attrs.update({str(k): _plain(v) for k, v in variable.attrs.items()})
+            for part in _parts(variable):
+                values = variable[part].values
+                made[part] = values.astype(object) if values.dtype.kind == "U" else values
+
+
+def _plain(value: Any) -> Any:
+    """NetCDF has text, numbers and arrays of numbers; truth values become 1 and 0, anything else JSON."""
+    if isinstance(value, str):
+        return value.encode(errors="backslashreplace").decode().replace("\0", "\\x00")
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    entries = value if isinstance(value, list) else [value]
+    if not all(isinstance(v, int | float | np.generic) for v in entries):
+        return _json(value)
+    numbers = np.asarray(value)
+    return (numbers * 1)[()] if numbers.dtype.kind in "biuf" else _json(value)
+
+
+def _json(value: Any) -> str:
+    """JSON of anything: arrays as lists, and as text what has no JSON."""
+    try:
+        return json.dumps(value, default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
+    except (TypeError, ValueError, RecursionError):  # keys that are tuples, or lists within themselves
+        return json.dumps(shown(value))
+
+
+def _chunks(variable: xr.Variable) -> tuple[int, ...]:
+    rest = max(1, math.prod(variable.shape[1:]))
+    return (min(variable.shape[0], max(1, NUMBERS_AT_ONCE // 8 // rest)), *variable.shape[1:]) if variable.ndim else ()
+
+
+def _parts(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
+    """Slices along the first axis, of about a million numbers."""
+    if not variable.ndim:
+        yield ()
+        return
+    step = max(1, NUMBERS_AT_ONCE // max(1, math.prod(variable.shape[1:])))
+    for first in range(0, variable.shape[0], step):
+        yield (slice(first, min(first + step, variable.shape[0])),)
+
+
+def _parquet(run: xr.Dataset, out: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    lead = next((d for d in ROWS if run.sizes.get(d)), "")
+    width = run.sizes.get(lead, 1)
+    step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
+    told = {b"kreisel": json.dumps({str(k): json.loads(_json(v)) for k, v in run.attrs.items()}).encode()}
+    writer = None
+    try:
+        for first in range(0, max(width, 1), step):
+            block = run.isel({lead: slice(first, first + step)}) if lead else run
+            table = pa.table(dict(_columns(block.load()))).replace_schema_metadata(told)
+            writer = writer or pq.ParquetWriter(out, table.schema)
+            writer.write_table(table)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
+    """Columns with a row for each time and lane; what varies along neither stands in every row."""
+    import xarray as xr
+
+    lead = [d for d in ROWS if d in block.sizes]
+    sizes = [block.sizes[d] for d in lead]
+    if "lane" in lead and "lane" not in block.variables:
+        yield "lane", np.broadcast_to(np.arange(block.sizes["lane"]), sizes).ravel()
+    variables: dict[Any, Any] = dict(block.variables)
+    for name, variable in variables.items():
+        if name == "message" and variable.dims[-1:] == ("character",):
+            rows = variable.values.reshape(-1, variable.shape[-1]).tolist()
+            texts = [bytes(row).rstrip(b"\0").decode(errors="replace") for row in rows]
+            variable = xr.Variable(variable.dims[:-1], np.array(texts, dtype=object).reshape(variable.shape[:-1]))
+        rest = [d for d in variable.dims if d not in lead]
+        full = variable.set_dims({**dict(zip(lead, sizes, strict=True)), **{d: variable.sizes[d] for d in rest}})
+        shape = [variable.sizes[d] for d in rest]
+        values = full.transpose(*lead, *rest).values.reshape(math.prod(sizes), math.prod(shape))
+        for place in range(values.shape[1]):
+            index = ",".join(str(i) for i in np.unravel_index(place, shape)) if rest else ""
+            yield f"{name}[{index}]" if rest else str(name), values[:, place]
+
+
+WRITERS: dict[str, Callable[[Any, Path], None]] = {".nc": _netcdf, ".h5": _netcdf, ".parquet": _parquet}

@@ -1,0 +1,115 @@
+"""Samples of a run and of a sweep computed again, for `kreisel check`: do the saved numbers follow from one another."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError
+from kreisel.methods.observing import ORIENTATION
+from kreisel.runs.march import March
+from kreisel.runs.plan import Plan, make_plan
+from kreisel.storage.archive import is_own, model_of, versions
+from kreisel.storage.reading import order_of, parsed
+from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SAMPLES = 8
+MOST_STEPS = 200_000  # lane-steps in all samples together; below a second for most maps
+NUDGE = 1e-10  # relative change of a start, which tells how a row feels the rounding of the one before
+CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps
+
+
+def steps_again(run: xr.Dataset) -> list[str]:
+    """From some rows the next one, state and orientation, against the saved one.  Nothing where a row takes too long.
+
+    A row may differ by a hundredth of what a relative change of the start by 1e-10 makes, beside `CLOSE`.
+    """
+    attrs, rows = run.attrs, run.sizes["time"]
+    each = attrs["every"] * run.sizes.get("lane", 1)
+    count = min(SAMPLES, rows - 1, MOST_STEPS // each)
+    if is_own(attrs) or count < 1 or "recovered" in attrs:
+        return []
+    names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") in ("state", "orientation")]
+    for row in np.unique(np.linspace(0, rows - 2, count).astype(int)).tolist():
+        steps = min((row + 1) * attrs["every"], attrs["steps"]) - row * attrs["every"]
+        saved = run[names].isel(time=slice(row, row + 2)).load()
+        try:
+            here, nudged = (_next(attrs, saved, steps, nudge) for nudge in (0.0, NUDGE))
+        except (InputError, RunError):
+            continue  # a state at the edge of what the method takes
+        for name in names:
+            value = saved[name].values[1]
+            off = _apart(here[name], value, name)
+            feels = _apart(here[name], nudged[name], name)
+            size = abs(value).max()
+            if off > (LOOSE if attrs["method"] == "dop853" else CLOSE) * size + feels / 100:
+                return [f"{name} of row {row + 1} does not follow from row {row}: it is off by {off:.2g}"]
+    return []
+
+
+def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, nudge: float) -> dict[str, Array]:
+    """The row after the first of `saved`, from a start that is changed by `nudge`, relative."""
+    plan = _plan(attrs, saved, steps)
+    plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
+    *_, last = March(plan).blocks()
+    return {name: value[-1] for name, value in last.items()}
+
+
+def _plan(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
+    start = saved.isel(time=0)
+    model = model_of(attrs)
+    return make_plan(
+        model,
+        {letter: start[letter].values for letter in model.system.space.letters},
+        dt=attrs["dt"],
+        steps=steps,
+        every=steps,
+        method=attrs["method"],
+        order=order_of(attrs),
+        orientation=start[ORIENTATION].values if ORIENTATION in saved else None,
+        engine="cpu",
+        project=False,
+    )
+
+
+def _apart(one: Array, two: Array, name: str) -> float:
+    """The largest difference; q and -q are the same orientation."""
+    apart = abs(one - two)
+    if name == ORIENTATION and one.shape[-1] == 4:
+        apart = np.minimum(apart.max(-1), abs(one + two).max(-1))
+    return float(apart.max())
+
+
+def lanes_again(run: xr.Dataset) -> list[str]:
+    """Some lanes of a sweep against what is saved of them; bit for bit, so only where versions and processor are those.
+
+    Nothing for a system of the user's own, whose file an archive does not hold, and for lanes that take too long.
+    """
+    attrs = run.attrs
+    told = parsed(attrs["sweep"], "The attribute sweep")
+    if "file" in told or json.loads(attrs["versions"]) != versions() or "resumed" in attrs:
+        return []
+    sweep = Sweep(told)
+    arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}
+    for lane in np.unique(np.linspace(0, attrs["lanes"] - 1, SAMPLES).astype(int)).tolist():
+        values = sweep.lanes.values(lane, lane + 1)
+        settings = sweep.lanes.filled(values)["run"]
+        if np.max(settings["steps"]) > MOST_STEPS // SAMPLES:
+            continue
+        try:
+            here = results_of(sweep, arrays, {k: v.dims.index("lane") for k, v in arrays.items()}, lane, lane + 1)
+        except TROUBLES as error:
+            return [f"lane {lane} cannot be computed again: {error}"]
+        for name, value in here.items():
+            variable = run[name]
+            saved = variable.isel(lane=slice(lane, lane + 1)).values
+            if not np.array_equal(saved, value, equal_nan=value.dtype.kind == "f"):
+                return [f"{name} of lane {lane} is not what the lane gives when it is computed again"]
+    return []

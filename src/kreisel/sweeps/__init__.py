@@ -1,0 +1,1 @@
+"""Ensembles over parameters and initial states."""

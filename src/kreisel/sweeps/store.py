@@ -1,0 +1,380 @@
+"""The Zarr store of a sweep: its arrays, which have their full length from the beginning, and its blocks."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.runs.plan import Plan
+from kreisel.storage import manifest
+from kreisel.storage.archive import dimensions, metadata, require_sound, saved_times, versions
+from kreisel.storage.reading import parsed
+from kreisel.storage.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
+from kreisel.sweeps import blocks
+from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
+from kreisel.sweeps.design import Quantity, as_json
+from kreisel.sweeps.summaries import FEWEST_ROWS, PARTS
+from kreisel.sweeps.workers import LOST
+
+FORMAT = 1
+LONGEST_BLOCK = 10**9  # steps: about half a minute for n = 3
+MOST_IN_BLOCK = 4096
+FEWEST_BLOCKS = 16
+TEMPLATES = 64  # lanes that are tried until one can be planned
+CHUNK_BYTES = 1 << 20  # of a trajectory: what is read at once
+
+
+class Store:
+    """The Zarr store of a sweep: NAME.part until every block is there, then NAME."""
+
+    def __init__(self, path: Path, sweep: Sweep):
+        self.path, self.part, self.sweep = path, part_of(path), sweep
+        self._text = as_json(sweep.description)
+        self.digest = hashlib.sha256(self._text.encode()).hexdigest()
+        self._plans = list(_templates(sweep))
+        self.width = _block_lanes(sweep, self._plans)
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks there are."""
+        return -(-self.sweep.lanes.total // self.width)
+
+    def missing(self) -> list[int]:
+        """The blocks that are not done."""
+        if manifest.whole(self.part):
+            return []
+        there = manifest.blocks_done(self.part)
+        return [k for k in range(self.blocks) if k not in there]
+
+    def lanes_done(self, todo: Sequence[int]) -> int:
+        """Lanes of the blocks that are not in `todo`."""
+        last = self.sweep.lanes.total - (self.blocks - 1) * self.width
+        return self.sweep.lanes.total - sum(last if k == self.blocks - 1 else self.width for k in todo)
+
+    def open(self, overwrite: bool) -> list[int]:
+        """Make the store or go on with it; the blocks to do.  Raises `InputError` where another one is in the way."""
+        try:
+            settle(self.path)
+            going_on = agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
+            if stands(self.path) and not (overwrite or going_on):
+                self._same(self.path)
+                return []
+            require_replaceable(self.path)
+            require_replaceable(self.part)
+            if stands(self.part):
+                if going_on or (not overwrite and manifest.begun(self.part)):
+                    self._same(self.part)
+                    self._fit()
+                    return self.missing()
+                remove(self.part)
+            self._create(overwrite)
+        except OSError as error:
+            raise disk_trouble(error, self.path, "be created", "") from error
+        return self.missing()
+
+    def _is_same(self, where: Path) -> bool:
+        try:
+            self._same(where)
+        except InputError:
+            return False
+        return manifest.begun(where)
+
+    def _same(self, where: Path) -> None:
+        attrs = read_attributes(where)
+        require_sound(where)
+        if attrs["sweep"] != self._text or attrs["block_lanes"] != self.width:
+            raise InputError(
+                f"{where} holds another sweep{_difference(attrs['sweep'], self._text)} and is left as it is. Choose "
+                "another path, or replace it with --overwrite (overwrite=True)."
+            )
+
+    def _fit(self) -> None:
+        """Compare the metadata with the manifest; note other versions; remove what a kill left half written."""
+        from kreisel.storage.verified import Verified, edited
+
+        if manifest.whole(self.part):
+            return
+        store = Verified(self.part, manifest.read(self.part))
+        for name in ("zarr.json", *(f"{name}/zarr.json" for name in self._arrays())):
+            store.verify(name)
+        _sweep_up(self.part)
+        changed = json.dumps(versions())
+        with edited(self.part) as group:
+            if group.attrs["versions"] != changed:
+                group.attrs["resumed"] = changed
+
+    def _arrays(self) -> dict[str, dict[str, Any]]:
+        """Every array as Zarr makes it."""
+        total, width = self.sweep.lanes.total, self.width
+        out: dict[str, dict[str, Any]] = {}
+
+        def add(name: str, rest: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **more: Any) -> None:
+            told = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
+            out[name] = {**told, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
+
+        example = self.sweep.lanes.values(0, 1)
+        for quantity in self.sweep.lanes.quantities:
+            add(quantity.name, *_input(quantity, example[quantity], self.sweep))
+            if example[quantity].dtype.kind in "iuU":
+                kind = np.dtype("u1") if example[quantity].dtype.kind == "U" else np.dtype("i8")
+                out[quantity.name] |= {"dtype": kind, "fill_value": 0}
+        for plan in self._plans:
+            for name, (rest, dims, attrs) in _summaries(self.sweep, plan).items():
+                if name not in out:
+                    add(name, rest, dims, attrs)
+            if TRAJECTORIES in self.sweep.save:
+                for name, told in _trajectories(plan, total, width).items():
+                    out.setdefault(name, told)
+        for name, meaning in blocks.CHOSEN.items() if self.sweep.automatic else ():
+            add(name, (), (), {"long_name": meaning, "units": "1"})
+        spare = {"dtype": np.dtype("u1"), "fill_value": 0}
+        add("message", (MESSAGE_BYTES,), ("character",), {"long_name": "why a lane failed, in UTF-8"}, **spare)
+        flags = {"flag_values": [COMPUTED, FAILED, MISSING], "flag_meanings": "computed failed missing"}
+        add("failed", (), (), {"long_name": "whether a lane failed", **flags}, dtype=np.dtype("u1"), fill_value=MISSING)
+        return out
+
+    def _create(self, overwrite: bool) -> None:
+        import zarr
+        from zarr.codecs import Crc32cCodec, ZstdCodec
+
+        plan, system = self._plans[0], self.sweep.system
+        attrs = {
+            "Conventions": "CF-1.11",
+            "title": f"{system.title}: sweep of {self.sweep.lanes.total:,} lanes",
+            "source": f"kreisel {importlib.metadata.version('kreisel')}",
+            "references": system.source,
+            "kreisel_sweep": FORMAT,
+            "system": system.name,
+            "equations": system.equations,
+            "frame": system.frame.value,
+            "n": plan.model.n,
+            "sweep": self._text,
+            "lanes": self.sweep.lanes.total,
+            "block_lanes": self.width,
+            "complete": False,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "versions": json.dumps(versions()),
+        }
+        self.part.parent.mkdir(parents=True, exist_ok=True)
+        group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
+        codecs = [ZstdCodec(level=1), Crc32cCodec()]
+        if TRAJECTORIES in self.sweep.save:
+            times = saved_times(plan)
+            said: dict[str, Any] = {"long_name": "time", "units": "1", "axis": "T"}
+            group.create_array(
+                "time", data=times, chunks=times.shape, dimension_names=("time",), compressors=codecs, attributes=said
+            )
+        for name, told in self._arrays().items():
+            more: dict[str, Any] = told
+            group.create_array(name, compressors=codecs, **more)
+        group.create_group("engine")
+        (self.part / manifest.BLOCKS).mkdir()
+        if overwrite:
+            agree(self.path)
+        if TRAJECTORIES in self.sweep.save:
+            manifest.add_block(self.part, "before", ["time/c/0"])
+        manifest.begin(self.part)
+
+    def finish(self) -> None:
+        """Mark the store as whole and give it its name."""
+        from kreisel.storage.verified import consolidated
+
+        missing = self.missing()
+        if missing:
+            raise RunError(f"{self.part} lacks {len(missing):,} blocks although they were reported as done. {LOST}")
+        try:
+            if not manifest.whole(self.part):
+                _sweep_up(self.part)
+                consolidated(self.part, failed_lanes=self._failed(), complete=True)
+                manifest.seal(self.part, [])
+            manifest.clear(self.part)
+            take_name(self.path)
+        except OSError as error:
+            raise disk_trouble(error, self.path, "be finished", f" {LOST}") from error
+
+    def _failed(self) -> int:
+        import zarr
+
+        from kreisel.storage.verified import Verified
+
+        failed: Any = zarr.open_group(Verified(self.part, manifest.read(self.part)), mode="r")["failed"]
+        return int((np.asarray(failed[:]) == FAILED).sum())
+
+    def failed_lanes(self) -> int:
+        """How many lanes failed, of a store that is whole."""
+        return int(read_attributes(self.path)["failed_lanes"])
+
+
+def _sweep_up(store: Path) -> None:
+    for pattern in ("*.partial", ".new-*"):
+        for scratch in store.rglob(pattern):
+            scratch.unlink(missing_ok=True)
+
+
+def _difference(theirs: str, mine: str) -> str:
+    """Which part of two descriptions differs."""
+    try:
+        other = parsed(theirs, "The attribute sweep")
+        here = parsed(mine, "The attribute sweep")
+        parts = [f"{s}.{k}" for s in here for k in {**here[s], **other[s]} if here[s].get(k) != other[s].get(k)]
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return ""
+    return f" (it differs in {', '.join(sorted(parts)[:5])})" if parts else ""
+
+
+def _templates(sweep: Sweep) -> Iterator[Plan]:
+    """A plan for each method and order that occur; they have different variables.
+
+    Raises `InputError` where no lane of them can be planned.
+    """
+    lanes = sweep.lanes
+    for combination in _combinations(sweep):
+        last: Exception | None = None
+        for lane in combination:
+            values = lanes.values(lane, lane + 1)
+            varied = {(q.section, q.letter) for q in values}
+            try:
+                plan = sweep.plan(lanes.filled(values), np.arange(1), varied)
+            except blocks.TROUBLES as error:
+                last = last or error
+                continue
+            _check_rows(sweep, plan)
+            yield plan
+            break
+        else:
+            raise InputError(f"No lane of the sweep can be simulated. The first one: {last}")
+
+
+def _combinations(sweep: Sweep) -> Iterator[list[int]]:
+    """For each combination of method and order some lanes that have it."""
+    lanes, names = sweep.lanes, ("run.method", "run.order")
+    tables = lanes.tables
+    sizes = [size for _, size in lanes.axes]
+    choices: list[list[int]] = []
+    for quantities, size in lanes.axes:
+        telling = [tables[q] for q in quantities if q.name in names]
+        firsts = (
+            {tuple(np.asarray(t[i]).tobytes() for t in telling): i for i in reversed(range(size))}
+            if telling
+            else {(): 0}
+        )
+        choices.append(sorted(firsts.values()))
+    for places in np.ndindex(*(len(c) for c in choices)):
+        start = [c[i] for c, i in zip(choices, places, strict=True)]
+        free = [k for k, (quantities, _) in enumerate(lanes.axes) if not any(q.name in names for q in quantities)]
+        found = []
+        count = math.prod(sizes[k] for k in free)
+        for other in np.unique(np.linspace(0, count - 1, min(count, TEMPLATES)).astype(int)):
+            place = list(start)
+            for k, at in zip(free, np.unravel_index(other, [sizes[k] for k in free]), strict=True):
+                place[k] = int(at)
+            found.append(int(np.ravel_multi_index(place, sizes)))
+        yield found
+
+
+def _check_rows(sweep: Sweep, plan: Plan) -> None:
+    varied = {q.name for q in sweep.lanes.quantities} & {"run.dt", "run.steps", "run.every"}
+    if TRAJECTORIES in sweep.save and varied:
+        raise InputError(
+            f"Trajectories need the same times in all lanes, but {', '.join(sorted(varied))} varies. Save summaries, "
+            "or make a sweep for each."
+        )
+    rows = plan.steps // plan.every + 1
+    if "frequencies" in sweep.save and rows < FEWEST_ROWS:
+        raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states; {rows} came. Use more steps.")
+
+
+def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
+    """Numbers that a lane holds in memory at once, temporary ones included."""
+    outputs = plan.observe(plan.engine.z[None])
+    states = sum(
+        v[0, 0].size for name, v in outputs.items() if plan.scheme.outcomes[name].kind in ("state", "orientation")
+    )
+    everything = sum(v[0, 0].size for v in outputs.values())
+    held = 40 * everything  # a row, its outputs, what it takes to make them, the summaries
+    if TRAJECTORIES in sweep.save:
+        held += 3 * plan.rows * everything
+    if "frequencies" in sweep.save:
+        held += plan.rows * states
+    return int(held + MESSAGE_BYTES // 4)
+
+
+def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
+    """Lanes in a block: as asked for, or as many as memory and patience allow; never by the number of workers."""
+    told = sweep.description["sweep"]
+    each = max(8 * _floats_of_a_lane(sweep, plan) for plan in plans)
+    fitting = (told["memory"] << 20) // each
+    asked = told.get("block")
+    if fitting < (asked or 1):
+        raise InputError(
+            f"{asked or 1} lanes need about {each * (asked or 1) / 2**20:.0f} MiB at once, more than "
+            f"memory = {told['memory']} in [sweep]. Save less often "
+            "(every), save no trajectories or frequencies, or allow more memory."
+        )
+    if asked:
+        return int(min(asked, sweep.lanes.total))
+    patience = max(1, LONGEST_BLOCK // max(plan.steps for plan in plans))
+    return int(min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS)))
+
+
+def _input(quantity: Quantity, example: Array, sweep: Sweep) -> tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]:
+    """Shape, dimensions and attributes of the values of a quantity that varies."""
+    attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
+    if example.dtype.kind == "U":
+        tables = {**sweep.lanes.grid, **sweep.lanes.listed}
+        words = sorted(set(tables[quantity].tolist()))
+        attrs |= {"flag_values": list(range(len(words))), "flag_meanings": " ".join(words)}
+    rest = example.shape[1:]
+    return rest, tuple(f"{quantity.name}_{i}" for i in range(len(rest))), attrs
+
+
+def _summaries(sweep: Sweep, plan: Plan) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]]:
+    outputs, out = plan.observe(plan.engine.z[None]), {}
+    for kind in sweep.save:
+        for name, (of, meaning) in PARTS[kind](plan.scheme.outcomes).items() if kind in PARTS else ():
+            dims = dimensions(plan, of, outputs[of].shape)[2:]
+            out[name] = outputs[of].shape[2:], dims, {"long_name": meaning, "kind": kind, "units": "1"}
+    return out
+
+
+def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any]]:
+    """Each variable of a run: a shard for each block, with chunks along time."""
+    out = {}
+    for name, value in plan.observe(plan.engine.z[None]).items():
+        rest, outcome = value.shape[2:], plan.scheme.outcomes[name]
+        inner = max(1, min(plan.rows, CHUNK_BYTES // (8 * width * math.prod(rest))))
+        out[name] = {
+            "shape": (plan.rows, total, *rest),
+            "chunks": (inner, width, *rest),
+            "shards": (-(-plan.rows // inner) * inner, width, *rest),
+            "dtype": np.dtype("f8"),
+            "fill_value": np.nan,
+            "dimension_names": dimensions(plan, name, value.shape),
+            "attributes": {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1", "kept": int(outcome.kept)},
+        }
+    return out
+
+
+def read_attributes(store: Path) -> dict[str, Any]:
+    """The attributes of a sweep, checked.  Raises `InputError` for what is none."""
+    attrs = metadata(store)
+    if attrs.get("kreisel_sweep") != FORMAT:
+        raise InputError(f"{store} is no sweep of Kreisel (no kreisel_sweep = {FORMAT} among its attributes).")
+    kinds = {"sweep": str, "system": str, "versions": str, "lanes": int, "block_lanes": int, "complete": bool}
+    wrong = [k for k, kind in kinds.items() if not isinstance(attrs.get(k), kind)]
+    wrong += [k for k in ("lanes", "block_lanes") if k not in wrong and attrs[k] < 1]
+    if attrs.get("complete") and not isinstance(attrs.get("failed_lanes"), int):
+        wrong.append("failed_lanes")
+    if wrong:
+        raise InputError(f"{store} is damaged: its attributes lack or are wrong in {', '.join(wrong)}.")
+    return attrs

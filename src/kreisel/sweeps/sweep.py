@@ -1,0 +1,244 @@
+"""kr.sweep: an ensemble over parameters and initial states, on Dask, in blocks that can be lost and made again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kreisel.errors import InputError, Interrupted, shown
+from kreisel.record.model import Model
+from kreisel.runs.plan import check_model, checked_state, flag
+from kreisel.runs.progress import Progress
+from kreisel.storage import manifest
+from kreisel.storage.archive import require_sound, target
+from kreisel.storage.checkpoint import Lock, signals_wait
+from kreisel.storage.reading import shallow
+from kreisel.sweeps import blocks
+from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
+from kreisel.sweeps.broken_lanes import watched_lanes
+from kreisel.sweeps.design import described
+from kreisel.sweeps.store import Store, read_attributes
+from kreisel.sweeps.workers import Tasks, check_workers, pool
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SAVED = ("drift", "extremes", "frequencies", TRAJECTORIES)
+DEFAULT_SAVE = ("drift", "extremes")
+MEMORY_MIB = 256  # of arrays in a worker, beside Python and its libraries
+
+
+@dataclass
+class Report:
+    """What a sweep did: the lanes of all blocks, those that failed, the blocks of this call, and what they took."""
+
+    path: Path
+    lanes: int
+    blocks: int
+    before: int
+    failed: int = 0
+    seconds: float = 0.0
+    peak_MiB: float = 0.0
+
+    def add(self, told: Mapping[str, Any]) -> None:
+        """Count a block."""
+        self.failed += told["failed"]
+        self.peak_MiB = max(self.peak_MiB, told["peak_MiB"])
+
+
+def sweep(
+    system: Any,
+    x0: Any,
+    *,
+    dt: float,
+    steps: int,
+    path: str | os.PathLike[str],
+    every: int = 1,
+    method: str | None = None,
+    order: int | str | None = None,
+    tol: float | None = None,
+    orientation: Any = None,
+    project: bool = True,
+    grid: Mapping[str, Any] | None = None,
+    list: Mapping[str, Any] | None = None,
+    random: Mapping[str, Any] | None = None,
+    draws: int | None = None,
+    rng: int | None = None,
+    save: Sequence[str] = DEFAULT_SAVE,
+    block: int | None = None,
+    memory: int = MEMORY_MIB,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    overwrite: bool = False,
+    progress: bool | None = None,
+) -> xr.Dataset:
+    """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset by lane.
+
+    system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to project are the same
+    path         the Zarr store; the same call goes on with one that was interrupted
+    grid         quantity -> values: every combination, e.g. {"system.alpha": np.linspace(0.5, 2, 20)}
+    list         quantity -> values that go together, as many of each
+    random       quantity -> {"uniform": [a, b]}, {"loguniform": [a, b]}, {"normal": [mean, deviation]} or
+                 {"sphere": radius}: `draws` of them with the seed `rng`
+    save         of "drift", "extremes", "frequencies" and "trajectories"
+    block        lanes in a block; by default from the memory, the steps and the lanes
+    memory       MiB of arrays in a worker, beside the 300 or so of Python and its libraries
+    workers      processes on this machine, by default one a core; 0: this process, without Dask
+    scheduler    the address of a Dask scheduler instead, whose workers see the same files
+
+    A quantity is `system.`, `state.` or `run.` with a letter, or one entry, "state.m[2]"; `state.orientation` too.
+    The lanes are grid x list x draws, the last fastest; the values stand in variables of these names.  A lane that
+    fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
+    Raises `InputError` for bad input and `RunError` where the sweep has to stop; what was done is kept.  Warns with
+    `ConservationWarning` where a lane loses what the method conserves, as `kr.simulate` does.
+    """
+    check_model(system)
+    flag(overwrite, "overwrite")
+    _only_known(system)
+    state = checked_state(system, x0).axial
+    description = {
+        "system": {"name": system.system.name, **system.params},
+        "state": {**state, **({} if orientation is None else {"orientation": orientation})},
+        "run": {
+            "dt": dt,
+            "steps": steps,
+            "every": every,
+            "method": method,
+            "order": order,
+            "tol": tol,
+            "project": project,
+        },
+        "sweep": {
+            "grid": {} if grid is None else grid,
+            "list": {} if list is None else list,
+            "random": {} if random is None else random,
+            "draws": draws,
+            "rng": rng,
+            "save": save,
+            "block": block,
+            "memory": memory,
+        },
+    }
+    report = carry_out(
+        description,
+        target(path),
+        workers=workers,
+        scheduler=scheduler,
+        overwrite=overwrite,
+        progress=progress,
+    )
+    return watched_lanes(open_sweep(report.path))
+
+
+def _only_known(model: Model) -> None:
+    from kreisel.systems import REGISTRY
+
+    if REGISTRY.get(model.system.name) is not model.system:
+        raise InputError(
+            f"{model.system.name} is a system of your own: workers need its Python file. Write a TOML file with "
+            'file = "..." in [system], and run `kreisel sweep`.'
+        )
+
+
+def carry_out(
+    description: Mapping[str, Any],
+    path: Path,
+    *,
+    file: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    overwrite: bool = False,
+    progress: bool | None = None,
+) -> Report:
+    """Make a sweep, or go on with it, from its description; `file` defines a system of the user's own."""
+    begun = time.perf_counter()
+    plain = _checked(described(shallow(description, "The description of the sweep")), file)
+    check_workers(workers, scheduler)
+    store = Store(path, Sweep(plain, file))
+    with Lock(path):
+        todo = store.open(overwrite)
+        report = Report(path, store.sweep.lanes.total, store.blocks, store.blocks - len(todo))
+        if todo:
+            with (
+                signals_wait() as stop,
+                pool(workers, scheduler, progress) as hands,
+                Progress(report.lanes, progress, store.lanes_done(todo), "lanes") as bar,
+            ):
+                tasks = Tasks(str(store.part.absolute()), str(file.absolute()) if file else None, store.digest, todo)
+                for told in hands.run(tasks, stop):
+                    report.add(told)
+                    bar.advance(told["lanes"])
+            if stop.signal is not None:
+                kept = store.blocks - len(store.missing())
+                raise Interrupted(stop.signal, kept, store.blocks, store.part)
+        if store.part.exists():
+            store.finish()
+        report.failed, report.seconds = store.failed_lanes(), time.perf_counter() - begun
+        return report
+
+
+def _checked(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
+    """With its defaults filled in.  Raises `InputError`."""
+    told = {k: v for k, v in description["sweep"].items() if v is not None}
+    saved = told.setdefault("save", [*DEFAULT_SAVE])
+    if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):
+        raise InputError(f"save in [sweep] must list some of {', '.join(SAVED)}; {shown(saved)} came.")
+    told["save"] = [kind for kind in SAVED if kind in saved]
+    memory = told.setdefault("memory", MEMORY_MIB)
+    for name, value in (("memory", memory), ("block", told.get("block", 1))):
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10**7:
+            raise InputError(f"{name} in [sweep] must be a whole number, 1 or more; {shown(value)} came.")
+    run = {k: v for k, v in description["run"].items() if v is not None}
+    out = {**description, "run": run, "sweep": told}
+    if file is not None:
+        out["file"] = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
+    return out
+
+
+def open_sweep(path: Path) -> xr.Dataset:
+    """The Dataset of a sweep, opened lazily; lanes of blocks that are not done have failed = 255."""
+    import xarray as xr
+
+    from kreisel.storage.verified import Verified
+
+    attrs = read_attributes(path)
+    require_sound(path)
+    store = Verified(path, known := manifest.read(path), partial=not attrs["complete"])
+    for name in {*manifest.metadata_files(path), *(n for n in known if n.endswith("zarr.json"))}:
+        store.verify(name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return xr.open_dataset(
+                store,  # type: ignore[arg-type]
+                engine="zarr",
+                consolidated=False,
+                cache=False,
+                mask_and_scale=False,
+            )
+    except InputError:
+        raise
+    except Exception as error:  # whatever a damaged store makes the libraries raise
+        raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
+
+
+def failures(run: xr.Dataset) -> pd.DataFrame:
+    """The lanes of a sweep that failed: a row for each, with its message and the numbers that varied."""
+    import pandas as pd
+
+    if "failed" not in getattr(run, "variables", ()):
+        raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
+    told = list(blocks.failures(run))
+    ids = [lane for lane, _ in told]
+    table = pd.DataFrame({"message": [why for _, why in told]}, index=pd.Index(ids, name="lane"))
+    for name, variable in run.variables.items():
+        if variable.attrs.get("kind") == "input" and variable.ndim == 1:
+            table[name] = variable.values[ids]
+    return table

@@ -1,0 +1,273 @@
+"""Who computes the blocks of a sweep: this process, or Dask's workers."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+from kreisel.errors import InputError, RunError, shown
+from kreisel.storage.checkpoint import Stop
+from kreisel.sweeps.blocks import compute
+
+LOSSES = 5  # workers that a block may lose before it is blamed
+LOOK = 0.5  # seconds between two looks at what is going on
+PATIENCE = 120.0  # seconds that workers of our own may take to start, and that none of them may be there
+CLOSING = 20.0  # seconds after which they are killed
+ANSWER = 20.0  # seconds in which somebody else's scheduler must answer
+LOST = "The blocks that were done are kept: the same command goes on."
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """Blocks to compute."""
+
+    part: str
+    file: str | None
+    digest: str
+    todo: Sequence[int]
+
+    def arguments(self, block: int) -> tuple[str, int, str | None, str]:
+        """Of `blocks.compute`."""
+        return self.part, block, self.file, self.digest
+
+
+@contextlib.contextmanager
+def _at_once(stop: Stop) -> Iterator[None]:
+    """Inside, Ctrl-C and SIGTERM end the block that is computed, however long it takes: it is made again.
+
+    Main thread only.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    inside = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        stop.signal = number
+        if inside:
+            raise KeyboardInterrupt
+
+    for number in before:
+        signal.signal(number, end)
+    try:
+        try:
+            inside = True
+            yield
+        finally:
+            inside = False  # a signal that comes while the handlers are put back
+    except KeyboardInterrupt:
+        if stop.signal is None:
+            raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class Here:
+    """The process itself, one block after the other."""
+
+    def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
+        """What each block took."""
+        for block in tasks.todo:
+            if stop.signal is not None:
+                return
+            took = None
+            try:
+                with _at_once(stop):
+                    took = compute(*tasks.arguments(block))
+            except KeyboardInterrupt:  # on the way out of `with`
+                if stop.signal is None:
+                    raise
+            if took is not None:
+                yield took
+
+    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """The place of each item and function(item), in order."""
+        for place, item in enumerate(items):
+            yield place, function(item)
+
+
+class Pool:
+    """Dask's workers."""
+
+    def __init__(self, client: Any, address: str | None):
+        self._client, self._address, self._seen = client, address, time.monotonic()
+
+    def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
+        """What each block took, in the order in which they end.  Only a few are with the workers at a time."""
+        import distributed
+
+        waiting, losses = iter(tasks.todo), dict.fromkeys(tasks.todo, 0)
+        at_work: dict[Any, int] = {}
+        try:
+            while stop.signal is None:
+                room = 2 * max(2, sum(self._client.ncores().values())) - len(at_work)
+                for block in itertools.islice(waiting, max(0, room)):
+                    at_work[self._submit(tasks, block, 0)] = block
+                if not at_work:
+                    return
+                for future in self._ended(at_work):
+                    block = at_work[future]
+                    try:
+                        got = self._fetched(future)
+                    except distributed.KilledWorker:
+                        del at_work[future]
+                        losses[block] += 1
+                        if losses[block] >= LOSSES:
+                            raise RunError(
+                                f"Block {block} lost its worker again and again. Usual cause: too little memory for "
+                                f"it. Use a smaller block or memory in [sweep]. {LOST}"
+                            ) from None
+                        at_work[self._submit(tasks, block, losses[block])] = block
+                        continue
+                    if got:
+                        del at_work[future]
+                        yield got[0]
+        except (OSError, distributed.CancelledError) as error:
+            raise RunError(f"The scheduler {self._address or 'here'} went away: {error}. {LOST}") from error
+        finally:
+            with contextlib.suppress(Exception):
+                self._client.cancel(list(at_work), force=True)
+
+    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """The place of each item and function(item), in the order in which they end."""
+        import distributed
+
+        at_work = {self._client.submit(function, item, pure=False): place for place, item in enumerate(items)}
+        try:
+            while at_work:
+                for future in self._ended(at_work):
+                    got = self._fetched(future)
+                    if got:
+                        yield at_work.pop(future), got[0]
+        except distributed.KilledWorker as error:
+            raise RunError(f"A worker was lost again and again: {error}. Usual cause: too little memory.") from None
+        except (OSError, distributed.CancelledError) as error:
+            raise RunError(f"The scheduler {self._address or 'here'} went away: {error}.") from error
+        finally:
+            with contextlib.suppress(Exception):
+                self._client.cancel(list(at_work), force=True)
+
+    def _submit(self, tasks: Tasks, block: int, trial: int) -> Any:
+        key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
+        return self._client.submit(compute, *tasks.arguments(block), key=key, pure=False)
+
+    def _fetched(self, future: Any) -> list[Any]:
+        """The result of one that has ended; none where its worker went away with it, and it is made again."""
+        try:
+            return [future.result(PATIENCE)]
+        except TimeoutError:
+            if future.status == "error":
+                raise  # its own
+            return []
+
+    def _ended(self, at_work: Iterable[Any]) -> Iterable[Any]:
+        """Those that have ended, none if that takes longer.  Raises `RunError` where there is nobody left to wait for.
+
+        The workers of somebody else's cluster may stand in a queue for hours.  One of our own starts again when it is
+        killed, but not when it loses its connection, as it does over a task that it cannot read.
+        """
+        import distributed
+
+        try:
+            return set(distributed.wait(list(at_work), timeout=LOOK, return_when="FIRST_COMPLETED").done)
+        except TimeoutError:
+            pass
+        if self._client.status not in ("running", "connecting"):
+            raise RunError(f"The scheduler {self._address or 'here'} went away. {LOST}")
+        if self._address is not None or self._client.ncores():
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > PATIENCE:
+            raise RunError(
+                f"No worker has been there for {PATIENCE:g} s, and none started again. Usual cause: code that they "
+                f"cannot import, or too little memory. {LOST}"
+            )
+        return ()
+
+
+def check_workers(workers: Any, scheduler: str | None) -> None:
+    """Raises `InputError` where the two do not say who computes."""
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or not 0 <= workers <= 4096):
+        raise InputError(f"workers must be a number of processes, 0 or more; {shown(workers)} came.")
+    if scheduler is not None and workers is not None:
+        raise InputError("A scheduler has its own workers: give either scheduler or workers.")
+
+
+@contextlib.contextmanager
+def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> Iterator[Here | Pool]:
+    """Who computes the blocks.  Raises `InputError` without Dask, and where no scheduler answers."""
+    if workers == 0:
+        yield Here()
+        return
+    try:
+        import distributed
+        from distributed.utils import silence_logging_cmgr
+    except ImportError:
+        raise InputError(
+            "Sweeps on several processes need Dask: pip install 'kreisel[sweep]'. --workers 0 needs none."
+        ) from None
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(silence_logging_cmgr(logging.CRITICAL))  # errors come as exceptions
+        if scheduler is None:
+            address = stack.enter_context(_processes(workers or os.cpu_count() or 1))
+        else:
+            address = scheduler
+        try:
+            client = distributed.Client(address, timeout=PATIENCE if scheduler is None else ANSWER)
+            stack.callback(_closed, client)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(
+                f"No Dask scheduler answers at {scheduler}: {error}. Is `dask scheduler` running?"
+            ) from None
+        if sys.stderr.isatty() if progress is None else progress:
+            print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
+        yield Pool(client, scheduler)
+
+
+@contextlib.contextmanager
+def _processes(count: int) -> Iterator[Any]:
+    """A scheduler here and so many worker processes.  Raises `RunError` where they do not start."""
+    import distributed
+
+    try:
+        cluster = distributed.LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+            death_timeout=PATIENCE,
+        )
+    except (TimeoutError, OSError, RuntimeError) as error:
+        raise RunError(
+            f"The {count} worker processes did not start: {error or type(error).__name__}. Ask for fewer workers, or 0 "
+            "for none."
+        ) from error
+    try:
+        yield cluster
+    finally:
+        ids = [getattr(nanny, "pid", None) for nanny in cluster.workers.values()]
+        if not _closed(cluster):
+            for process in filter(None, ids):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
+
+
+def _closed(what: Any) -> bool:
+    """Close a client or a cluster; whether it did so in time."""
+    try:
+        what.close(timeout=CLOSING)
+    except TimeoutError:
+        return False
+    return True
