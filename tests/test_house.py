@@ -15,7 +15,7 @@ RANK = {  # a part imports what stands on its own line or above
     part: rank
     for rank, parts in enumerate(
         (
-            ("errors",),
+            ("errors", "display"),
             ("algebra",),
             ("record", "units"),
             ("baecklund", "implicit"),
@@ -33,9 +33,9 @@ RANK = {  # a part imports what stands on its own line or above
 
 
 def imports(path: Path) -> set[str]:
-    """Parts of kreisel that a module imports at its head."""
+    """Parts of kreisel that a module imports, inside functions too."""
     found = set()
-    for node in ast.parse(path.read_text()).body:
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "kreisel":
             names = [node.module] if "." in node.module else [f"kreisel.{alias.name}" for alias in node.names]
             found |= {name.split(".")[1] for name in names}

@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from kreisel.display import SHOWN
 from kreisel.errors import ConservationWarning, InputError, RunError
 from kreisel.systems import (
     REGISTRY,
@@ -74,6 +75,8 @@ _LAZY = {
     "sweep": "kreisel.sweeps.sweep",
     "plot": "kreisel.view.plots",
 }
+SHOWN.update({what: f"kreisel.view.html:{what}_html" for what in ("system", "model", "state", "run")})
+SHOWN.update(plot="kreisel.view.plots:plot", view="kreisel.view.page:view")
 _PARTS = ("analysis", "lab", "physical", "units", "view")
 
 __all__ = [

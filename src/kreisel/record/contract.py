@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel import algebra
 from kreisel.algebra import Array, invariants
+from kreisel.display import show
 from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
@@ -343,9 +344,7 @@ class System:
         return f"<kreisel system {self.name!r}: {self.title}>"
 
     def _repr_html_(self) -> str:
-        from kreisel.view.html import system_html
-
-        return system_html(self)
+        return str(show("system", self))
 
     def __post_init__(self) -> None:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)

@@ -15,6 +15,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.display import show
 from kreisel.errors import InputError, nearest, shown
 from kreisel.record.contract import (
     PARAMETER_AXES,
@@ -61,9 +62,7 @@ class State(Mapping[str, Array]):
         return "State(" + ", ".join(f"{k}={v.tolist()}" for k, v in self._components.items()) + ")"
 
     def _repr_html_(self) -> str:
-        from kreisel.view.html import state_html
-
-        return state_html(self)
+        return str(show("state", self))
 
     @property
     def axial(self) -> State:
@@ -174,9 +173,7 @@ class Model:
         return f"{self.system.name}({told})"
 
     def _repr_html_(self) -> str:
-        from kreisel.view.html import model_html
-
-        return model_html(self)
+        return str(show("model", self))
 
     @property
     def state(self) -> Callable[..., State]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from kreisel.display import show
 from kreisel.errors import InputError
 from kreisel.record.model import Model
 from kreisel.runs.citing import cite
@@ -19,8 +20,6 @@ from kreisel.storage.reading import a_run
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-
-    from kreisel.view.page import View
 
 
 @xr.register_dataset_accessor("kreisel")  # type: ignore[no-untyped-call]
@@ -45,15 +44,11 @@ class Kreisel:
 
     def plot(self, **options: Any) -> Figure:
         """`kr.plot(run, **options)`."""
-        from kreisel.view.plots import plot
+        return show("plot", self._run, **options)
 
-        return plot(self._run, **options)
-
-    def view(self, *, lane: int = 0) -> View:
+    def view(self, *, lane: int = 0) -> Any:
         """`kr.view(run, lane=lane)`."""
-        from kreisel.view.page import view
-
-        return view(self._run, lane=lane)
+        return show("view", self._run, lane=lane)
 
     def cite(self) -> str:
         """`kr.cite(run)`."""
@@ -65,6 +60,4 @@ class Kreisel:
         return "\n".join([head, table.to_string(), *broken(table)])
 
     def _repr_html_(self) -> str:
-        from kreisel.view.html import run_html
-
-        return run_html(self._run)
+        return str(show("run", self._run))
