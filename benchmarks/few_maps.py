@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.methods.baecklund import MOST_ORDER, pade_zeros, stage_points
+from kreisel.method.baecklund import MOST_ORDER, pade_zeros, stage_points
 
 ROUND_OFF = 1e-11
 Z = tuple[np.ndarray, np.ndarray]

@@ -24,7 +24,7 @@ from cases import Case, cases, machine, parser, write
 from kreisel.kernels.cpu import load
 from kreisel.kernels.cuda import PRECISIONS, source
 from kreisel.kernels.recording import flat_constants, flat_stages
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 from kreisel.runs.plan import make_plan
 
 CAPABILITY = (9, 0)

@@ -43,7 +43,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.recording import flat_constants
-from kreisel.methods import scheme
+from kreisel.method import scheme
 from kreisel.runs.plan import make_plan, plan_of_times
 
 TIMES = (100.0, 1000.0)

@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib
 from cases import RESULTS
 
-from kreisel.view.style import theme_of
+from kreisel.viewer.style import theme_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 import kreisel as kr
 from kreisel.physical import STANDARD_GRAVITY, Gyroscope, Motion
-from kreisel.view.style import THEMES
+from kreisel.viewer.style import THEMES
 
 WHEEL = Gyroscope.flat(mass=29.5 / STANDARD_GRAVITY, axial_moment=0.17, lever=0.15)
 TILT, SPIN = math.pi / 2, 2 * math.pi * 3  # rad, rad/s

@@ -15,7 +15,7 @@ import numpy as np
 import kreisel as kr
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
-from kreisel.methods import scheme
+from kreisel.method import scheme
 from kreisel.record.contract import call
 
 DT, STEPS, EVERY = 0.05, 1_000_000, 250

@@ -14,7 +14,7 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 import kreisel as kr
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 Path(os.environ["KREISEL_CACHE"]).mkdir(mode=0o700, parents=True, exist_ok=True)  # code: nobody else's
 

@@ -23,8 +23,8 @@ import xarray as xr
 
 import kreisel as kr
 from kreisel.lab import exact
-from kreisel.methods import METHODS
-from kreisel.systems import REGISTRY
+from kreisel.method import METHODS
+from kreisel.system import REGISTRY
 
 LARGE = ("lagrange-top", "clebsch", "neumann", "euler-top")
 ORDERS = (None, 2, 4)

@@ -11,8 +11,8 @@ import pytest
 import kreisel as kr
 from kreisel import cli
 from kreisel.lab import exact
-from kreisel.methods.auto import ORDERS, choose
-from kreisel.systems import REGISTRY
+from kreisel.method.auto import ORDERS, choose
+from kreisel.system import REGISTRY
 from sizes import FULL
 
 SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]

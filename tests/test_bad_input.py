@@ -570,7 +570,7 @@ def test_a_page_of_half_a_character(top: Any, x0: Any, tmp_path: Path) -> None:
 def test_the_exact_flow_is_known_or_refused(name: str) -> None:
     """Records that are made from others have their closed forms only where these are theirs."""
     from kreisel.lab import exact
-    from kreisel.systems import find
+    from kreisel.system import find
 
     draw = exact.float_random(np.random.default_rng(1))
     model = exact.random_model(find(name), find(name).n or 3, draw)

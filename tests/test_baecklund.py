@@ -15,11 +15,11 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
-from kreisel.methods import scheme
-from kreisel.methods.baecklund import pade_denominator, pade_zeros, stage_points
-from kreisel.systems import REGISTRY
+from kreisel.method import scheme
+from kreisel.method.baecklund import pade_denominator, pade_zeros, stage_points
+from kreisel.system import REGISTRY
 
-METHOD = sys.modules["kreisel.methods.baecklund"]  # the package has a function of that name
+METHOD = sys.modules["kreisel.method.baecklund"]  # the package has a function of that name
 SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]
 
 

@@ -15,8 +15,8 @@ import walks
 from kreisel import algebra
 from kreisel.implicit import branch
 from kreisel.lab import exact
-from kreisel.methods.veselov import LIMIT
-from kreisel.systems import REGISTRY
+from kreisel.method.veselov import LIMIT
+from kreisel.system import REGISTRY
 
 BODIES = 40
 SYSTEMS = ["euler-top", "quadratic-potential", "clebsch-body"]
@@ -131,7 +131,7 @@ def test_many_bodies_stand_still() -> None:
 
 def test_an_equation_solved_to_fifty_ulps_lets_the_integrals_drift(monkeypatch: pytest.MonkeyPatch) -> None:
     """For n = 4: what the bound with a mean still tells."""
-    system = import_module("kreisel.systems.euler_top")
+    system = import_module("kreisel.system.euler_top")
     right = system.turn_by_doubling
 
     def wrong(*given: Any) -> Any:

@@ -11,9 +11,9 @@ import pytest
 import kreisel as kr
 from kreisel import analysis
 from kreisel.lab import exact
-from kreisel.systems import REGISTRY
-from kreisel.view import charts
-from kreisel.view.style import THEMES
+from kreisel.system import REGISTRY
+from kreisel.viewer import charts
+from kreisel.viewer.style import THEMES
 
 PLANES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 

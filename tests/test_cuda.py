@@ -13,7 +13,7 @@ import pytest
 import kreisel as kr
 from kreisel.kernels import cuda
 from kreisel.kernels.recording import flat_constants, flat_stages
-from kreisel.methods import scheme
+from kreisel.method import scheme
 
 SIMULATED = """
 import numpy as np

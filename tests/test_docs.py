@@ -12,8 +12,8 @@ import pytest
 
 import kreisel as kr
 from kreisel.lab import exact
-from kreisel.methods import METHODS
-from kreisel.systems import REGISTRY
+from kreisel.method import METHODS
+from kreisel.system import REGISTRY
 
 DOCS = Path(__file__).parent.parent / "docs"
 

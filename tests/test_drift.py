@@ -17,11 +17,11 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.cli import NOT_CONSERVED, app
 from kreisel.lab import exact
-from kreisel.methods import scheme
+from kreisel.method import scheme
 from kreisel.record.contract import System
 from kreisel.runs import drift, march, scales
 from kreisel.sweeps import broken_lanes
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 TOO_LONG = 1e4  # a step of order 8 that loses the Casimirs, by 1e-10
 

@@ -17,11 +17,11 @@ from kreisel.kernels.printing import arranged
 from kreisel.kernels.recording import flat_constants
 from kreisel.kernels.tape import Scalar, Tape, text
 from kreisel.lab import exact
-from kreisel.methods import Scheme, scheme
+from kreisel.method import Scheme, scheme
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.plan import make_plan
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 from sizes import costly, costly_in_array_code
 
 MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}

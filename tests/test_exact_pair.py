@@ -12,7 +12,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact import pairs
 from kreisel.lab.taylor import series
-from kreisel.methods import scheme
+from kreisel.method import scheme
 from kreisel.runs.plan import make_plan
 
 B = (0.3, 0.7, 1.9)

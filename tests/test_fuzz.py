@@ -142,7 +142,7 @@ def carried_out(data: dict[str, Any], folder: Path) -> str:
         asked = config.parse(data)
         if asked.file is not None:
             return "refused"  # code of the user's own is none of ours
-        from kreisel.systems import find
+        from kreisel.system import find
 
         model = find(asked.name)(**asked.parameters)
         state = model.state(**asked.state)

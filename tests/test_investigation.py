@@ -12,7 +12,7 @@ import kreisel as kr
 from kreisel.lab import brackets, exact, fields, growth, integrals
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.model import Model
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 F = Fraction
 THIRD, QUARTER, STRONG, WEAK = F(1, 3), F(1, 4), F(7, 5), F(3, 7)

@@ -11,7 +11,7 @@ from kreisel.exact.nutation import Integrals
 from kreisel.kernels import layout
 from kreisel.kernels.exact import engine, jumps
 from kreisel.kernels.exact.jumps import Jumps
-from kreisel.methods import scheme
+from kreisel.method import scheme
 from test_exact import DOUBLE, SPECIAL, UP, random_tops
 
 TIMES = np.array([0.37, -11.3, 1e3, 2e6])

@@ -13,7 +13,7 @@ from kreisel.kernels.cpu import Kernel
 from kreisel.kernels.large import blockwise, forms
 from kreisel.kernels.large.structured import Matrix, Vector
 from kreisel.kernels.printing import Line
-from kreisel.methods import Scheme, scheme
+from kreisel.method import Scheme, scheme
 from kreisel.runs.plan import make_plan
 
 DT = 0.1

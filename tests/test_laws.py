@@ -10,7 +10,7 @@ from functools import cache
 import pytest
 
 from kreisel.lab import laws
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 from sizes import costly
 
 CLAIMS = [

@@ -17,7 +17,7 @@ from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
 from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
 from kreisel.record.contract import System
-from kreisel.systems import (
+from kreisel.system import (
     clebsch,
     clebsch_body,
     euler_top,
@@ -395,7 +395,7 @@ def test_mutant_is_caught(law: str, mutant: System, n: int, numbers: str) -> Non
 
 @pytest.mark.parametrize(("law", "mutant", "n"), MUTANTS, ids=[f"{law}-{i}" for i, (law, _, _) in enumerate(MUTANTS)])
 def test_the_record_itself_passes_there(law: str, mutant: System, n: int) -> None:
-    from kreisel.systems import find
+    from kreisel.system import find
 
     numbers = laws.LAWS[law].numbers(find(mutant.name))[0]
     assert laws.test(laws.LAWS[law], laws.make_case(find(mutant.name), n, numbers, 1)).holds

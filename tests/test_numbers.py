@@ -10,7 +10,7 @@ import pytest
 from kreisel import algebra
 from kreisel.algebra import act, invariants
 from kreisel.lab import exact
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None and system.map.rational]  # rational
 

@@ -22,10 +22,10 @@ from kreisel.kernels.projection.gradients import Traced, gradient
 from kreisel.kernels.projection.program import program_of
 from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
-from kreisel.methods import default_method, scheme
+from kreisel.method import default_method, scheme
 from kreisel.runs.plan import make_plan
 from kreisel.storage import checking
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 EPS = float(np.finfo(float).eps)
 STEPPED = [name for name, system in REGISTRY.items() if system.map or system.baecklund or system.inverse_inertia]
@@ -134,7 +134,7 @@ def test_what_is_conserved_does_not_walk(name: str, n: int, often: int) -> None:
     draw = exact.float_random(np.random.default_rng([7, n]))
     model = exact.random_model(REGISTRY[name], n, draw)
     z = exact.random_state(model.system.space, n, draw)
-    method = default_method(model)
+    method = default_method(model.system)
     if method in ("dop853", "exact"):
         pytest.skip("no map")
     dt = {"rosochatius": 0.02}.get(name, 0.1 if n < 9 else 0.03)
@@ -536,7 +536,7 @@ def test_a_lane_at_rest_stays_there(name: str, often: int) -> None:
     state = dict(zip(letters, exact.random_state(model.system.space, 11, draw), strict=True))
     still = {k: 0 * v if k in "Mm" else v for k, v in state.items()}
     both = {k: np.stack([still[k], state[k]]) for k in letters}
-    run = kr.simulate(model, both, dt=0.02, steps=300, every=100, method=default_method(model))
+    run = kr.simulate(model, both, dt=0.02, steps=300, every=100, method=default_method(model.system))
     assert run.attrs["projection"] == often and not kr.drift(run).broken.any()
     assert all(np.isfinite(run[k]).all() for k in letters)
     if name != "lagrange-top":  # gravity moves it

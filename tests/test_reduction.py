@@ -23,7 +23,7 @@ from kreisel.reduction import linear, newton
 from kreisel.reduction.groups import random_element
 from kreisel.runs.own import load
 from kreisel.runs.simulate import resume
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 from sizes import FULL
 
 MOVING, REST = red.Frame.MOVING, red.Frame.REST

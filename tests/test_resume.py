@@ -24,7 +24,7 @@ from kreisel.runs import march
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking, checkpoint, manifest
 from kreisel.storage.checkpoint import Lock
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 OPTIONS = {"dt": 0.1, "steps": 400, "every": 3}
 SMALL = 6 * 8 * 7  # bytes of a block: seven rows of a top

@@ -12,7 +12,7 @@ import kreisel as kr
 from kreisel.lab import controls, dynamics, search
 from kreisel.lab.numerical import integrals_in_floats
 from kreisel.lab.subject import subject
-from kreisel.systems import clebsch, symmetric_top
+from kreisel.system import clebsch, symmetric_top
 
 F = Fraction
 EXACT = {"steps": 0, "iterates": 5}

@@ -11,7 +11,7 @@ import walks
 from kreisel import algebra
 from kreisel.lab import exact
 from kreisel.runs import march as runs
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None and not system.map.symmetric]
 SYMMETRIC = [name for name, system in REGISTRY.items() if system.map is not None and system.map.symmetric]

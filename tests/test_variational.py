@@ -17,12 +17,12 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
 from kreisel.lab import exact
 from kreisel.lab.orders import scheme_orders
-from kreisel.methods import composition, scheme
+from kreisel.method import composition, scheme
 from kreisel.record.model import Model
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 SYSTEMS = [name for name, s in REGISTRY.items() if s.inverse_inertia is not None and s.n in (None, 3)]
-variational = sys.modules["kreisel.methods.variational"]
+variational = sys.modules["kreisel.method.variational"]
 ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 
 
@@ -34,7 +34,7 @@ def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndar
 
 def step(model: Model, z: tuple[np.ndarray, ...], dt: float, order: int = 2) -> tuple[np.ndarray, ...]:
     """The stages one after the other, by the definition, without orientation and defect."""
-    for eps in composition.symmetric_composition(order, "test") * dt:
+    for eps in composition.symmetric_composition(order) * dt:
         z = variational.stage(model.system, z, eps, model.constants)[0]
     return z
 
@@ -101,7 +101,7 @@ def test_order_of_state_and_orientation(name: str, order: int) -> None:
 @pytest.mark.parametrize("order", composition.ORDERS)
 def test_order_conditions(order: int) -> None:
     """sum gamma = 1, sum gamma^k = 0 for odd k < order, and the palindrome."""
-    gamma = composition.symmetric_composition(order, "test")
+    gamma = composition.symmetric_composition(order)
     assert (gamma == gamma[::-1]).all()
     powers = [float((gamma**k).sum()) for k in range(1, order, 2)]
     assert np.allclose(powers, [1] + [0] * (len(powers) - 1), atol=1e-15 * len(gamma))

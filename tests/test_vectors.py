@@ -9,7 +9,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.systems import lagrange_top_moving
+from kreisel.system import lagrange_top_moving
 
 
 def rationals(*words: str) -> np.ndarray:

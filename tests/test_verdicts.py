@@ -17,7 +17,7 @@ import kreisel as kr
 from kreisel.lab import controls, growth, integrals, investigation, questions
 from kreisel.lab.investigation import investigate, typical
 from kreisel.lab.subject import subject
-from kreisel.systems import REGISTRY
+from kreisel.system import REGISTRY
 
 F = Fraction
 SHORT = {"steps": 2000}
@@ -75,7 +75,7 @@ def test_plane_maps() -> None:
 
 
 def test_a_step_on_the_group() -> None:
-    from kreisel.systems.clebsch import step
+    from kreisel.system.clebsch import step
 
     def own(M, P, *, b, eps):
         return step(M, P, b=b, eps=eps)

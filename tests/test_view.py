@@ -15,10 +15,10 @@ import pytest
 
 import browser
 import kreisel as kr
-from kreisel.view import bodies, serve
-from kreisel.view.page import as_json, page, scripts
-from kreisel.view.scene import MOVING_PATH, scene
-from kreisel.view.thinning import extremes, mixed
+from kreisel.viewer import bodies, serve
+from kreisel.viewer.page import as_json, page, scripts
+from kreisel.viewer.scene import MOVING_PATH, scene
+from kreisel.viewer.thinning import extremes, mixed
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 HOSTILE = "</script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\"><!-- $data"
@@ -138,7 +138,7 @@ def test_decimation_keeps_extremes():
 
 
 def test_a_long_run_is_shown_by_its_extremes(monkeypatch, top, x0):
-    from kreisel.view import scene as part
+    from kreisel.viewer import scene as part
 
     monkeypatch.setattr(part, "MOST_FRAMES", 2_000)
     monkeypatch.setattr(part, "BLOCK", 4_096)

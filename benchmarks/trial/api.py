@@ -38,7 +38,7 @@ MAY = "every method order tol orientation engine path overwrite"
 
 def _made(here: Around) -> Function:
     """A system by name, with parameters of which some are odd."""
-    from kreisel.systems import find
+    from kreisel.system import find
 
     return lambda name, parameters: find(name)(**parameters)
 
@@ -114,7 +114,7 @@ def _measured(here: Around) -> Function:
 def _chart(name: str, analysis: str) -> Function:
     def get(here: Around) -> Function:
         from kreisel import analysis as of
-        from kreisel.view import charts
+        from kreisel.viewer import charts
 
         def draw(run: Any, *given: Any, theme: str = "light") -> None:
             getattr(charts, name)(getattr(of, analysis)(run, *given), theme=theme)
@@ -133,7 +133,7 @@ def _law(here: Around) -> Function:
 def _parameters(here: Around, rng: Any, told: dict[str, Any]) -> Any:
     import grammar
 
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     name = told.get("name") or "lagrange-top"
     system = REGISTRY.get(name, REGISTRY["lagrange-top"])
@@ -145,7 +145,7 @@ def _parameters(here: Around, rng: Any, told: dict[str, Any]) -> Any:
 
 
 def _system_name(here: Around, rng: Any, told: dict[str, Any]) -> Any:
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     told["name"] = rng.choice(list(REGISTRY))
     return told["name"]

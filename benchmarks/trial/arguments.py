@@ -104,7 +104,7 @@ def value(kind: str, here: Around, rng: random.Random, told: dict[str, Any]) -> 
 
 
 def _model(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     name = rng.choice(
         ["lagrange-top"] * 6 + ["lagrange-top-moving", "symmetric-top", "clebsch", "euler-top", *REGISTRY]

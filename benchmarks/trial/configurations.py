@@ -176,7 +176,7 @@ def maybe(good: Any, rng: random.Random, share: float = ODD) -> Any:
 
 def configuration(rng: random.Random, folder: Path, sweeping: bool) -> dict[str, Any]:
     """Sections and their keys."""
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     names = list(REGISTRY)
     name = rng.choice(["lagrange-top"] * 40 + ["clebsch"] * 10 + names)  # others take a second to compile

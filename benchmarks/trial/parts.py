@@ -22,7 +22,7 @@ from pool import Part
 import kreisel.cli
 import kreisel.lab.exact
 import kreisel.sweeps.sweep
-import kreisel.view.plots  # noqa: F401
+import kreisel.viewer.plots  # noqa: F401
 
 PARTS = [
     Part("kills", kills.case, 400, 0.40, seconds=60, warm=kills.warm),

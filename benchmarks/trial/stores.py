@@ -78,7 +78,7 @@ def stand_still() -> None:
 def model(name: str, n: int, lanes: int = 0, seed: int = 1) -> tuple[Any, Any]:
     """A system with parameters and a state, both at random inside their ranges."""
     from kreisel.lab import exact
-    from kreisel.systems import find
+    from kreisel.system import find
 
     draw = exact.float_random(np.random.default_rng(seed))
     system = exact.random_model(find(name), n, draw)

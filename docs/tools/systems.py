@@ -12,10 +12,10 @@ from typeset import from_text, typeset
 import kreisel as kr
 from kreisel.errors import InputError
 from kreisel.lab import exact
-from kreisel.methods import METHODS, default_method, scheme
+from kreisel.method import METHODS, default_method, scheme
 from kreisel.record.contract import Map, System
-from kreisel.systems import REGISTRY
-from kreisel.view.record import MAP_CLAIMS
+from kreisel.system import REGISTRY
+from kreisel.viewer.record import MAP_CLAIMS
 
 KINDS = {"skew": r"\mathfrak{so}(n)", "vector": r"\mathbb{R}^n"}
 EXAMPLES: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {  # parameters, state, step
@@ -60,7 +60,7 @@ tests. `kreisel systems NAME` prints the same in a terminal. A system is called 
 
 def _row(system: System, name: str) -> str:
     lax = "yes" if system.lax is not None else "no"
-    method = default_method(_example(system)[0])
+    method = default_method(system)
     equations = "<br>".join(f"${from_text(part)}$" for part in system.equations.split(",  "))
     return f"| [`{name}`]({system.name}.md)<br>{system.title} | {equations} | `{method}` | {lax} |"
 

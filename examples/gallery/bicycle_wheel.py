@@ -16,7 +16,7 @@ import numpy as np
 import kreisel as kr
 from kreisel import analysis
 from kreisel.physical import Gyroscope
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 wheel = Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)

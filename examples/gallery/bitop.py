@@ -12,8 +12,8 @@ import numpy as np
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.systems import ratiu_bitop
-from kreisel.view.charts import figure
+from kreisel.system import ratiu_bitop
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 M = algebra.skew(np.array([0.6, -0.3, 0.5, 0.2, -0.4, 0.8]), 4)

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import kreisel as kr
 from kreisel import analysis
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 LANES, STEPS = (8, 4000) if SMALL else (20, 20_000)

@@ -16,7 +16,7 @@ import numpy as np
 import kreisel as kr
 from kreisel.kernels import layout
 from kreisel.runs.plan import make_plan
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 LANES = 5_000 if SMALL else 100_000

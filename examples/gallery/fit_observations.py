@@ -13,8 +13,8 @@ import numpy as np
 import kreisel as kr
 from kreisel import reduction as red
 from kreisel.algebra import hat
-from kreisel.systems import lagrange_top
-from kreisel.view.charts import figure
+from kreisel.system import lagrange_top
+from kreisel.viewer.charts import figure
 
 DT, EVERY, SIGHTINGS, NOISE = 0.05, 4, 60, 0.02
 TRUTH = np.array((1.3, 2.1))  # |p|, <m, a>

@@ -12,7 +12,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel import analysis
-from kreisel.view.charts import plot_lines
+from kreisel.viewer.charts import plot_lines
 
 top = kr.LagrangeTop(p=(0, 0, 1))
 x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))

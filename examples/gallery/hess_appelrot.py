@@ -12,7 +12,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 top = kr.HessAppelrot(a=1.0, k=0.8, x=0.6, z=0.8)

@@ -11,7 +11,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 STEPS = 20_000 if SMALL else 200_000

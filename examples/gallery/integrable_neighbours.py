@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.systems import ratiu_bitop
-from kreisel.view.charts import figure
+from kreisel.system import ratiu_bitop
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 T = 20.0 if SMALL else 240.0

@@ -12,7 +12,7 @@ import numpy as np
 import kreisel as kr
 from kreisel import analysis
 from kreisel.physical import Ellipsoid
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 body = Ellipsoid.of_density((0.30, 0.15, 0.10), density=1000.0, fluid_density=1000.0)  # m, kg/m^3
 runs = {}

@@ -13,8 +13,8 @@ import numpy as np
 
 import kreisel as kr
 from kreisel.algebra import hat
-from kreisel.systems import lagrange_top
-from kreisel.view.charts import figure
+from kreisel.system import lagrange_top
+from kreisel.viewer.charts import figure
 
 DT, LAMBDA = 0.5, 0.7
 top = kr.LagrangeTop(p=(0, 0, 1))

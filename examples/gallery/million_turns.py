@@ -17,9 +17,9 @@ import numpy as np
 import kreisel as kr
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
-from kreisel.methods import scheme
+from kreisel.method import scheme
 from kreisel.record.contract import call
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 SPIN, DT = 1.5, 0.1

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 top = kr.EulerTop(J=(1.0, 2.0, 4.0))  # moments of inertia 6, 5, 3

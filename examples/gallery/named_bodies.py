@@ -12,7 +12,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 P, M = (0.48, 0.6, 0.64), (0.5, 0.9, 0.4)

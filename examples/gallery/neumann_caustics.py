@@ -12,7 +12,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 b = np.array((0.0, 1.0, 2.5))

@@ -12,7 +12,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel import analysis
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 top = kr.LagrangeTop(p=(0, 0, 1))
 axis, up = np.array((np.sin(1.0), 0, np.cos(1.0))), np.array((0, 0, 1.0))

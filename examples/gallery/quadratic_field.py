@@ -12,7 +12,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 A = np.diag([0.8, -0.3, -0.9])

@@ -16,7 +16,7 @@ from scipy.special import ellipk
 
 import kreisel as kr
 from kreisel import reduction as red
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 

@@ -11,7 +11,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.view.charts import figure
+from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
 b, x, q = (0.0, 0.8, 2.1), (0.6, 0, 0.8), (0.4, 0.9, -0.3)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.display import SHOWN
 from kreisel.errors import ConservationWarning, InputError, RunError
-from kreisel.systems import (
+from kreisel.system import (
     REGISTRY,
     Clebsch,
     ClebschBody,
@@ -49,7 +49,8 @@ from kreisel.systems import (
 )
 
 if TYPE_CHECKING:
-    from kreisel import analysis, lab, physical, units, view
+    from kreisel import analysis, lab, physical, units
+    from kreisel.method import Method
     from kreisel.runs.at import at
     from kreisel.runs.citing import cite
     from kreisel.runs.drift import drift
@@ -58,7 +59,8 @@ if TYPE_CHECKING:
     from kreisel.storage.archive import open_run
     from kreisel.storage.exporting import export
     from kreisel.sweeps.sweep import failures, sweep
-    from kreisel.view.plots import plot
+    from kreisel.viewer.page import view
+    from kreisel.viewer.plots import plot
 
 __version__ = "0.1.0"
 
@@ -73,11 +75,12 @@ _LAZY = {
     "export": "kreisel.storage.exporting",
     "failures": "kreisel.sweeps.sweep",
     "sweep": "kreisel.sweeps.sweep",
-    "plot": "kreisel.view.plots",
+    "plot": "kreisel.viewer.plots",
+    "view": "kreisel.viewer.page",
 }
-SHOWN.update({what: f"kreisel.view.html:{what}_html" for what in ("system", "model", "state", "run")})
-SHOWN.update(plot="kreisel.view.plots:plot", view="kreisel.view.page:view")
-_PARTS = ("analysis", "lab", "physical", "units", "view")
+SHOWN.update({what: f"kreisel.viewer.html:{what}_html" for what in ("system", "model", "state", "run")})
+SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
+_PARTS = ("analysis", "lab", "physical", "units")
 
 __all__ = [
     "Clebsch",
@@ -116,6 +119,7 @@ __all__ = [
     "export",
     "failures",
     "lab",
+    "methods",
     "nutation",
     "open_run",
     "physical",
@@ -127,6 +131,13 @@ __all__ = [
     "units",
     "view",
 ]
+
+
+def methods() -> list[Method]:
+    """The records of all methods: what each is for, its orders, what it conserves; `kreisel methods` prints them."""
+    from kreisel.method import METHODS
+
+    return list(METHODS.values())
 
 
 def systems() -> list[str]:

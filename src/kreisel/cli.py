@@ -1,4 +1,4 @@
-"""The command line: run, resume, check, plot, view, systems, verify, bench.
+"""The command line: run, resume, check, plot, view, systems, methods, verify, bench.
 
 Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where what a method
 conserves is not conserved, the archive being kept; 128 and more for signals.
@@ -263,7 +263,7 @@ def view(
     """Write the interactive page of an archive: one HTML file that opens offline."""
     from kreisel.storage.archive import open_archive
     from kreisel.storage.replacing import require_file, settled
-    from kreisel.view.page import view as page_of
+    from kreisel.viewer.page import view as page_of
 
     if serve:
         _serve(archive, host, port, lane)
@@ -276,7 +276,7 @@ def view(
 
 
 def _serve(archive: Path, host: str, port: int, lane: int) -> None:
-    from kreisel.view.serve import LOOPBACK, address, server
+    from kreisel.viewer.serve import LOOPBACK, address, server
 
     with server(archive, host=host, port=port, lane=lane) as serving:
         if host not in LOOPBACK:
@@ -294,8 +294,8 @@ def systems(
     as_json: AsJson = False,
 ) -> None:
     """List the systems, or print the record of one."""
-    from kreisel.systems import REGISTRY, find
-    from kreisel.view.record import record, summary, table
+    from kreisel.system import REGISTRY, find
+    from kreisel.viewer.record import record, summary, table
 
     if name is not None:
         system = find(name)
@@ -304,6 +304,24 @@ def systems(
         _print_json([summary(system) for system in REGISTRY.values()])
     else:
         print(table(REGISTRY.values()))
+
+
+@app.command()
+def methods(
+    name: Annotated[str | None, typer.Argument(help="One method, for its whole record.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the methods, or print the record of one."""
+    from kreisel.method import METHODS, find
+    from kreisel.viewer.record import method_record, method_table
+
+    if name is not None:
+        method = find(name)
+        print(json.dumps(method.summary(), indent=1) if as_json else method_record(method))
+    elif as_json:
+        _print_json([method.summary() for method in METHODS.values()])
+    else:
+        print(method_table(METHODS.values()))
 
 
 @app.command()
@@ -493,7 +511,7 @@ def _told(finding: Any) -> dict[str, Any]:
 
 def _save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
     from kreisel.storage.replacing import written
-    from kreisel.view.plots import plot as draw
+    from kreisel.viewer.plots import plot as draw
 
     _require_figure(target)
     with written(target) as scratch:

@@ -9,7 +9,7 @@
 Everything takes a run of `kr.simulate`, `kr.open_run` or `kr.resume`.  A quantity is a name such as "a[2]", counted
 from
 0 as in `kr.drift`, or a function of the components of the state.  What comes back is an `xarray.Dataset`, a table of
-pandas, or a small record with a `plot()`; `kreisel.view.charts` draws all of them.
+pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of them.
 """
 
 from kreisel.analysis.angles import euler_angles, mean_rates, quaternions, rates, rotations

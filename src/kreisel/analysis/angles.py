@@ -10,7 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
 from kreisel.analysis.events import events
 from kreisel.errors import InputError
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.geometry import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import drift
 from kreisel.runs.geometry import kinds_of
 from kreisel.storage.reading import a_run
@@ -53,7 +53,7 @@ class Comparison:
 
     def plot(self, theme: str = "light") -> Figure:
         """Distances against time, and the drift of each integral in both runs."""
-        from kreisel.view.charts import plot_comparison
+        from kreisel.viewer.charts import plot_comparison
 
         return plot_comparison(self, theme=theme)
 

@@ -11,7 +11,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.carrying import Carrier
 from kreisel.analysis.quantities import Quantity, label, of_state
 from kreisel.errors import InputError
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
 from kreisel.runs.plan import flag, number

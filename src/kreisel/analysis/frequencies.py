@@ -58,7 +58,7 @@ class Lines:
 
     def plot(self, theme: str = "light") -> Figure:
         """The power spectrum with the lines on it."""
-        from kreisel.view.charts import plot_lines
+        from kreisel.viewer.charts import plot_lines
 
         return plot_lines(self, theme=theme)
 

@@ -20,8 +20,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact.nutation import rationals
-from kreisel.methods.observing import observer
-from kreisel.methods.scheme import Scheme, States
+from kreisel.method.observing import observer
+from kreisel.method.scheme import Scheme, States
 from kreisel.record.contract import call
 from kreisel.record.model import Model
 

@@ -23,7 +23,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact.nutation import Integrals, Number, Nutation, darboux, number, rationals
-from kreisel.methods.scheme import Orbit
+from kreisel.method.scheme import Orbit
 
 TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
 ORDERS = 28  # of the Taylor series that they come from

@@ -16,9 +16,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.methods.baecklund import MOST_ORDER, one_stage, pade_zeros, stage_points
-from kreisel.methods.observing import ORIENTATION, observer, orientation_outcome, with_orientation
-from kreisel.methods.scheme import Scheme
+from kreisel.method.baecklund import MOST_ORDER, one_stage, pade_zeros, stage_points
+from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.scheme import Scheme
 from kreisel.record.contract import call
 from kreisel.record.model import Model
 
@@ -86,7 +86,7 @@ def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callab
     """The body in e*(3) that moves as the model does, and the change of state there and back."""
     if "skew" in model.system.space.kinds:
         return model, lambda x: tuple(x[:2]), lambda z: z
-    from kreisel.systems import find
+    from kreisel.system import find
 
     (relation,) = (r for r in model.system.relations if r.back is not None)
     params = {p.letter: model.constants[p.letter] for p in model.system.parameters}

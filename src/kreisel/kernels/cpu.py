@@ -39,7 +39,7 @@ from kreisel.kernels.recording import (
     recorded_outputs,
 )
 from kreisel.kernels.tape import TooLong
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer

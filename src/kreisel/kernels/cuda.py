@@ -21,7 +21,7 @@ from kreisel.kernels.projection.compiled import FLAT, GAIN, TAU, Corrections, bl
 from kreisel.kernels.projection.program import Program, program_of, program_of_orientation, recordable
 from kreisel.kernels.recording import Recording, flat_constants, flat_stages, indented
 from kreisel.kernels.tape import TooLong
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 THREADS = 128  # in a block
 STAGES = "for stage in range(s.shape[0]):"

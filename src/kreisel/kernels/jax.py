@@ -15,8 +15,8 @@ from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.arrays import InDoubles, led, newton
 from kreisel.kernels.projection.program import recordable
-from kreisel.methods.observing import ORIENTATION
-from kreisel.methods.scheme import Scheme
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import Scheme
 from kreisel.reduction.double import double, jax
 
 jnp = jax.numpy

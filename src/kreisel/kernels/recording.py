@@ -13,7 +13,7 @@ from kreisel.kernels.folding import folded
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.tape import Matrix, Scalar, Tape, text
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 # A conjugate pair of Clebsch's system, n = 10, in 6700 lines: compiled in 35 s, run in 2.3 us; array code 28 s, 10 us.
 STRAIGHT_LINE_N, STRAIGHT_LINES = 10, 7000

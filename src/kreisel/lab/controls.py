@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, cayley_act, wedge
-from kreisel.methods.variational import stage
+from kreisel.method.variational import stage
 from kreisel.record.contract import Map
 from kreisel.record.model import Model
-from kreisel.systems import heavy_top
+from kreisel.system import heavy_top
 
 
 def naive_heavy_top(M: Array, P: Array, *, eps: Any) -> tuple[Array, Array]:
@@ -36,7 +36,7 @@ def _axis(x: Array) -> Array:
 
 
 def variational_step(M: Array, P: Array, *, A: Array, R: Array, c: Array, eps: Any) -> tuple[Array, Array]:
-    """The symmetric variational step of `kreisel.methods.variational`: Poisson, of order 2."""
+    """The symmetric variational step of `kreisel.method.variational`: Poisson, of order 2."""
     state, _, _ = stage(heavy_top.SYSTEM, (M, P), eps, {"A": A, "R": R, "c": c})
     return state
 

@@ -27,7 +27,7 @@ from kreisel.lab import exact
 from kreisel.lab.exact import Dual
 from kreisel.lab.fields import fraction
 from kreisel.lab.subject import Subject
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent

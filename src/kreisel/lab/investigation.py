@@ -149,7 +149,7 @@ def _subject(
     what: Any, n: int | None, frame: str, eps: Any, names: tuple[str, ...] | None, options: dict[str, Any]
 ) -> Subject:
     if isinstance(what, str):
-        from kreisel.systems import find
+        from kreisel.system import find
 
         what = find(what)
     if isinstance(what, System):

@@ -380,7 +380,7 @@ def _varied(q: Array, rest: bool, n: int) -> Array:
 
 @_law("the same motion in the related system: flows, and maps where the record says so", lambda s: bool(s.relations))
 def relations(case: Case) -> Sides:
-    from kreisel.systems import find
+    from kreisel.system import find
 
     g = random_rotation(case.model.n, case.draw)
     for relation in case.system.relations:

@@ -10,8 +10,8 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
 from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.lab.exact import jacobian
-from kreisel.methods import scheme
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method import scheme
+from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 
@@ -98,7 +98,7 @@ def baecklund_orders(
     model: Model, state: tuple[Array, ...], order: int, counts: tuple[int, ...], time: float = 0.5
 ) -> list[float]:
     """The slopes of `measured_orders` for method="baecklund" of that order, by its definition."""
-    from kreisel.methods.baecklund import baecklund
+    from kreisel.method.baecklund import baecklund
 
     def end(count: int) -> Array:
         z = (*state, np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n))

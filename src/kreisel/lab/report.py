@@ -158,7 +158,7 @@ def registry_table() -> str:
     """Every map of the registry, n = 3, and the negative controls, as a page of the documentation."""
     from kreisel.lab.controls import controls
     from kreisel.lab.investigation import investigate
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     asked: list[tuple[str, Any, dict[str, Any]]] = [
         (f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None

@@ -32,7 +32,7 @@ from kreisel.lab.subject import Subject, subject
 from kreisel.record.contract import MOVING_SPACE, Frame, Map, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
-from kreisel.systems import euler_top
+from kreisel.system import euler_top
 
 if TYPE_CHECKING:
     import pandas as pd

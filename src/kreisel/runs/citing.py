@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from kreisel.errors import InputError
-from kreisel.methods import METHODS, default_method, sources
+from kreisel.method import METHODS, default_method
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.storage.reading import as_made, order_of
@@ -38,7 +38,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     method: str | None = None
     order: int | None = None
     if isinstance(what, Model | System):
-        method = default_method(what) if isinstance(what, Model) else None
+        method = default_method(what.system) if isinstance(what, Model) else None
         told, version = _told(what.system if isinstance(what, Model) else what), kreisel.__version__
     else:
         attrs = getattr(what, "attrs", None)
@@ -54,7 +54,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
         method, order = attrs["method"], order_of(attrs)
     known = bibliography()
     here, unknown = _keys(told, known)
-    keys = dict.fromkeys([*here, *(sources(method, order) if method in METHODS else ())])
+    keys = dict.fromkeys([*here, *(METHODS[method].cited(order) if method in METHODS else ())])
     comment = [f"% further: {', '.join(unknown)}"] if unknown else []
     return "\n\n".join([SOFTWARE.format(version=version), *(known[key] for key in keys), *comment])
 

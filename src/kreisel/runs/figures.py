@@ -9,7 +9,7 @@ from typing import Any
 from kreisel.errors import InputError
 from kreisel.exact.motion import Motion
 from kreisel.exact.nutation import Integrals, Number, Nutation, number
-from kreisel.methods.exact import motion
+from kreisel.method.exact import motion
 from kreisel.runs.plan import check_model, checked_state
 
 

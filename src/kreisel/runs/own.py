@@ -13,7 +13,7 @@ from typing import Any
 
 from kreisel.errors import InputError, nearest, shown
 from kreisel.record.contract import System
-from kreisel.systems import REGISTRY, find
+from kreisel.system import REGISTRY, find
 
 
 def load(name: str, file: Path | None) -> System:

@@ -15,8 +15,8 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.methods import Scheme, default_method, scheme
-from kreisel.methods.observing import ORIENTATION, held_by_orientation
+from kreisel.method import Scheme, default_method, scheme
+from kreisel.method.observing import ORIENTATION, held_by_orientation
 from kreisel.record.contract import component_axes
 from kreisel.record.model import Model, State
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.kernels.projection.compiled import Corrections
-    from kreisel.methods.auto import Choice
+    from kreisel.method.auto import Choice
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
@@ -210,7 +210,7 @@ def _chosen(
     project: bool,
 ) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
-    from kreisel.methods.auto import choose
+    from kreisel.method.auto import choose
 
     _require_choices(model, steps, every, method)
     choice = choose(model, _parts(model, state, None), every * dt, steps * dt, tol)
@@ -222,7 +222,7 @@ def _chosen(
 
 def choices(model: Any, x0: Any, *, dt: Any, steps: Any, every: Any, method: str | None, tol: Any) -> list[Choice]:
     """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
-    from kreisel.methods.auto import choose_each
+    from kreisel.method.auto import choose_each
 
     dt, steps, every, state = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every"), checked_state(model, x0)
     method = named(method, "method")
@@ -248,7 +248,7 @@ def settled(choice: Choice, dt: float, steps: int, every: int) -> dict[str, Any]
 
 
 def _require_choices(model: Model, steps: int, every: int, method: str | None) -> None:
-    if (method or default_method(model)) != "baecklund":
+    if (method or default_method(model.system)) != "baecklund":
         raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
     if steps % every:
         raise InputError(f"order='auto' needs steps to be a multiple of every; steps = {steps}, every = {every} came.")

@@ -14,8 +14,8 @@ import numpy as np
 from kreisel.errors import InputError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
-from kreisel.methods import scheme
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method import scheme
+from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import KINDS, read
 from kreisel.runs.plan import Plan
 from kreisel.storage.reading import order_of

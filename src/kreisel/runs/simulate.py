@@ -46,15 +46,10 @@ def simulate(
     x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
-    method       "baecklund" (keeps all integrals of the flow; default where known), "suris" (the paper's map),
-                 "veselov" (symmetric maps that keep all integrals; default of their systems), "variational" (Poisson,
-                 where H = T(M) + V; default there), "exact" (the flow; tops, Clebsch's case and Neumann with n = 3),
-                 "lagrangian" (the map of your own Lagrangian, kreisel.reduction; its default) or "dop853" (SciPy,
-                 preserves nothing; default elsewhere)
-    order        "baecklund": 2 (default), 4, ... 24; "veselov", "variational": 2 (default), 4, 6, 8; "suris": 1 is the
-                 paper's map, 2 (default) its half-kick conjugate.  "auto" (baecklund): the order and the number of
-                 steps between two saved states that reach `tol` at the least cost, chosen before the run and told in
-                 the attributes dt, steps, options
+    method       one of `kr.methods()`; without it the first of them that applies to the system
+    order        one of those that the method has.  "auto" (baecklund): the order and the number of steps between two
+                 saved states that reach `tol` at the least cost, chosen before the run and told in the attributes dt,
+                 steps, options
     tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g

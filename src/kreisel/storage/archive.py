@@ -29,7 +29,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.drift import KINDS
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
@@ -730,7 +730,7 @@ def _place(variable: xr.DataArray) -> int:
 
 def is_own(attrs: Mapping[str, Any]) -> bool:
     """Whether a run is of a system of the user's own: an archive holds no code, so its model is not at hand."""
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     return attrs["system"] not in REGISTRY
 
@@ -740,7 +740,7 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
 
     Raises `InputError` where they are damaged, and for a system of the user's own.
     """
-    from kreisel.systems import find
+    from kreisel.system import find
 
     if is_own(attrs):
         raise InputError(

@@ -12,7 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.methods import Scheme, scheme
+from kreisel.method import Scheme, scheme
 from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.archive import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
-from kreisel.methods.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.storage.archive import is_own, model_of, versions

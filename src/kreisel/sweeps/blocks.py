@@ -21,7 +21,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, disk_trouble
 from kreisel.kernels.layout import Floats
-from kreisel.methods.auto import Choice
+from kreisel.method.auto import Choice
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.march import March

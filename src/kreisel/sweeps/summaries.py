@@ -17,7 +17,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
-from kreisel.methods import Outcome
+from kreisel.method import Outcome
 from kreisel.runs import harmonics
 from kreisel.runs.drift import KINDS
 

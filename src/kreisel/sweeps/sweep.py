@@ -138,7 +138,7 @@ def sweep(
 
 
 def _only_known(model: Model) -> None:
-    from kreisel.systems import REGISTRY
+    from kreisel.system import REGISTRY
 
     if REGISTRY.get(model.system.name) is not model.system:
         raise InputError(

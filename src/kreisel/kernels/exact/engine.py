@@ -21,7 +21,7 @@ from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.printing import split
 from kreisel.kernels.recording import indented, recorded_function
-from kreisel.methods.scheme import Orbit, Scheme, States
+from kreisel.method.scheme import Orbit, Scheme, States
 
 AT_ONCE = 4096  # times that a function is asked for
 FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them

@@ -26,7 +26,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import arranged
 from kreisel.kernels.recording import flat_constants, indented
 from kreisel.kernels.tape import Scalar, Tape, text
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
 WORK = 200  # a jump is worth so many steps of a map in an ensemble

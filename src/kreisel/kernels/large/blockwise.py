@@ -14,7 +14,7 @@ from kreisel.kernels.large.forms import AXIS_NAME, INVERSE, TURN_NAME, Form, Pie
 from kreisel.kernels.large.products import Change, Function, Upkeep
 from kreisel.kernels.printing import Line, split
 from kreisel.kernels.recording import indented
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 SUMMED = 16  # entries that a sum takes at a time: rows are filled with zeros, or what is left over costs most of it
 # Rows of 4096 bytes fall on the same places of the first cache: at n = 1000 a step took three times as long.

@@ -27,7 +27,7 @@ from kreisel.kernels.large.structured import Columns, Dense, Matrix, Rows, Vecto
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.tape import Scalar, Tape, text
-from kreisel.methods.scheme import Scheme
+from kreisel.method.scheme import Scheme
 
 AXIS_NAME, TURN_NAME = "axis", "turn"
 AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape

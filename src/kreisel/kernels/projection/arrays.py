@@ -16,8 +16,8 @@ from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.compiled import GAIN, TAU, Corrections, interval
 from kreisel.kernels.projection.gradients import Namespace, Traced, cost, gradient
-from kreisel.methods.observing import ORIENTATION
-from kreisel.methods.scheme import Scheme
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.kernels.projection.compiled`, where values have more digits
 MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads

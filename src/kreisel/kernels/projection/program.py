@@ -34,8 +34,8 @@ from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, operation
 from kreisel.kernels.recording import recorded_arguments
 from kreisel.kernels.tape import Scalar, Tape, TooLong
-from kreisel.methods.observing import ORIENTATION
-from kreisel.methods.scheme import Scheme
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import Scheme
 
 MOST_N, MOST_LINES = 10, 120_000  # beyond, `kreisel.kernels.projection.arrays`: recording takes seconds
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out

@@ -14,7 +14,7 @@ from kreisel.lab.jets import coefficient, generator
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, by_law, gradient, law_row, printed, rank, right_derivative, row
 from kreisel.lab.paper.tops import HALF_LEAF, half, leaf_rank, outer, trace_log_of
-from kreisel.systems import clebsch, clebsch_general, kirchhoff, neumann
+from kreisel.system import clebsch, clebsch_general, kirchhoff, neumann
 
 KIRCHHOFF, GENERAL, CLEBSCH, NEUMANN = (s.SYSTEM for s in (kirchhoff, clebsch_general, clebsch, neumann))
 

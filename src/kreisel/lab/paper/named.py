@@ -8,7 +8,7 @@ from kreisel.algebra.matrices import su2
 from kreisel.lab.laws import Sides
 from kreisel.lab.paper.rows import Setting, law_row, row
 from kreisel.record.contract import System
-from kreisel.systems import REGISTRY, lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving
+from kreisel.system import REGISTRY, lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving
 
 EARLIER = "Introduction, the map of Bobenko and Suris 1999"
 ONE = identity(2)

@@ -38,7 +38,7 @@ from kreisel.lab.paper.rows import (
     right_derivative,
     row,
 )
-from kreisel.systems import heavy_top, lagrange_top, lagrange_top_moving, symmetric_top
+from kreisel.system import heavy_top, lagrange_top, lagrange_top_moving, symmetric_top
 
 HEAVY, TOP, MOVING = heavy_top.SYSTEM, lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM
 SYMMETRIC = symmetric_top.SYSTEM

@@ -1,0 +1,48 @@
+"""Methods by name, found by themselves: each file here that states a `METHOD` is one."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from typing import Any
+
+from kreisel.errors import InputError, nearest, shown
+from kreisel.method.record import Method
+from kreisel.method.scheme import Outcome, Scheme
+from kreisel.record.contract import System
+from kreisel.record.model import Model
+
+__all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]
+
+
+def _found() -> dict[str, Method]:
+    modules = [importlib.import_module(f"{__name__}.{info.name}") for info in pkgutil.iter_modules(__path__)]
+    records = [module.METHOD for module in modules if hasattr(module, "METHOD")]
+    return {record.name: record for record in sorted(records, key=lambda r: (r.rank is None, r.rank, r.name))}
+
+
+METHODS = _found()
+
+
+def default_method(system: System) -> str:
+    """The name of the first of the methods that apply to a system."""
+    return next(m.name for m in METHODS.values() if m.rank is not None and m.applies(system))
+
+
+def find(name: Any) -> Method:
+    """The method of that name.  Raises `InputError` with the nearest name."""
+    if not isinstance(name, str):
+        raise InputError(f"method: expected a name, one of {', '.join(METHODS)}, got {shown(name)}.")
+    if name not in METHODS:
+        raise InputError(
+            f"method: expected one of {', '.join(METHODS)}, got {shown(name)}.{nearest(name, METHODS)} "
+            "kr.methods() has what each is for."
+        )
+    return METHODS[name]
+
+
+def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The scheme of that name.  Raises `InputError` for a wrong name or order, and where the method does not apply."""
+    record = find(default_method(model.system) if method is None else method)
+    record.check(model)
+    return record.make(model, dt, record.order(order), oriented)

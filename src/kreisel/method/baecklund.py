@@ -1,0 +1,243 @@
+"""method="baecklund": products of commuting Bäcklund transformations, which keep all integrals of the flow.
+
+log D_eps is an odd series in eps with commuting coefficients, so K maps with sum eps_i = dt and
+sum eps_i^k = 0 for k = 3, 5, ..., 2K - 1 make a step of order 2K.  With eps_i = 2 dt/zeta_i these say that
+prod (1 + z/zeta_i)/(1 - z/zeta_i) is e^z up to z^(2K+1): the zeta_i are the zeros of the denominator of its
+diagonal Padé approximant.  They come in conjugate pairs in the right half plane, one real zero when K is odd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, cast
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.record import Method
+from kreisel.method.scheme import Scheme
+from kreisel.record.contract import Baecklund, Frame, call
+from kreisel.record.model import Model
+
+DIGITS = 60
+MOST_ORDER = 24
+WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
+
+
+def pade_denominator(k: int) -> list[Any]:
+    """Coefficients of 1, z, ... z^k in the denominator of the diagonal Padé approximant of exp, of mpmath's digits."""
+    import mpmath
+
+    return [
+        (-1) ** j * mpmath.binomial(k, j) * mpmath.factorial(2 * k - j) / mpmath.factorial(2 * k) for j in range(k + 1)
+    ]
+
+
+@cache
+def pade_zeros(stages: int) -> tuple[Any, ...]:
+    """Zeros, Im >= 0, of the denominator of the diagonal Padé approximant of exp, as mpmath numbers.
+
+    Raises `ArithmeticError` if the order conditions on their inverses do not hold to half the digits.
+    """
+    import mpmath
+
+    with mpmath.workdps(DIGITS):
+        k = stages
+        zeros = mpmath.polyroots(pade_denominator(k)[::-1], maxsteps=500, extraprec=4 * DIGITS)
+        for power in range(1, 2 * k, 2):
+            total = sum((2 / zeta) ** power for zeta in zeros)
+            if abs(total - (power == 1)) > mpmath.mpf(10) ** (-DIGITS // 2):
+                raise ArithmeticError(f"{k} stages: the sum of eps^{power} is {total}")
+        upper = [z for z in zeros if mpmath.im(z) > mpmath.mpf(10) ** (-DIGITS // 2)]
+        real = [mpmath.re(z) for z in zeros if abs(mpmath.im(z)) <= mpmath.mpf(10) ** (-DIGITS // 2)]
+        if 2 * len(upper) + len(real) != k or len(real) != k % 2:
+            raise ArithmeticError(f"{k} stages: {len(upper)} pairs and {len(real)} real zeros")
+        return tuple(sorted(upper, key=mpmath.im)) + tuple(real)
+
+
+def stage_points(order: int, dt: float) -> list[complex | float]:
+    """mu = zeta/dt of each stage, rounded once; a complex one stands for itself and its conjugate."""
+    import mpmath
+
+    with mpmath.workdps(DIGITS):
+        scaled = [zeta / mpmath.mpf(dt) for zeta in pade_zeros(order // 2)]
+        return [complex(mu) if isinstance(mu, mpmath.mpc) else float(mu) for mu in scaled]
+
+
+def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """A step of K = order/2 Bäcklund transformations, conjugate pairs in real arithmetic.
+
+    Raises `InputError` for steps beyond the domain.
+    """
+    record = cast("Baecklund", model.system.baecklund)
+    points = stage_points(order, dt)
+    space = model.system.space
+    count = len(space.letters)
+    rest = model.system.frame is Frame.REST
+    spins = record.spin is not None and not rest
+    observe, outcomes = observer(model, None, None, kept=("casimir", "energy", *model.system.integrals))
+
+    pairs, single = [mu for mu in points if isinstance(mu, complex)], [mu for mu in points if isinstance(mu, float)]
+
+    def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
+        own = x0[:count]
+        constants: dict[str, Array] = {}
+        stages: dict[str, Array] = {}
+        for mu in single:
+            constants |= {"mu": np.array(mu), "rho": _rho(model, record, own, mu, order, dt)}
+        if pairs:
+            rho = np.stack([_rho(model, record, own, mu, order, dt) for mu in pairs], -1)
+            mus = np.array(pairs)
+            stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
+        with np.errstate(all="ignore"):  # what overflows is refused
+            if spins:
+                constants |= _turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
+            if oriented:
+                g = algebra.rotation_matrix(x0[count]) if model.n == 3 else x0[count]
+                constants |= _orientation_turns(model, record, own, g, points, dt)
+        return constants, stages
+
+    def stage(z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
+        own, (x, y) = one_stage(record, z[:count], known, paired)
+        return (*own, *(algebra.double_turn(x, y, h, right=not rest) for h in z[count:]))
+
+    def pair(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> tuple[Array, ...]:
+        mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
+        return stage(z, {**consts, "mu": mu, "rho": rho}, True)
+
+    def close(*z: Array, **consts: Array) -> tuple[Array, ...]:
+        z = stage(z, consts, False) if single else z
+        own, g = z[:count], z[count:]
+        if spins:
+            for half in ("spin0", "spin1"):
+                own = _turned_with_body(space.kinds, own, consts[half])
+        return (*own, *(_turned_by_constants(h, consts, rest, record.spin is not None) for h in g))
+
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+    axes = dict.fromkeys(["mu", "mu_re", "mu_im", "rho", "rho_re", "rho_im"], 0)
+    axes |= {f"{k}{j}": 2 for k in ("spin", "turn", "body") for j in (0, 1)}
+    return Scheme(
+        name="baecklund",
+        components=with_orientation(model, oriented),
+        constants=dict(model.constants),
+        axes={**model.axes, **axes},
+        n=model.n,
+        prepare=lambda x0: x0,
+        step=pair if pairs else close,
+        close=close if pairs and (single or spins or oriented) else None,
+        observe=observe,
+        reopen=lambda x: x,
+        outcomes=outcomes,
+        options={"order": order},
+        trajectory=trajectory,
+    )
+
+
+def one_stage(
+    record: Baecklund, own: tuple[Array, ...], known: dict[str, Array], paired: bool
+) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
+    """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""
+    e = call(record.vector, own, known)
+    move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
+    return tuple(call(move, (*own, e), known)), call(arc, (*own, e), known)
+
+
+def _rho(model: Model, record: Baecklund, own: tuple[Array, ...], mu: complex | float, order: int, dt: float) -> Array:
+    """The constant of the trajectory, computed in extended precision where the platform has it."""
+    wide = {k: v.astype(np.longdouble) for k, v in model.constants.items()}
+    with np.errstate(all="ignore"):
+        try:
+            rho = call(record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide(mu)})
+        except np.linalg.LinAlgError:  # beside numbers so large the others vanish
+            rho = np.array(np.nan)
+    if not np.isfinite(rho).all():
+        _explain(model, record, own, mu, order, dt)
+    return rho.astype(complex if isinstance(mu, complex) else float)
+
+
+def _wide(mu: complex | float) -> Any:
+    return np.clongdouble(mu) if isinstance(mu, complex) else np.longdouble(mu)
+
+
+def _explain(
+    model: Model, record: Baecklund, own: tuple[Array, ...], mu: complex | float, order: int, dt: float
+) -> None:
+    if record.largest_step is None or isinstance(mu, complex):
+        raise InputError(
+            f"The spectral curve of {model.system.name} has no point for this state and dt = {dt:g}: "
+            "look for a state that is zero or so large that its square overflows."
+        )
+    largest = float(np.min(model.call(record.largest_step, *own))) * mu * dt / 2
+    raise InputError(
+        f"The real Bäcklund transformation of {model.system.name} does not reach as far as dt = {dt:g} from this "
+        f"state at order {order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which reaches "
+        f"further; orders 4, 8, 12, ... take any dt."
+    )
+
+
+# -- turns that are the same at every step ----------------------------------------------------------
+
+
+def _turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
+    """V0, V1 with cay(V0) cay(V1) the turn by angle(theta) in each plane where the skew matrix K turns by theta."""
+    if not np.isfinite(K).all():
+        raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")
+    theta, U = np.linalg.eigh(-1j * K)
+    turn = np.remainder(angle(theta) + np.pi, 2 * np.pi) - np.pi
+    twice = abs(turn).max(initial=0) > WHOLE_TURN
+    half = np.tan(turn / (4 if twice else 2))
+    V = (U * (1j * half)[..., None, :] @ U.conj().mT).real
+    V = (V - V.mT) / 2
+    return {f"{name}0": V, f"{name}1": V if twice else 0 * V}
+
+
+def _orientation_turns(
+    model: Model, record: Baecklund, own: tuple[Array, ...], g: Array, points: list[complex | float], dt: float
+) -> dict[str, Array]:
+    """Constants of the turn of g on the other side than the state's: prod cay(eps/2 block), and the body's spin."""
+    rest = model.system.frame is Frame.REST
+
+    def other(X: Array) -> Array:
+        return g.mT @ X @ g if rest else g @ X @ g.mT
+
+    def by_maps(theta: Array) -> Array:
+        return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in points)
+
+    out = _turns("turn", other(model.call(record.block, *own)), by_maps)
+    if record.spin is not None:
+        spin = model.call(record.spin, *own)
+        out |= _turns("body", other(spin) if rest else spin, lambda theta: dt * theta)
+    return out
+
+
+def _turned_by_constants(g: Array, consts: dict[str, Array], rest: bool, spins: bool) -> Array:
+    for j in (0, 1):
+        V = consts[f"turn{j}"]
+        g = algebra.turn_right(g, V) if rest else algebra.turn_left(V, g)
+        g = algebra.turn_right(g, consts[f"body{j}"]) if spins else g
+    return g
+
+
+def _turned_with_body(kinds: tuple[str, ...], own: tuple[Array, ...], V: Array) -> tuple[Array, ...]:
+    """The state in a body turned by cay(V)."""
+    return tuple(algebra.turned(kind, -V, x) for x, kind in zip(own, kinds, strict=True))
+
+
+METHOD = Method(
+    name="baecklund",
+    title="products of commuting Bäcklund transformations",
+    needs="a system whose Bäcklund transformations are known",
+    applies=lambda s: s.baecklund is not None,
+    orders=tuple(range(2, MOST_ORDER + 1, 2)),
+    default=2,
+    poisson="yes",
+    conserves="all integrals of the flow",
+    sources=("suris2001",),
+    make=baecklund,
+    rank=1,
+)

@@ -1,0 +1,46 @@
+"""Symmetric compositions: a symmetric step of order 2, taken in stages, becomes a step of order 4, 6 or 8.
+
+S(gamma_s dt) ... S(gamma_1 dt) with gamma_(s+1-i) = gamma_i; the coefficients as collected in Hairer, Lubich and
+Wanner, Geometric Numerical Integration, second edition, section V.3.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.algebra import Array
+
+SUZUKI = 4 ** (1 / 3)
+FIRST_HALVES = {  # gamma_1 ... up to the middle one
+    2: (1.0,),
+    4: (1 / (4 - SUZUKI), 1 / (4 - SUZUKI), -SUZUKI / (4 - SUZUKI)),  # Suzuki 1990
+    6: (  # Kahan and Li 1997, nine stages
+        0.39216144400731413927925056,
+        0.33259913678935943859974864,
+        -0.70624617255763935980996482,
+        0.08221359629355080023149045,
+        0.79854399093482996339895035,
+    ),
+    8: (  # Kahan and Li 1997, seventeen stages
+        0.13020248308889008087881763,
+        0.56116298177510838456196441,
+        -0.38947496264484728640807860,
+        0.15884190655515560089621075,
+        -0.39590389413323757733623154,
+        0.18453964097831570709183254,
+        0.25837438768632204729397911,
+        0.29501172360931029887096624,
+        -0.60550853383003451169892108,
+    ),
+}
+ORDERS = tuple(FIRST_HALVES)
+
+
+# Keys of refs.bib.
+COMPOSED = {4: ("suzuki1990", "hairer2006"), 6: ("kahan1997", "hairer2006"), 8: ("kahan1997", "hairer2006")}
+
+
+def symmetric_composition(order: int) -> Array:
+    """The fractions gamma_i of the stages."""
+    half = FIRST_HALVES[order]
+    return np.array(half + half[-2::-1])

@@ -1,0 +1,149 @@
+"""method="exact": the flow of the Lagrange top for n = 3, in closed form at any time; others by their modules."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.exact.jacobi import jacobi
+from kreisel.exact.motion import UNTURNED, Motion
+from kreisel.exact.nutation import Number, number, rationals
+from kreisel.exact.pairs import exact_pair
+from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.record import Method
+from kreisel.method.scheme import Jump, Orbit, Scheme
+from kreisel.record.contract import Frame, call
+from kreisel.record.model import Model
+
+
+def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
+    """The motion in space of the top that the record states.  Raises `InputError` if it states none."""
+    m, b, p = call(model.system.top, state[:2], constants)
+    kappa = 1 / Fraction(float(constants.get("alpha", 1.0))) - 1  # omega = m + kappa (m.b) b/|b|^2
+    return Motion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
+
+
+def iterates(model: Model) -> Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None:
+    """The iterates of a map that is D_eps in other variables, n = 3, in closed form; None where it is not known to be.
+
+    Its clock counts steps: k of them are the flow over k tau, then the turn k theta about p.  In the moving frame
+    (-M, P, A) is the (m, a, p) of the rest frame.
+    """
+    if model.n != 3 or model.map.darboux is None:
+        return None
+    (fixed,) = (p.letter for p in model.system.parameters if p.fixed)
+    sign = -model.system.space.sign
+
+    def orbit(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> Orbit:
+        return _iterated(model, tuple(z0), given, fixed, sign, reach)
+
+    return orbit
+
+
+def _iterated(
+    model: Model, z0: tuple[Array, ...], given: Mapping[str, Array], fixed: str, sign: int, reach: float
+) -> Orbit:
+    """Both branches of rho as a function of the integrals occur; the state says which."""
+    eps = Fraction(float(given["eps"]))
+    exactly = {"eps": eps, fixed: rationals(given[fixed])}
+    hat, b, rho = call(model.map.darboux, tuple(rationals(z) for z in z0), exactly)
+    m, p, s = sign * algebra.axial(hat), exactly[fixed], eps * eps / 4
+    r = rho / s
+    here = Motion(m, b, p, reach=0.0)
+    known = here.integrals
+    root = 2 * (known.A + s * known.J**2) / r - (1 + 2 * s * known.E + 2 * s * s * known.J * known.c)
+
+    def clock() -> tuple[Number, Number]:
+        step = number(here.ctx, eps)
+        return (here.nutation.tau(step), here.nutation.theta(step)) if root >= 0 else here.nutation.beyond(step)
+
+    here = Motion(m, b, p, reach=reach * abs(float(clock()[0])))
+    constants = {"eps": np.asarray(float(eps)), "shift": float(s * r) * p.astype(np.float64)}
+
+    def finish(m: Array, b: Array, q: Array, *, eps: Array, shift: Array) -> tuple[Array, ...]:
+        hat = algebra.hat(m)
+        return sign * hat, algebra.resolvent(eps / 2 * hat, (b - shift)[..., None])[..., 0]
+
+    return here.orbit(finish, constants, clock())
+
+
+def _jump(model: Model) -> Jump:
+    """In the moving frame (-M, P, A) is the (m, a, p) of the rest frame."""
+    inside = model.system.frame is Frame.MOVING
+
+    def begin(*z: Array, **constants: Array) -> tuple[Array, Array, Array, Array]:
+        m, b, p = call(model.system.top, z, constants)
+        axial = algebra.axial(m)
+        return (-axial, p, b, constants.get("alpha", 1.0)) if inside else (axial, b, p, 1.0)
+
+    def finish(m: Array, b: Array) -> tuple[Array, ...]:
+        return -algebra.hat(m) if inside else algebra.hat(m), b
+
+    return Jump(begin, finish)
+
+
+def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
+
+    The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
+    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
+    `InputError` for n > 3.
+    """
+    system, frame = model.system, model.system.frame
+    if model.n != 3:
+        raise InputError(
+            f"The exact flow is known for n = 3 only; n = {model.n} came. Use another method, such as method='suris'."
+        )
+    if system.moments is not None:
+        return jacobi(model, oriented)
+    if system.top is None:
+        return exact_pair(model, dt, oriented)
+    observe, outcomes = observer(model, None, None)
+    outcomes = {k: replace(o, kept=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+
+    def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
+        inside = frame is Frame.MOVING
+        start = z0[2] if oriented else UNTURNED
+
+        def finish(m: Array, b: Array, q: Array) -> tuple[Array, ...]:
+            state = (-algebra.hat(m) if inside else algebra.hat(m)), b
+            return (*state, algebra.inverse_turn(q) if inside else q) if oriented else state
+
+        known = motion(model, z0, constants, reach)
+        return known.orbit(finish, {}, inside=inside, start=algebra.inverse_turn(start) if inside else start)
+
+    return Scheme(
+        name="exact",
+        components=with_orientation(model, oriented),
+        constants=dict(model.constants),
+        axes=model.axes,
+        n=model.n,
+        prepare=tuple,
+        observe=observe,
+        reopen=tuple,
+        orbit=orbit,
+        jump=None if oriented else _jump(model),
+        outcomes=outcomes,
+    )
+
+
+METHOD = Method(
+    name="exact",
+    title="the flow itself, in closed form (Clebsch's case and Neumann's system by one pair of maps)",
+    needs="the Lagrange top, Clebsch's case, Neumann's system or the Euler top, n = 3",
+    applies=lambda s: s.baecklund is not None or s.top is not None or s.moments is not None,
+    orders=(),
+    default=None,
+    poisson="yes",
+    conserves="all integrals of the flow, and the phase",
+    sources=("suris2001", "carlson1995", "whittaker1937"),
+    make=exact,
+)

@@ -1,0 +1,108 @@
+"""method="lagrangian": the map of a user's own discrete Lagrangian (`kreisel.reduction`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.method.observing import ORIENTATION, observer, orientation_outcome
+from kreisel.method.record import Method
+from kreisel.method.scheme import Scheme
+from kreisel.record.contract import Frame, Function, call
+from kreisel.record.model import Model
+
+SINGULAR = 1e-12
+
+
+def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The implicit map of a discrete Lagrangian with step eps = dt; the orientation is carried as a matrix.
+
+    Poisson, so that Casimirs are kept; of the integrals, those that the record names.  Raises `InputError` for other
+    orders than the map's own, and for an orientation of a group that is not SO(n).
+    """
+    phi, space = model.map, model.system.space
+    if order not in (None, phi.order):
+        raise InputError(
+            f"The map of {model.system.name} has order {phi.order}; order={shown(order)} came. Leave it out."
+        )
+    if oriented and phi.generator is None:
+        raise InputError(
+            f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "
+            "Leave it out, and use kreisel.reduction's Discrete.reconstruct."
+        )
+    observe, outcomes = observer(model, dt, None)
+    count = len(space.letters)
+
+    def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
+        return (*x0[:count], *(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:]))
+
+    def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+        out = observe(z, **constants)
+        if len(z) > count and model.n == 3:
+            out[ORIENTATION] = algebra.unit_quaternion(z[count])
+        return out
+
+    def explain(z: tuple[Array, ...], consts: Mapping[str, Array]) -> str:
+        if float(call(phi.regularity, z[:count], consts)) < SINGULAR:
+            return (
+                "The Legendre transform of the discrete Lagrangian is singular at this state. "
+                "Usual cause: a kinetic energy that vanishes or changes its sign there."
+            )
+        return (
+            "The implicit equation has no solution on the branch with the continuous limit: two solutions have met, or "
+            f"Newton's method failed on the way. Usual cause: a step too long for this state. Use dt = {dt / 2:g} or "
+            "less."
+        )
+
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+    return Scheme(
+        name="lagrangian",
+        components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()),
+        constants={**model.constants, "eps": dt},
+        axes={**model.axes, "eps": 0},
+        n=model.n,
+        prepare=prepare,
+        step=_stepper(phi.step, phi.generator, model.system.frame, count),
+        observe=observe_all,
+        reopen=prepare,
+        outcomes=outcomes,
+        options={"order": phi.order},
+        numbers="jax",
+        explain=explain,
+    )
+
+
+@lru_cache(64)
+def _stepper(step: Function, generator: Function | None, frame: Frame, count: int) -> Function:
+    """The step of state and orientation; the same function for the same record, so that it is compiled once."""
+
+    def both(*z: Array, **consts: Array) -> tuple[Array, ...]:
+        own = z[:count]
+        new = call(step, own, consts)
+        return (*new, *(turned(own, new, g, consts) for g in z[count:]))
+
+    def turned(old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: Mapping[str, Array]) -> Array:
+        X = call(generator, (*old, *new), consts)
+        return algebra.turn_left(X, g) if frame is Frame.REST else algebra.turn_right(g, X)
+
+    return both
+
+
+METHOD = Method(
+    name="lagrangian",
+    title="the map of a discrete Lagrangian of your own (kreisel.reduction)",
+    needs="a system of kreisel.reduction with a discrete Lagrangian",
+    applies=lambda s: s.map is not None and s.numbers == "jax",
+    orders=tuple(range(1, 25)),
+    default=None,
+    words="that of the discrete Lagrangian; 2 for a continuous one",
+    poisson="if its symmetries give the bracket",
+    conserves="what its symmetries give",
+    sources=("suris2001",),
+    make=lagrangian,
+    rank=3,
+)

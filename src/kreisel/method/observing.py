@@ -1,0 +1,141 @@
+"""The variables of a run, derived from the record: state, orientation, Casimirs, integrals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.method.scheme import Components, Outcome
+from kreisel.record.contract import Frame, component_axes, keywords
+from kreisel.record.model import Model
+
+ORIENTATION = "g"
+
+
+def orientation_component(n: int) -> tuple[str, str]:
+    """The orientation g as a unit quaternion for n = 3, as an orthogonal matrix otherwise."""
+    return (ORIENTATION, "quaternion" if n == 3 else "matrix")
+
+
+def with_orientation(model: Model, oriented: bool) -> Components:
+    """The components of the state that a scheme steps."""
+    return model.system.space.components + ((orientation_component(model.n),) if oriented else ())
+
+
+def functions(
+    model: Model,
+    eps: float | None,
+    order: int = 1,
+    kept: Collection[str] = (),
+    told: Mapping[str, str] | None = None,
+) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
+    """Name -> (what it is, function, whether it takes the map's own variables).
+
+    With `eps` (a step of the map) those integrals are kept that the map's record names (`Map.keeps`).  Where they
+    take `eps`, they are kept deformed, under names ending in `_eps`, and the undeformed ones change by O(dt^order).
+    Without `eps` only the names in `kept` are kept.  `told` has other meanings.
+    """
+    system = model.system
+    by_map = eps is not None
+    named_by_map = system.map.keeps if by_map and system.map is not None else ()
+    out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
+    if system.space.casimirs is not None:
+        meaning = f"Casimirs of {system.space.name}"
+        stays = by_map or "casimir" in kept
+        out["casimir"] = (Outcome("casimir", meaning, kept=stays), _bind(model, system.space.casimirs), False)
+    named = {"energy": system.energy} if system.energy is not None else {}
+    for name, function in {**named, **system.integrals}.items():
+        by_this_map = named_by_map is None or name in named_by_map
+        deforms = by_map and "eps" in keywords(function)
+        meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
+        if deforms:
+            oscillates = f"{meaning}, not kept by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
+            out[name] = (Outcome("integral", oscillates), _bind(model, function), False)
+        if deforms and by_this_map:
+            deformed = f"deformed {name}, kept exactly by the map"
+            out[f"{name}_eps"] = (Outcome("integral", deformed, kept=True), _bind(model, function, eps=eps), True)
+        elif not deforms:
+            meaning = (told or {}).get(name, meaning)
+            out[name] = (Outcome("integral", meaning, kept=by_this_map or name in kept), _bind(model, function), True)
+    for name, (function, _) in system.invariant.items():
+        meaning = f"{name}: f with f' = k f, so that f = 0 stays; no integral"
+        out[name] = (Outcome("relation", meaning), _bind(model, function), False)
+    return out
+
+
+def _bind(model: Model, function: Callable[..., Array], **extra: Any) -> Callable[..., Array]:
+    return lambda *state, **known: model.call(function, *state, **extra, **known)
+
+
+def observer(
+    model: Model,
+    eps: float | None,
+    to_user: Callable[..., tuple[Array, ...]] | None,
+    kept: Collection[str] = (),
+    told: Mapping[str, str] | None = None,
+) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
+    """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
+    space = model.system.space
+    table = functions(model, eps, 1 if to_user is None else 2, kept, told)
+    outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
+    outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
+
+    def observe(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+        own, count = z[: len(space.letters)], len(space.letters)
+        batch = np.ndim(own[0]) - component_axes(space.kinds[0])
+        known = {k: v for k, v in constants.items() if k in model.constants}
+        user = to_user(*own, **known) if to_user is not None else own
+        out = dict(zip(space.letters, user, strict=True))
+        for name, (_, function, takes_own) in table.items():
+            value = function(*(own if takes_own else user), **known)
+            out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
+        if len(z) > count:
+            out[ORIENTATION] = _one_of_two(z[count]) if model.n == 3 and z[count].shape[-1] == 4 else z[count]
+        return out
+
+    return observe, outcomes
+
+
+def _one_of_two(q: Array) -> Array:
+    """Of q and -q, which are the same rotation, the one with w >= 0."""
+    return algebra.sign(q[..., :1]) * q
+
+
+def _entries(X: Array) -> Array:
+    """A skew block as axial vector for n = 3, else by its independent entries."""
+    return algebra.axial(X) if X.shape[-1] == 3 else algebra.coordinates(X)
+
+
+def held_by_orientation(model: Model, components: Components) -> Callable[[tuple[Array, ...]], list[Array]] | None:
+    """What an orientation g leaves constant: its own orthogonality, and what is carried, seen from the other frame.
+
+    g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None where the
+    method does not step the system's own variables.
+    """
+    space = model.system.space
+    count, rest = len(space.letters), model.system.frame is Frame.REST
+    if components[:count] != space.components or len(components) == count or components[count][0] != ORIENTATION:
+        return None
+
+    def held(z: tuple[Array, ...]) -> list[Array]:
+        g = z[count]
+        out = [algebra.dot(g, g)] if g.ndim == 1 else [algebra.coordinates_of("symmetric", g.mT @ g)]
+        turn = algebra.rotation_matrix(g) if g.ndim == 1 else g
+        turn = turn.mT if rest else turn
+        for i in space.carried or (0,):
+            turned = algebra.act(turn, z[i]) if space.kinds[i] == "vector" else turn @ z[i] @ turn.mT
+            out.append(algebra.coordinates_of(space.kinds[i], turned))
+        return out
+
+    return held
+
+
+def orientation_outcome(model: Model) -> Outcome:
+    """What g means in the frame of the system."""
+    carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
+    form = "unit quaternion (w, x, y, z), w >= 0" if model.n == 3 else "orthogonal matrix"
+    return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])

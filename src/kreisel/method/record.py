@@ -1,0 +1,84 @@
+"""What a method states about itself: `kr.methods`, defaults, checks, citations and tables come from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from kreisel.errors import InputError, shown
+from kreisel.method.scheme import Scheme
+from kreisel.record.contract import System
+from kreisel.record.model import Model
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method.
+
+    name, title  of it, in a word and in a line
+    needs        what a system must state for it, in words; `applies` says so of a record
+    orders       that it has, rising; none for the flow itself.  `default` if none is asked for; `words` for them
+    poisson      whether its map is Poisson for the bracket of the system
+    conserves    what stays constant up to rounding errors
+    rank         of all methods that apply to a system the one with the lowest is its default; None: never
+    sources      keys of refs.bib; `composed` of single orders beside
+    make(model, dt, order, oriented) -> Scheme
+    """
+
+    name: str
+    title: str
+    needs: str
+    applies: Callable[[System], bool]
+    orders: tuple[int, ...]
+    default: int | None
+    poisson: str
+    conserves: str
+    sources: tuple[str, ...]
+    make: Callable[[Model, float, Any, bool], Scheme]
+    rank: int | None = None
+    words: str = ""  # for the orders, where no list says it
+    composed: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<kreisel method {self.name!r}: {self.title}>"
+
+    def check(self, model: Model) -> None:
+        """Raises `InputError` for a system that does not state what the method needs."""
+        if not self.applies(model.system):
+            raise InputError(
+                f"method={self.name!r}: expected {self.needs}, got {model.system.name}. Leave method out for the one "
+                "that fits, or see kr.methods()."
+            )
+
+    @property
+    def order_text(self) -> str:
+        """The orders in words."""
+        if self.words:
+            return self.words
+        if len(self.orders) > 4:
+            return f"{self.orders[0]}, {self.orders[1]}, ... {self.orders[-1]}"
+        return ", ".join(map(str, self.orders)) or "none: it is the flow itself"
+
+    def order(self, asked: Any) -> int | None:
+        """The order that was asked for, or the default.  Raises `InputError` for one that the method has not."""
+        if asked is None:
+            return self.default
+        if isinstance(asked, bool) or asked not in self.orders:
+            raise InputError(
+                f"method={self.name!r}: expected one of its orders ({self.order_text}), got order={shown(asked)}."
+                + ("" if self.orders else " Leave order out.")
+            )
+        return int(asked)
+
+    def cited(self, order: int | None) -> tuple[str, ...]:
+        """Keys of refs.bib for a run of that order."""
+        return (*self.sources, *self.composed.get(order or 0, ()))
+
+    def summary(self) -> dict[str, Any]:
+        """The record as plain data."""
+        names = ("name", "title", "needs", "default", "poisson", "conserves")
+        return {name: getattr(self, name) for name in names} | {
+            "orders": list(self.orders),
+            "sources": list(self.sources),
+        }

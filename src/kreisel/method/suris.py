@@ -1,0 +1,90 @@
+"""method="suris": the paper's maps, and their half-kick conjugates of order 2."""
+
+from __future__ import annotations
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.method.exact import iterates
+from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.record import Method
+from kreisel.method.scheme import Scheme
+from kreisel.record.contract import Frame, call
+from kreisel.record.model import Model
+
+
+def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """The system's map phi with step eps = dt; with order = 2 chi phi chi^-1, chi half a kick.
+
+    Both are Poisson and keep the deformed integrals.  The conjugate runs phi and changes variables once
+    at the start and at every saved state.  Raises `InputError` for steps at which the map may be singular.
+    """
+    phi = model.map
+    eps = {"eps": dt}
+    observe, outcomes = observer(
+        model, dt, (lambda *z, **known: model.call(phi.to_symmetric, *z, **eps, **known)) if order == 2 else None
+    )
+    components = with_orientation(model, oriented)
+    letters = model.system.space.letters
+
+    def reopen(x: tuple[Array, ...]) -> tuple[Array, ...]:
+        own = x[: len(letters)]
+        return (*(model.call(phi.from_symmetric, *own, **eps) if order == 2 else own), *x[len(letters) :])
+
+    def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
+        _check_domain(model, x0[: len(letters)], dt)
+        return reopen(x0)
+
+    def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
+        own = z[: len(letters)]
+        new = call(phi.step, own, consts)
+        return (*new, *(_turned(model, own, new, g, consts) for g in z[len(letters) :]))
+
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+    return Scheme(
+        name="suris",
+        components=components,
+        constants={**model.constants, **eps},
+        axes={**model.axes, "eps": 0},
+        n=model.n,
+        prepare=prepare,
+        step=step,
+        orbit=None if oriented else iterates(model),
+        observe=observe,
+        reopen=reopen,
+        outcomes=outcomes,
+        options={"order": order},
+    )
+
+
+def _turned(model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: dict[str, Array]) -> Array:
+    X = call(model.map.generator, (*old, *new), consts)
+    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
+
+
+def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
+    if model.map.largest_step is None:
+        return
+    largest = model.largest_step(*state)
+    if dt >= largest:
+        raise InputError(
+            f"The map of {model.system.name} divides by 1 + dt^2/4 <P, BP>, which may vanish on this orbit: "
+            f"dt = {dt:g} came, and dt < {largest:.6g} is safe. Use a smaller dt, or add a constant to b so that "
+            "no entry is negative (the flow stays as it is)."
+        )
+
+
+METHOD = Method(
+    name="suris",
+    title="the paper's maps (order 1), and their half-kick conjugates (order 2)",
+    needs="a system with an explicit map",
+    applies=lambda s: s.map is not None and s.map.to_symmetric is not None and s.numbers == "any",
+    orders=(1, 2),
+    default=2,
+    poisson="yes",
+    conserves="Casimirs, deformed integrals",
+    sources=("suris2001",),
+    make=suris,
+    rank=4,
+)

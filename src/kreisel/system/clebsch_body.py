@@ -1,0 +1,118 @@
+"""Clebsch's case, the flow c_jk = 1/(J_j + J_k) of a body, and Suris's map of 2000.  State (M, P) in e(n)*, body frame.
+
+J = diag(J_i) > 0 is the mass tensor; the potential energy is -<P, JP>/2.  It is `quadratic_potential` with P P^T for P
+(Brun's remark), where (1 - eps^2 P P^T)^(1/2) = 1 - eps^2 r P P^T, r = 1/(1 + (1 - eps^2 |P|^2)^(1/2)).  The
+integrals are kept as they are; those of the explicit map of `clebsch`, another flow, are deformed.
+[Suris 2000; named in Suris 2001, section 7 and Conclusions]
+"""
+
+from dataclasses import replace
+
+from kreisel.algebra import dot, identity, mat, sqrt, turned
+from kreisel.algebra.invariants import pencil_spectrum
+from kreisel.algebra.matrices import diagonal
+from kreisel.implicit import branch
+from kreisel.record.contract import MOVING_SPACE, Relation
+from kreisel.system import clebsch_general, euler_top, quadratic_potential
+
+
+def outer(P):
+    return P[..., :, None] * P[..., None, :]
+
+
+def velocity(M, P, *, c):
+    return euler_top.inverse_inertia(M, c=c)
+
+
+def flow(M, P, *, J, c):  # M' = [M, Omega] + P ^ JP,   P' = -Omega P
+    return clebsch_general.flow(M, P, b=J, c=c)
+
+
+def energy(M, P, *, J, c):
+    return clebsch_general.energy(M, P, b=J, c=c)
+
+
+def spectrum(M, P, *, J):  # coefficients of det(L(lambda) - mu)
+    return pencil_spectrum(M, diagonal(J * J), P, 0)
+
+
+def lax(M, P, *, J, c, lam):  # L = lambda J^2 + M + P P^T/lambda,   U = lambda J + Omega
+    return clebsch_general.lax(M, P, a=J * J, b=J, c=c, lam=lam)
+
+
+def deviation(P, eps):  # R = (1 - Q)/eps^2
+    return outer(P) / mat(1 + sqrt(1 - eps * eps * dot(P, P)))
+
+
+def turn(M, P, *, J, c, eps):
+    return quadratic_potential.solved(M, outer(P), deviation(P, eps), J=J, c=c, eps=eps)
+
+
+def move(M, P, X, *, J, eps):
+    return quadratic_potential.moved(M, deviation(P, eps), X, J=J, eps=eps), turned("vector", -X, P)
+
+
+def step(M, P, *, J, c, eps):
+    return move(M, P, turn(M, P, J=J, c=c, eps=eps)[0], J=J, eps=eps)
+
+
+def inverse(M, P, *, J, c, eps):
+    return step(M, P, J=J, c=c, eps=-eps)
+
+
+def generator(M, P, M1, P1, *, J, c, eps):
+    return turn(M, P, J=J, c=c, eps=eps)[0]
+
+
+def lagrangian(g, h, p, *, J, eps):  # -(1/eps) tr((1 - eps^2 p p^T)^(1/2) h J g^T)
+    root = identity(p.shape[-1]) - eps * eps * deviation(p, eps)
+    return quadratic_potential.action(g, h, root, J=J, eps=eps)
+
+
+def lax_matrix(M, P, *, J, lam, eps):  # (J W^T + l Q)(W J - l Q)
+    return quadratic_potential.lax_matrix(M, outer(P), J=J, lam=lam, eps=eps)
+
+
+def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
+    return quadratic_potential.conjugated(M, outer(P), deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
+
+
+def largest_step(M, P, *, J):
+    return branch.largest_step(M, J, outer(P))
+
+
+SYSTEM = replace(
+    euler_top.SYSTEM,
+    name="clebsch-body",
+    title="Clebsch's case, the flow of a body, c = 1/(J_j + J_k)",
+    equations="M' = [M, Omega] + P ^ JP,  P' = -Omega P,  M = J Omega + Omega J",
+    source="Suris 2001, section 7",
+    space=MOVING_SPACE,
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    integrals={"spectrum": spectrum},
+    lax=lax,
+    scaling="Any consistent units: the potential energy is -<P, JP>/2.",
+    moments=None,
+    map=replace(
+        euler_top.MAP,
+        trajectory=None,
+        step=step,
+        inverse=inverse,
+        adjoint=step,
+        involution=quadratic_potential.involution,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        turn=turn,
+        move=move,
+        largest_step=largest_step,
+        source="Suris 2000",
+    ),
+    relations=(
+        Relation("clebsch-general", lambda M, P, g, *, J: ((M, P), {"a": J * J, "b": J}), meaning="a = J^2, b = J"),
+        Relation("quadratic-potential", lambda M, P, g, *, J: ((M, outer(P)), {"J": J}), "step", "P P^T for P"),
+    ),
+)

@@ -1,0 +1,49 @@
+"""Kirchhoff's case of a body of revolution in a fluid, n = 3.  State (M, P) in e(3)*, axial vectors, body frame.
+
+H = (a_1 (M_1^2 + M_2^2) + a_3 M_3^2)/2 + b_1 (M_1 P_1 + M_2 P_2) + b_3 M_3 P_3 + (c_1 (P_1^2 + P_2^2) + c_3 P_3^2)/2;
+M_3 is kept.  Plus bracket, F' = {H, F}.  [Kirchhoff 1870; named in Suris 2001, Introduction]
+
+For b_1 = b_3 the mixed terms are a Casimir.  The flow over t is then that of Clebsch's case with b = (0, 0, b),
+b = (c_1 - c_3)/a_1, over a_1 t, followed by the turn of M and P about the axis by (a_1 - a_3) M_3 t, in the body frame.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.algebra import axial
+from kreisel.record.contract import Parameter
+from kreisel.system import fluid
+
+
+def twice(first, third):
+    return np.stack([first + 0 * third, first + 0 * third, third + 0 * first], -1)
+
+
+def coefficients(*, a1, a3, b1, b3, c1, c3):
+    return {"x": twice(a1, a3), "y": twice(b1, b3), "z": twice(c1, c3)}
+
+
+def noether(M, P):  # M_3
+    return axial(M)[..., 2]
+
+
+SYSTEM = replace(
+    fluid.CASE,
+    name="kirchhoff-case",
+    title="Kirchhoff's case of a body of revolution in a fluid",
+    parameters=tuple(
+        Parameter(letter + i, "scalar", f"coefficient of {term} in H")
+        for letter, both, third in (
+            ("a", "(M_1^2 + M_2^2)/2", "M_3^2/2"),
+            ("b", "M_1 P_1 + M_2 P_2", "M_3 P_3"),
+            ("c", "(P_1^2 + P_2^2)/2", "P_3^2/2"),
+        )
+        for i, term in (("1", both), ("3", third))
+    ),
+    derive=coefficients,
+    integrals={"noether": noether},
+    commuting=("noether",),
+    notes="For b1 = b3 a map is known: Clebsch's with two equal entries, and a turn about the axis; not built yet. "
+    "For b1 and b3 that differ a Lax pair and an integrable discretization are open. It runs by dop853.",
+)

@@ -1,0 +1,152 @@
+"""Neumann's system, a particle on the sphere in a quadratic potential, and its discretization.
+
+State (x, q): x (..., n) with |x| = 1, q (..., n) with <x, q> = 0, in the frame that turns with the body of
+which it is the smallest leaf: M = x ^ q, P = x in `clebsch`.  The potential energy is -<x, Bx>/2, B = diag(b).
+Dirac bracket of T*S^(n-1), F' = {H, F}.  [Suris 2001, section 7, end; dimension 2(n-1) and the sign of the
+potential by errata E6 and E7; the map is Adler's]
+"""
+
+from kreisel.algebra import cayley_plane, dot, log, mat, vec, wedge
+from kreisel.algebra.invariants import pencil_spectrum
+from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.clebsch import shifted_diagonal
+from kreisel.baecklund.neumann import BAECKLUND, on_sphere
+from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.system import clebsch
+
+
+def flow(x, q, *, b):  # x' = q,   q' = Bx - (<x, Bx> + |q|^2) x; divided by |x|^2 = 1 it stays tangential in floats
+    return q, b * x - vec((dot(x, b * x) + dot(q, q)) / dot(x, x)) * x
+
+
+def kick(x, q, h, *, b, eps):
+    """The tangential part of q + h Bx / den."""
+    q = q + vec(h / clebsch.denominator(x, b=b, eps=eps)) * (b * x)
+    return q - vec(dot(x, q) / dot(x, x)) * x
+
+
+def turn(x, q, eps):
+    """cay(-(eps/2) x ^ q) on both: a great circle."""
+    y = -eps / 2 * q
+    return cayley_plane(x, y, x), cayley_plane(x, y, q)
+
+
+def step(x, q, *, b, eps):
+    return turn(x, kick(x, q, eps, b=b, eps=eps), eps)
+
+
+def inverse(x, q, *, b, eps):
+    x, q = turn(x, q, -eps)
+    return x, kick(x, q, -eps, b=b, eps=eps)
+
+
+def adjoint(x, q, *, b, eps):
+    x, q = turn(x, q, eps)
+    return x, kick(x, q, eps, b=b, eps=eps)
+
+
+def involution(x, q, *, b, eps):
+    return x, -kick(x, q, eps, b=b, eps=eps)
+
+
+def half_kick(x, q, *, b, eps):
+    return x, kick(x, q, eps / 2, b=b, eps=eps)
+
+
+def half_kick_back(x, q, *, b, eps):
+    return x, kick(x, q, -eps / 2, b=b, eps=eps)
+
+
+def second_order(x0, x, *, b, eps):
+    """x_(k+1) from x_(k-1), x_k.
+
+    x_(k+1)/(1+<x_k,x_(k+1)>) + x_(k-1)/(1+<x_k,x_(k-1)>) = (eps^2/2) B x_k/den + mu x_k.
+    """
+    z = vec(eps * eps / 2 / clebsch.denominator(x, b=b, eps=eps)) * (b * x) - x0 / vec(1 + dot(x, x0))
+    zx = dot(z, x)
+    y = z + vec(((1 - zx) * (1 - zx) - dot(z, z)) / 2) * x
+    return y / vec(1 - dot(x, y))
+
+
+def energy(x, q, *, b, eps=0):
+    xBx, qq = dot(x, b * x), dot(q, q)
+    return qq / 2 - xBx / 2 + eps * dot(x, b * q) / 2 + eps * eps * qq * xBx / 8
+
+
+def spectrum(x, q, *, b, eps=0):
+    M = wedge(x, q)
+    return pencil_spectrum(M, diagonal(b), clebsch.shifted(M, x, eps=eps), eps * eps * dot(x, x) / 4, plane=True)
+
+
+def lax(x, q, *, b, lam):
+    return clebsch.lax(wedge(x, q), x, b=b, lam=lam)
+
+
+def lax_matrix(x, q, *, b, lam, eps):
+    return clebsch.lax_matrix(wedge(x, q), x, b=b, lam=lam, eps=eps)
+
+
+def conjugator(x, q, *, b, lam, eps):
+    return clebsch.conjugator(wedge(x, q), x, b=b, lam=lam, eps=eps)
+
+
+def inverse_inertia(M):
+    return M
+
+
+def velocity(x, q):
+    return inverse_inertia(wedge(x, q))
+
+
+def generator(x, q, x1, q1):  # (eps/2) M_(k+1) = x_k ^ x_(k+1) / (1 + <x_k, x_(k+1)>)
+    return wedge(x, x1) / mat(1 + dot(x, x1))
+
+
+def lagrangian(x, x1, p, *, b, eps):
+    return 2 / eps * (log(clebsch.denominator(x, b=b, eps=eps)) - log(1 + dot(x, x1)))
+
+
+def largest_step(x, q, *, b):
+    return clebsch.largest_step(q, x, b=b)
+
+
+SYSTEM = System(
+    name="neumann",
+    title="Neumann's particle on the sphere",
+    equations="x' = q,  q' = Bx - (<x, Bx> + |q|^2) x",
+    source="Suris 2001, section 7, end",
+    frame=Frame.MOVING,
+    space=SPHERE_SPACE,
+    parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2"),),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
+    scaling="The mass and the radius of the sphere are 1.",
+    integrals={"spectrum": spectrum},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
+        to_symmetric=half_kick,
+        from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
+        second_order=second_order,
+        source="Suris 2001, section 7, end (Adler's discretization)",
+    ),
+    baecklund=BAECKLUND,
+    derive=shifted_diagonal,
+    relations=(
+        Relation(
+            "clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x", back=on_sphere
+        ),
+    ),
+    notes="On the sphere the spectrum has rank n - 1, which is complete.",
+)

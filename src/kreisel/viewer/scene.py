@@ -1,0 +1,294 @@
+"""What a page shows of a run, as plain data: frames, path, body, drifts.  Decided by the record and the phase space.
+
+| run                                          | shown                                                             |
+|----------------------------------------------|-------------------------------------------------------------------|
+| n = 3, a body, with its orientation          | the body in space, the trace of its axis                          |
+| n = 3, rest frame, without                   | the body along its axis; its own turn about the axis is not known |
+| n = 3, moving frame, without                 | the carried vector as the body sees it                            |
+| n = 3, position and momentum                 | the particle                                                      |
+| n > 3, or other components                   | the vector in three coordinates, to be chosen                     |
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, printable
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
+from kreisel.runs.drift import MACHINE_EPSILON, all_series
+from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, model_for, orientation_of, to_third_axis
+from kreisel.runs.plan import within
+from kreisel.storage.archive import is_own
+from kreisel.storage.reading import a_run
+from kreisel.viewer import bodies
+from kreisel.viewer.style import THEMES
+from kreisel.viewer.thinning import mixed
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_FRAMES = 100_000
+MOST_PATH = 4_000  # points of the whole trace
+# While it moves: without a GPU 4000 dots took 0.6 of the time of a picture, and so did 2.9 times as long as 400
+MOVING_PATH = 400
+LARGEST_GAP = 0.3  # radii between points that are joined by a line
+MOST_STRETCHES = 1_200  # of a drift
+MOST_SERIES = 24
+BLOCK = 1 << 18  # rows read at once
+LONGEST_TEXT = 300
+
+
+def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
+    """The data of the page.  Raises `InputError` for what is no run, lacks its state, or has no such lane."""
+    a_run(run, "system")
+    if "time" not in run.dims or run.sizes["time"] < 1:
+        raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
+    if "lane" in run.dims:
+        run = run.isel(lane=within(lane, "lane", 0, run.sizes["lane"] - 1))
+    missing = [letter for letter in kinds_of(run.attrs) if letter not in run]
+    if missing:
+        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
+    letter = carried_letter(run.attrs)
+    rows = _rows(run[letter], MOST_FRAMES)
+    frames = run.isel(time=rows)
+    if not all(np.isfinite(frames[each].values).all() for each in kinds_of(run.attrs)):
+        raise InputError("expected a run whose state is finite, got one with NaN or infinity.")
+    shown = _Shown(frames, letter, None if is_own(run.attrs) else model_for(frames, None))
+    tip = shown.tip
+    if not (np.isfinite(tip).all() and np.isfinite(shown.carried).all()):
+        raise InputError(f"{letter} is not finite at every saved time; `kreisel check` says where.")
+    path, few = mixed(tip, MOST_PATH), mixed(tip, MOVING_PATH)
+    time = np.asarray(frames["time"].values, dtype=np.float64)
+    return {
+        "title": _text(run.attrs.get("title", "")),
+        "told": [_text(v) for v in _told(run, lane, len(rows))],
+        "kind": shown.kind,
+        "note": shown.note,
+        "legend": {k: _text(v) for k, v in shown.legend.items()},
+        "n": int(tip.shape[1]),
+        "coordinates": shown.coordinates,
+        "letter": _text(letter),
+        "radius": shown.radius,
+        "arrow": None if shown.arrow is None else [float(v) for v in shown.arrow],
+        "body": shown.body,
+        "time": packed(time, "f8"),
+        "tip": packed(tip, "f4"),
+        "turn": None if shown.turn is None else packed(shown.turn, "f4"),
+        "path": packed(path, "i4"),
+        "few": packed(few, "i4"),
+        "joined": _joined(tip, shown.radius),
+        "path_joined": _joined(tip[path], shown.radius),
+        "few_joined": _joined(tip[few], shown.radius),
+        **_drifts(run),
+        "complete": bool(run.attrs.get("complete", True)),
+        "themes": {
+            name: {"ink": t.ink, "paper": t.paper, "grid": t.grid, "faint": t.faint, "colours": t.colours}
+            for name, t in THEMES.items()
+        },
+    }
+
+
+def _joined(points: Array, radius: float) -> bool:
+    """Whether the points follow each other so closely that a line between them is no guess."""
+    gaps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+    return len(gaps) == 0 or float(np.median(gaps)) < LARGEST_GAP * radius
+
+
+def _text(value: Any) -> str:
+    text = printable(value)
+    return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "\u2026"
+
+
+def packed(values: Array, kind: str) -> str:
+    """An array as little-endian base64.  Raises `InputError` where it leaves the range of that kind."""
+    with np.errstate(over="ignore"):
+        kept = np.ascontiguousarray(values, dtype=f"<{kind}")
+    if kept.dtype.kind == "f" and (np.isinf(kept) & np.isfinite(values)).any():
+        raise InputError("expected a run whose numbers a page can show, below 3e38, got larger ones. Use other units.")
+    return base64.b64encode(kept.tobytes()).decode("ascii")
+
+
+def _rows(variable: xr.DataArray, most: int) -> Array:
+    """Rows shown as frames: all, or some of each block, the extremes among them."""
+    count = variable.sizes["time"]
+    if count <= most:
+        return np.arange(count)
+    share = max(8, most * BLOCK // count)
+    kept = [
+        mixed(np.asarray(variable[start : start + BLOCK].values).reshape(-1, math.prod(variable.shape[1:])), share)
+        + start
+        for start in range(0, count, BLOCK)
+    ]
+    return np.unique(np.concatenate(kept))
+
+
+def _told(run: xr.Dataset, lane: int, frames: int) -> list[str]:
+    attrs, rows = run.attrs, run.sizes["time"]
+    out = [str(attrs.get("equations", ""))]
+    if "dt" in attrs:
+        out.append(f"{attrs['method']}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}")
+    out.append(f"{rows:,} saved states" + (f", {frames:,} shown, the extremes among them" if frames < rows else ""))
+    return [*out, *([f"lane {lane}"] if "lane" in run.coords else [])]
+
+
+class _Shown:
+    """Tip, turns, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up."""
+
+    def __init__(self, run: xr.Dataset, letter: str, model: Model | None):
+        self.run, self.letter, self.model = run, letter, model
+        self.kinds = kinds_of(run.attrs)
+        self.space = run.attrs.get("frame") == Frame.REST.value
+        self.carried = np.asarray(run[letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
+        self.turn: Array | None = None
+        self.arrow: Array | None = None
+        self.body: dict[str, Any] | None = None
+        self.legend: dict[str, str] = {}
+        self.coordinates = [0, 1, 2]
+        self._choose()
+        self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
+
+    def _choose(self) -> None:
+        plain = self.carried.shape[1] == 3 and int(self.run.attrs["n"]) == 3
+        if plain and "skew" not in self.kinds.values():
+            self._particle()
+        elif plain and ORIENTATION in self.run:
+            self._in_space()
+        elif plain and self.space:
+            self._along_the_axis()
+        elif plain:
+            self._from_the_body()
+        else:
+            self._projected()
+
+    def _fixed(self, where: str) -> Array | None:
+        """A parameter fixed in space or body, unless it is 0."""
+        v = None if self.model is None else fixed_vector(self.model, where)
+        return v if v is not None and v.any() else None
+
+    def _upright(self, S: Array, *names: str) -> None:
+        for name in names:
+            value = getattr(self, name)
+            setattr(self, name, None if value is None else value @ S.T)
+
+    def _particle(self) -> None:
+        self.kind, self.tip = "particle", self.carried
+        self.note = "The particle on its sphere."
+        self.legend = {"tip": self.letter}
+
+    def _in_space(self) -> None:
+        q = orientation_of(self.run)
+        g = algebra.rotation_matrix(q)
+        self.kind = "body"
+        if self.space:
+            up, axis = self._fixed("space"), g[0].T @ self.carried[0]
+        else:
+            up, axis = g[0] @ self.carried[0], self._fixed("body")
+        inertia = None if self.model is None or self.space else bodies.gyration(self.model, self.carried[0])
+        size = float(np.linalg.norm(self.carried[0]) if self.space else 1.0) or 1.0
+        if axis is None or not axis.any():
+            self.body, axis = bodies.ellipsoid(inertia, 0.9 * size)
+            self.legend["tip"] = "long axis of the ellipsoid of inertia"
+            self.note = "The body's ellipsoid of inertia, turning about its point, and the trace of its long axis."
+        else:
+            axis = size * axis / np.linalg.norm(axis)
+            self.body = bodies.top(axis, inertia, 0.94 * size)
+            self.legend["tip"] = f"axis, along {self.letter}" if self.space else "axis of the body, in space"
+            self.note = "The body turning about its point, and the trace of its axis."
+        self.tip = g @ axis
+        S = self._point_up(up, size, "p" if self.space else f"{self.letter} in space, at rest")
+        self.tip = self.tip @ S.T
+        from scipy.spatial.transform import Rotation
+
+        turned = Rotation.from_matrix(S) * Rotation.from_quat(q, scalar_first=True)
+        self.turn = turned.as_quat(scalar_first=True)
+
+    def _along_the_axis(self) -> None:
+        size = float(np.linalg.norm(self.carried[0])) or 1.0
+        S = self._point_up(self._fixed("space"), size, "p")
+        self.kind, self.tip = "body", self.carried @ S.T
+        self.legend["tip"] = f"axis, along {self.letter}"
+        self.body = bodies.top(np.array([0.0, 0.0, 1.0]), None, 0.94 * size)
+        x, y, z = (self.tip / size).T  # the least turn from (0, 0, 1): axis (-y, x, 0), w^2 = (1 + z)/2
+        q = np.stack([1 + z, -y, x, 0 * z], -1)
+        q[(1 + z) < 1e-12] = (0.0, 1.0, 0.0, 0.0)
+        self.turn = q / np.linalg.norm(q, axis=-1, keepdims=True)
+        self.note = (
+            "The body along its axis. The run carries no orientation, so that its turn about the axis is not shown."
+        )
+
+    def _from_the_body(self) -> None:
+        self.kind, self.tip = "body", self.carried
+        axis, size = self._fixed("body"), float(np.linalg.norm(self.carried[0])) or 1.0
+        inertia = None if self.model is None else bodies.gyration(self.model, self.carried[0])
+        if axis is None:
+            self.body, S = bodies.ellipsoid(inertia, 0.8 * size)[0], np.eye(3)
+        else:
+            S = to_third_axis(axis / np.linalg.norm(axis))
+            self.body = bodies.top(axis, inertia, 0.8 * size)
+        self.tip = self.carried @ S.T
+        from scipy.spatial.transform import Rotation
+
+        still = Rotation.from_matrix(S).as_quat(scalar_first=True)
+        self.turn = np.broadcast_to(still, (1, 4))
+        self.legend["tip"] = f"{self.letter}, seen from the body"
+        self.note = (
+            f"{self.letter} as the body sees it. The run carries no orientation, so that the body stands still here."
+        )
+
+    def _projected(self) -> None:
+        self.kind, self.tip = "projection", self.carried
+        up = self._fixed("space") if self.space else self._fixed("body")
+        n = self.tip.shape[1]
+        if n < 3:
+            self.tip = np.concatenate([self.tip, np.zeros((len(self.tip), 3 - n))], 1)
+        elif up is not None and len(up) == n:
+            third = int(np.abs(up).argmax())
+            self.coordinates = [*[i for i in range(n) if i != third][:2], third]
+        self.legend["tip"] = self.letter
+        self.note = f"{self.letter} in three of its {n} coordinates, which can be chosen."
+
+    def _point_up(self, up: Array | None, size: float, told: str) -> Array:
+        if up is None:
+            return np.eye(3)
+        self.arrow = np.array([0.0, 0.0, 1.25 * size])
+        self.legend["arrow"] = told
+        return to_third_axis(up / np.linalg.norm(up))
+
+
+def _drifts(run: xr.Dataset) -> dict[str, Any]:
+    """For each Casimir and integral the change of largest size in even stretches of time, relative to its scale."""
+    count = run.sizes["time"]
+    edges = np.unique(np.linspace(0, count, min(count, MOST_STRETCHES) + 1).astype(int)[:-1])
+    time = np.asarray(run["time"].values, dtype=np.float64)
+    series = []
+    for number, each in enumerate(all_series(run)):
+        if number == MOST_SERIES:
+            break
+        change = each.values - each.values[0]
+        high, low = np.maximum.reduceat(change, edges), np.minimum.reduceat(change, edges)
+        scale = each.step_scale + each.value_scale or 1.0
+        series.append(
+            {
+                "name": _text(each.name),
+                "kept": each.kept,
+                "start": _number(each.values[0]),
+                "scale": _number(scale) or 1.0,
+                "most": _number(abs(change).max()),
+                "change": packed(np.where(high >= -low, high, low), "f4"),
+            }
+        )
+    steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
+    return {"series": series, "edges": packed(time[edges], "f8"), "band": MACHINE_EPSILON, "steps": steps}
+
+
+def _number(value: Any) -> float | None:
+    """A float for JSON; None for what is not finite."""
+    return float(value) if math.isfinite(value) else None

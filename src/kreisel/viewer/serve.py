@@ -1,0 +1,130 @@
+"""`kreisel view --serve`: the page of a run that is still going on, from this machine to this machine.
+
+One address, "/": the page, or to the page's own requests (Accept: application/json) its data, each only if new.
+Nothing else is
+served, nothing is written, and no file is named by a request.  Bound to loopback unless told otherwise; there only
+requests that name the machine as such are answered, so that no page of a stranger can read it through a name of its
+own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from kreisel.errors import InputError, RunError
+from kreisel.storage.archive import open_archive
+from kreisel.viewer.page import as_json, page
+from kreisel.viewer.scene import scene
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+EVERY = 2.0  # seconds between two looks
+
+
+class Source:
+    """The scene of an archive, made anew when the archive has changed."""
+
+    def __init__(self, path: Path, lane: int):
+        whole = path.with_suffix("") if path.suffix == ".part" else path
+        self._whole, self._part, self._lane = whole, whole.with_name(whole.name + ".part"), lane
+        self._lock = threading.Lock()
+        self._seen: Any = ()
+        self._scene: dict[str, Any] = {}
+        self.read()
+
+    def read(self) -> tuple[str, dict[str, Any]]:
+        """A tag that changes with the archive, and the scene.  The last good one while the archive is being renamed."""
+        with self._lock:
+            mark = self._mark()
+            if mark != self._seen:
+                try:
+                    self._scene = scene(open_archive(self._part if self._part.exists() else self._whole), self._lane)
+                    self._seen = mark
+                except (InputError, RunError, OSError):
+                    if not self._scene:
+                        raise
+            return hashlib.sha256(repr(self._seen).encode()).hexdigest()[:16], self._scene
+
+    def _mark(self) -> Any:
+        for store in (self._part, self._whole):
+            for name in ("engine/checkpoint", "zarr.json"):
+                files = sorted(store.glob(f"{name}*"))
+                if files:
+                    return [(str(f), f.stat().st_mtime_ns) for f in files if f.exists()]
+        return None
+
+
+def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: int = 0) -> ThreadingHTTPServer:
+    """A server of one page, bound but not yet serving.  Raises `InputError` for no archive or an address in use."""
+    source = Source(path, lane)
+
+    class Handler(BaseHTTPRequestHandler):
+        server_version, sys_version, timeout = "kreisel", "", 30
+
+        def do_GET(self) -> None:
+            self._answer(body=True)
+
+        def do_HEAD(self) -> None:
+            self._answer(body=False)
+
+        def _answer(self, body: bool) -> None:
+            if not self._meant_for_us():
+                return self._send(421, b"", "text/plain", body)
+            if urlsplit(self.path).path != "/":
+                return self._send(404, b"There is one page here: /\n", "text/plain", body)
+            tag, data = source.read()
+            wants_data = "application/json" in self.headers.get("Accept", "")
+            tag = f'"{tag}-{"data" if wants_data else "page"}"'
+            if self.headers.get("If-None-Match") == tag:
+                return self._send(304, b"", "text/plain", body, tag)
+            text = as_json({**data, "follow": EVERY}) if wants_data else page(data, EVERY)
+            kind = "application/json" if wants_data else "text/html; charset=utf-8"
+            return self._send(200, text.encode(), kind, body, tag)
+
+        def _meant_for_us(self) -> bool:
+            named = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+            return host not in LOOPBACK or named in LOOPBACK
+
+        def _send(self, status: int, text: bytes, kind: str, body: bool, tag: str = "") -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(text)))
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("X-Content-Type-Options", "nosniff")
+            self.send_header("X-Frame-Options", "DENY")
+            self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+            self.send_header("Vary", "Accept")
+            if tag:
+                self.send_header("ETag", tag)
+            self.end_headers()
+            if body:
+                self.wfile.write(text)
+
+        def log_message(self, format: str, *args: Any) -> None:
+            return
+
+    class Server(ThreadingHTTPServer):
+        daemon_threads = True
+
+        def handle_error(self, request: Any, client_address: Any) -> None:
+            return  # a browser that went away
+
+    if ":" in host:
+        import socket
+
+        Server.address_family = socket.AF_INET6
+    try:
+        return Server((host, port), Handler)
+    except (OSError, OverflowError) as error:
+        raise InputError(f"{host}:{port} cannot be served: {error}. Choose another --port or --host.") from error
+
+
+def address(serving: ThreadingHTTPServer) -> str:
+    """Where the page is."""
+    host, port = serving.server_address[:2]
+    name = f"[{host!s}]" if ":" in str(host) else str(host)
+    return f"http://{name}:{port}/"
