@@ -36,9 +36,9 @@ CASES = [
     ('"lagrange-top"', '"lagrange-tap"', ["lagrange-tap", "Did you mean 'lagrange-top'"]),
     ('name = "lagrange-top"', "", ["needs `name", "kreisel systems"]),
     ("[system]", "[sistem]", ["sistem", "Did you mean 'system'"]),
-    ('[output]\npath = "run.zarr"', "", ["[output]", "nothing came"]),
+    ('[output]\npath = "run.zarr"', "", ["[output]", "got nothing"]),
     ("p = [0.0, 0.0, 1.0]", "", ["needs the parameter p", "gravity"]),
-    ("p = [0.0, 0.0, 1.0]", "p = [0, 0, 1]\nq = 3", ["'q' came", "parameters p, alpha"]),
+    ("p = [0.0, 0.0, 1.0]", "p = [0, 0, 1]\nq = 3", ["got 'q'", "parameters p, alpha"]),
     ("p = [0.0, 0.0, 1.0]", "p = [0.0, 1.0]", ["n >= 3"]),
     ("p = [0.0, 0.0, 1.0]", 'p = "up"', ["real numbers", "up"]),
     ("p = [0.0, 0.0, 1.0]", "p = [0.0, [1.0], 1.0]", ["ragged"]),
@@ -46,7 +46,7 @@ CASES = [
     ("p = [0.0, 0.0, 1.0]", "p = [0.0, 0.0, 1.0]\nalpha = 0", ["alpha", "must not be 0"]),
     ("p = [0.0, 0.0, 1.0]", "p = [0.0, 0.0, 1.0, 0.0]", ["n = 4"]),
     ("m = [0.1, 0.2, 1.5]", "", ["needs m"]),
-    ("m = [0.1, 0.2, 1.5]", "m = [0.1, 0.2, 1.5]\nb = [1]", ["'b' came", "m, a"]),
+    ("m = [0.1, 0.2, 1.5]", "m = [0.1, 0.2, 1.5]\nb = [1]", ["got 'b'", "m, a"]),
     ("m = [0.1, 0.2, 1.5]", "m = [0.1, 0.2]", ["skew matrix", "axial vector", "(2,)"]),
     ("m = [0.1, 0.2, 1.5]", "m = [[0, 1, 0], [1, 0, 0], [0, 0, 0]]", ["must be skew", "up to 2"]),
     ("m = [0.1, 0.2, 1.5]", f"m = {NAN_MATRIX}", ["finite"]),
@@ -297,7 +297,7 @@ def test_a_home_folder_is_expanded_and_none_to_replace(tmp_path: Path, monkeypat
         lambda: kr.simulate(TOP, STATE, path="~", overwrite=True, **OPTIONS),
         lambda: kr.sweep(TOP, STATE, path="~", overwrite=True, workers=0, list={"system.alpha": [1.0]}, **OPTIONS),
     ):
-        with pytest.raises(kr.InputError, match=r"needs a name .*'~' came"):
+        with pytest.raises(kr.InputError, match=r"needs a name .*got '~'"):
             act()
     assert sorted(p.name for p in home.iterdir()) == ["run.zarr", "thesis.tex"]
     assert [p.name for p in tmp_path.iterdir()] == ["home"]

@@ -189,7 +189,7 @@ def test_the_command(tmp_path: Path) -> None:
         (["nowhere.py"], "no file nowhere.py"),
         ([], "Name a system"),
         (["clebsch", "--set", "b"], "--set takes"),
-        (["clebsch", "--set", "q=3"], "'q' came"),
+        (["clebsch", "--set", "q=3"], "got 'q'"),
         (["clebsch", "--eps", "fast"], "'fast'"),
         (["clebsch", "--steps", "5"], "steps must be"),
     ],
@@ -201,7 +201,7 @@ def test_bad_commands(words: list[str], message: str) -> None:
 
 def test_bad_files(tmp_path: Path) -> None:
     for text, message in (
-        ("x = 1", "0 came"),
+        ("x = 1", "got 0"),
         ("def step(x):\n    return x", "Say where the step lives"),
         ("names = ('x', 'y')\ndef step(x):\n    return [x[0] ** 0.5, x[1]]", "rational"),
         ("1/0", "line 1: ZeroDivisionError"),

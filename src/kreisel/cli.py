@@ -480,7 +480,7 @@ def _parameter_of(told: str) -> tuple[str, Any]:
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not sign or not name or not numbers:
-        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2; {shown(told)} came.")
+        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(told)}.")
     return name, numbers[0] if len(numbers) == 1 else numbers
 
 

@@ -1,4 +1,4 @@
-"""The one exception for bad input: what was expected, what came, and the fix."""
+"""The one exception for bad input: what was expected, what was given, and the fix."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def brief(text: object, most: int = LONGEST) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used.  The message says what was expected, what came, and how to mend it."""
+    """Input that cannot be used.  The message says what was expected, what was given, and how to mend it."""
 
     def __init__(self, message: object):
         ValueError.__init__(self, brief(message))

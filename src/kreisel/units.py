@@ -89,7 +89,7 @@ def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
     for name in wanted:
         if name not in scales or name not in run.variables:
             there = ", ".join(k for k in scales if k in run.variables)
-            raise InputError(f"Only {there} of this run have units; {shown(name)} came.")
+            raise InputError(f"Only {there} of this run have units, got {shown(name)}.")
     kept = ("Conventions", "title", "source", "references", "system", "equations", "n", "created")
     out = run.drop_attrs().assign_attrs({k: run.attrs[k] for k in kept if k in run.attrs})
     for name in map(str, run.variables):
@@ -118,16 +118,14 @@ def _parsed(text: str, unit: str, name: str) -> Any:
     except InputError:
         raise
     except Exception as error:  # pint raises tokenize, syntax, attribute and its own errors
-        raise InputError(f"{name} must be a quantity such as '1 {unit}'; {shown(text)} came: {error}.") from None
+        raise InputError(f"{name} must be a quantity such as '1 {unit}', got {shown(text)}: {error}.") from None
 
 
 def _unit(unit: str, name: str) -> Any:
     try:
         return registry().Unit(unit)
     except Exception as error:  # as above
-        raise InputError(
-            f"{name} needs a unit that pint knows, such as 'rad/s'; {shown(unit)} came: {error}."
-        ) from None
+        raise InputError(f"{name} needs a unit that pint knows, such as 'rad/s', got {shown(unit)}: {error}.") from None
 
 
 def _converted(value: Any, unit: str, name: str) -> Any:
@@ -137,4 +135,4 @@ def _converted(value: Any, unit: str, name: str) -> Any:
     try:
         return value.to(target)
     except pint.DimensionalityError:
-        raise InputError(f"{name} must have the dimension of {unit}; {value} came.") from None
+        raise InputError(f"{name} must have the dimension of {unit}, got {value}.") from None

@@ -114,7 +114,7 @@ def _even(time: Array, values: Array) -> tuple[Array, Array]:
     time, values = np.asarray(time, dtype=float), np.asarray(values)
     if time.ndim != 1 or values.shape != time.shape or len(time) < FEWEST:
         raise InputError(
-            f"At least {FEWEST} samples of one number were expected; shapes {time.shape}, {values.shape} came."
+            f"At least {FEWEST} samples of one number were expected, got shapes {time.shape}, {values.shape}."
         )
     gaps = np.diff(time)
     if len(gaps) > 1 and gaps[-1] < gaps[0] * (1 - 1e-6):

@@ -25,7 +25,7 @@ def parse(quantity: str) -> tuple[str, tuple[int, ...]]:
     """A name and its indices, counted from 0.  Raises `InputError`."""
     found = NAME.fullmatch(quantity)
     if found is None:
-        raise InputError(f'A quantity is a name such as "a[2]" or "m[0, 1]", or a function; {shown(quantity)} came.')
+        raise InputError(f'A quantity is a name such as "a[2]" or "m[0, 1]", or a function, got {shown(quantity)}.')
     return found[1], tuple(int(i) for i in found[2].split(",")) if found[2] else ()
 
 
@@ -35,7 +35,7 @@ def pick(value: Array, index: tuple[int, ...], name: str, lead: int) -> Array:
     if len(index) != len(shape) or any(i >= size for i, size in zip(index, shape, strict=True)):
         example = f"{name}[{', '.join(['0'] * len(shape))}]" if shape else name
         raise InputError(
-            f"{name} has the shape {shape}: one number of it is {shown(example)}; the indices {index} came."
+            f"{name} has the shape {shape}: one number of it is {shown(example)}, got the indices {index}."
         )
     return value[(..., *index)]
 
@@ -95,6 +95,6 @@ def _called(function: Callable[..., Any], values: list[Array], shape: tuple[int,
         ) from error
     if out.shape != shape or out.dtype.kind not in "iufc":
         raise InputError(
-            f"A quantity is one number a state, here {shape}; {out.shape} came. Index from the right: a[..., 2]."
+            f"A quantity is one number a state, here {shape}, got {out.shape}. Index from the right: a[..., 2]."
         )
     return out

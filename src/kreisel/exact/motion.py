@@ -139,7 +139,7 @@ class Motion:
         if max(abs(v) for v in astuple(known)) > LARGEST:
             raise InputError(
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
-                "closed form, so that their products do not overflow; larger ones came. Use other units."
+                "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
         ctx.dps = self._digits(reach)
         self.nutation = Nutation(ctx, known)

@@ -163,7 +163,7 @@ def recorded(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any
     record = Recording(scheme, constants, columns, stage_columns)
     if record.places:
         raise InputError(
-            f"engine='cuda' takes steps that can be written out, n <= 10 or so; n = {scheme.n} came. Use engine='cpu'."
+            f"engine='cuda' takes steps that can be written out, n <= 10 or so, got n = {scheme.n}. Use engine='cpu'."
         )
     return record
 

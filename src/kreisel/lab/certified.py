@@ -83,7 +83,7 @@ def certify(
         raise InputError(f"{what.implicit}: a certified step must be a rational function. Choose an explicit map.")
     if steps < 1 or precision < 24 or not tolerance > 0:
         told = f"{steps}, {precision} and {tolerance}"
-        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected; {told} came.")
+        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {told}.")
     flint = require_flint()
     with _working(flint, precision):
         known = {k: _balls(flint, v) for k, v in what.constants.items()}
@@ -119,7 +119,7 @@ def _balls(flint: Any, v: Any) -> Any:
 def _start(flint: Any, what: Subject, x: Any) -> Array:
     values = np.asarray(x, dtype=object)
     if values.shape != (what.dim,):
-        raise InputError(f"A start is {what.dim} numbers, {', '.join(what.names)}; shape {values.shape} came.")
+        raise InputError(f"A start is {what.dim} numbers, {', '.join(what.names)}, got shape {values.shape}.")
     return np.asarray(_balls(flint, values))
 
 

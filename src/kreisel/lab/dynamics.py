@@ -87,7 +87,7 @@ class Orbit:
         self.what = what
         start = np.asarray(x, dtype=np.float64)
         if start.shape != (what.dim,) or not np.isfinite(start).all():
-            raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}; {shown(x)} came.")
+            raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}, got {shown(x)}.")
         rows = start[None]
         if vectors is not None:
             rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)
@@ -222,7 +222,7 @@ def dynamics(
     Raises `InputError` for a step that cannot be recorded, and `RunError` for orbits that escape.
     """
     if steps < 100 * PARTS:
-        raise InputError(f"steps must be {100 * PARTS} or more; {steps} came.")
+        raise InputError(f"steps must be {100 * PARTS} or more, got {steps}.")
     x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
     frame = tangents(what, x, count, seed)
     k = len(frame)
@@ -285,7 +285,7 @@ def section(
     orbit = points(what, x, steps, seed)
     value = np.asarray(f(orbit))
     if value.shape != (len(orbit),):
-        raise InputError(f"f must give one number a point, {(len(orbit),)}; shape {value.shape} came.")
+        raise InputError(f"f must give one number a point, {(len(orbit),)}, got shape {value.shape}.")
     up, down = (value[:-1] < 0) & (value[1:] >= 0), (value[:-1] > 0) & (value[1:] <= 0)
     wanted = up | down if rising is None else up if rising else down
     times, found, worst = [], [], 0.0

@@ -122,7 +122,7 @@ def fraction(x: Any) -> Fraction:
     try:
         return Fraction(x.item() if isinstance(x, np.generic) else x)
     except (ValueError, TypeError, ZeroDivisionError, OverflowError):
-        raise InputError(f"A whole number or a fraction such as 1/3 was expected; {shown(x)} came.") from None
+        raise InputError(f"A whole number or a fraction such as 1/3 was expected, got {shown(x)}.") from None
 
 
 def residue(x: Any, p: int) -> int:

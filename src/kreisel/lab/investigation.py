@@ -137,7 +137,7 @@ def investigate_file(file: Path, **options: Any) -> Investigation:
     if len(found) != 1:
         raise InputError(
             f"{file} must define one thing to investigate at its top level: a function step with names or n, or a "
-            f"model or system of its own; {len(found)} came."
+            f"model or system of its own, got {len(found)}."
         )
     return investigate(found[0], **options)
 
@@ -157,12 +157,12 @@ def _subject(
         options = {}
     if isinstance(what, Model | Subject):
         if options:
-            raise InputError(f"A model has its parameters; {', '.join(options)} came besides.")
+            raise InputError(f"A model has its parameters, got {', '.join(options)} besides.")
         return subject(what, eps=eps)
     if not callable(what):
         raise InputError(
-            "A model, a system, its name, or a function step was expected, such as kr.lab.investigate('clebsch'); "
-            f"{shown(what)} came."
+            "A model, a system, its name, or a function step was expected, such as kr.lab.investigate('clebsch'), "
+            f"got {shown(what)}."
         )
     extra = {k: options.pop(k) for k in ("tensor", "lax", "conjugator", "involution", "flow", "start") if k in options}
     if names:
@@ -177,7 +177,7 @@ def _subject(
 def _on_group(step: Callable[..., Any], n: int, frame: str, constants: dict[str, Any]) -> Model:
     """A function step(M, P, *, constants, eps) as a model."""
     if frame not in ("moving", "rest"):
-        raise InputError(f"frame must be 'moving' or 'rest'; {shown(frame)} came.")
+        raise InputError(f"frame must be 'moving' or 'rest', got {shown(frame)}.")
     missing = keywords(step) - constants.keys() - {"eps"}
     if missing:
         raise InputError(f"The step takes {', '.join(sorted(missing))} by keyword: give their values.")

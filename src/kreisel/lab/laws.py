@@ -629,7 +629,7 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
             f"{record.name} takes floats only (numbers = {shown(record.numbers)}); use numbers=('float',)."
         )
     if numbers not in ("exact", "float"):
-        raise InputError(f"numbers must be 'exact' or 'float'; {shown(numbers)} came.")
+        raise InputError(f"numbers must be 'exact' or 'float', got {shown(numbers)}.")
     rng = np.random.default_rng([within(seed, "seed", 0, 2**63 - 1), n])
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)

@@ -163,7 +163,7 @@ def _matrix(what: Subject, function: Any, x: Array, lam: Any, known: dict[str, A
         ) from error
     out = _without_complex(out, lam.p if isinstance(lam, Mod) else 0)
     if out.ndim != 2 or out.shape[0] != out.shape[1]:
-        raise InputError(f"The Lax pair of {what.name} must be square matrices; shape {out.shape} came.")
+        raise InputError(f"The Lax pair of {what.name} must be square matrices, got shape {out.shape}.")
     return out
 
 
@@ -192,7 +192,7 @@ def _residual(what: Subject, seed: list[int], p: int) -> bool:
     new = what.over(p)(x)
     V, L, L1 = (_matrix(what, f, z, lam, known) for f, z in ((what.conjugator, x), (what.lax, x), (what.lax, new)))
     if V.shape != L.shape:
-        raise InputError(f"L and V of {what.name} must have one shape; {L.shape} and {V.shape} came.")
+        raise InputError(f"L and V of {what.name} must have one shape, got {L.shape} and {V.shape}.")
     return not any(np.any(np.asarray(getattr(v, "v", v)) % p) for v in (V @ L1 - L @ V).flat)
 
 

@@ -56,7 +56,7 @@ def exact_orbit(what: Subject, x: Any, steps: int) -> list[Array]:
     """
     x = np.asarray(x, dtype=object)
     if x.shape != (what.dim,):
-        raise InputError(f"A start is {what.dim} numbers, {', '.join(what.names)}; shape {x.shape} came.")
+        raise InputError(f"A start is {what.dim} numbers, {', '.join(what.names)}, got shape {x.shape}.")
     if what.implicit:
         raise InputError(f"{what.implicit}: its orbits are not rational. Choose an explicit map.")
     known = {k: _rationals(v) for k, v in what.constants.items()}
@@ -118,7 +118,7 @@ def cycles(what: Subject, p: int, starts: int = 200, limit: int | None = None, s
     Raises `InputError` for p that is no prime, too small or too large, or divides a denominator of the constants.
     """
     if not (3 <= p <= LARGEST_PRIME and all(p % q for q in range(2, math.isqrt(p) + 1))):
-        raise InputError(f"p must be a prime from 3 to {LARGEST_PRIME:,}; {p} came.")
+        raise InputError(f"p must be a prime from 3 to {LARGEST_PRIME:,}, got {p}.")
     try:
         step = what.over(p)
     except ArithmeticError as error:

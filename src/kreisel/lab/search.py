@@ -293,7 +293,7 @@ def search(
     check_workers(workers, scheduler)
     members = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
     if not 1 <= len(members) <= MOST or not grid:
-        raise InputError(f"A grid of 1 to {MOST:,} members was expected; {len(members):,} came.")
+        raise InputError(f"A grid of 1 to {MOST:,} members was expected, got {len(members):,}.")
     work = partial(_judged, family, options)
     scores: list[Any] = [None] * len(members)
     with pool(workers, scheduler, False) as who:

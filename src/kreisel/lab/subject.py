@@ -85,7 +85,7 @@ class Subject:
                     "rational function of the coordinates: + - * / and whole powers, no roots, no functions of NumPy."
                 ) from error
             if new.shape != (self.dim,):
-                raise InputError(f"The step of {self.name} must return {self.dim} numbers; shape {new.shape} came.")
+                raise InputError(f"The step of {self.name} must return {self.dim} numbers, got shape {new.shape}.")
             out = np.empty(self.dim, dtype=object)
             for i, v in enumerate(new):
                 out[i] = v if isinstance(v, type(x[i])) else x[i] * 0 + v
@@ -125,7 +125,7 @@ def subject(what: Any, *, eps: Any = None, names: tuple[str, ...] | None = None,
     if not callable(what) or not names:
         raise InputError(
             "Give a model with a map, such as kr.LagrangeTop(p=(0, 0, 1)), or a function step(x) with the names of its "
-            f"coordinates, names=('x', 'y'); {shown(what)} came."
+            f"coordinates, names=('x', 'y'), got {shown(what)}."
         )
     return Subject(getattr(what, "__name__", "step"), what, tuple(names), constants)
 

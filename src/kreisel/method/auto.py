@@ -84,7 +84,7 @@ def _checked(tol: Any) -> float:
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise InputError(
             f"order='auto' needs tol, the largest error of the state at the end of the run relative to its largest "
-            f"entry, from {LEAST_TOLERANCE:g} to 1; tol={shown(tol)} came. Long runs add round-off of their own."
+            f"entry, from {LEAST_TOLERANCE:g} to 1, got tol={shown(tol)}. Long runs add round-off of their own."
         )
     return tolerance
 

@@ -98,7 +98,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     system, frame = model.system, model.system.frame
     if model.n != 3:
         raise InputError(
-            f"The exact flow is known for n = 3 only; n = {model.n} came. Use another method, such as method='suris'."
+            f"The exact flow is known for n = 3 only, got n = {model.n}. Use another method, such as method='suris'."
         )
     if system.moments is not None:
         return jacobi(model, oriented)

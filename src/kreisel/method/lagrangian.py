@@ -26,7 +26,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     phi, space = model.map, model.system.space
     if order not in (None, phi.order):
         raise InputError(
-            f"The map of {model.system.name} has order {phi.order}; order={shown(order)} came. Leave it out."
+            f"The map of {model.system.name} has order {phi.order}, got order={shown(order)}. Leave it out."
         )
     if oriented and phi.generator is None:
         raise InputError(

@@ -70,7 +70,7 @@ def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
     if dt >= largest:
         raise InputError(
             f"The map of {model.system.name} divides by 1 + dt^2/4 <P, BP>, which may vanish on this orbit: "
-            f"dt = {dt:g} came, and dt < {largest:.6g} is safe. Use a smaller dt, or add a constant to b so that "
+            f"expected dt < {largest:.6g}, got {dt:g}. Use a smaller dt, or add a constant to b so that "
             "no entry is negative (the flow stays as it is)."
         )
 

@@ -38,13 +38,13 @@ class HeavyBody:
         settle(self, positive=True, mass="kg")
         settle(self, gravity="m/s^2")
         if self.gravity < 0:
-            raise InputError(f"gravity must not be negative: it points down, along -e3; {self.gravity!r} came.")
+            raise InputError(f"gravity must not be negative: it points down, along -e3, got {self.gravity!r}.")
         for name, unit, shapes in (("inertia", MOMENT, ((3,), (3, 3))), ("arm", "m", ((3,),))):
             object.__setattr__(self, name, numbers(getattr(self, name), unit, name, shapes))
         if self.inertia.ndim == 1:
             object.__setattr__(self, "inertia", np.diag(self.inertia))
         if abs(self.inertia - self.inertia.T).max() > 1e-12 * abs(self.inertia).max():
-            raise InputError(f"inertia must be symmetric; {self.inertia.tolist()} came.")
+            raise InputError(f"inertia must be symmetric, got {self.inertia.tolist()}.")
         in_range("The inertia tensor", lambda: self.mass_tensor)
         least = np.linalg.eigvalsh(self.mass_tensor).min()
         if least < -1e-12 * np.trace(self.inertia) or self.unit_moment <= 0:

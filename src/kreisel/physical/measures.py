@@ -22,7 +22,7 @@ def number(value: Any, unit: str, name: str, *, positive: bool = False) -> float
     if array.shape != () or not np.isfinite(array) or (positive and array <= 0):
         raise InputError(
             f"{name} must be a finite number{' > 0' * positive} in SI units ({unit}), or a quantity such as "
-            f"'1 {unit}'; {shown(value)} came."
+            f"'1 {unit}', got {shown(value)}."
         )
     return float(array)
 
@@ -33,7 +33,7 @@ def numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
         told = " or ".join(map(str, shapes)) or "(..., 3)"
-        raise InputError(f"{name} must be finite numbers of shape {told}; {shown(value)} came.")
+        raise InputError(f"{name} must be finite numbers of shape {told}, got {shown(value)}.")
     return array
 
 
@@ -41,7 +41,7 @@ def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
     """Three real numbers, in SI or with units.  Raises `InputError`."""
     array = _floats(si(value, unit, name))
     if array.shape != (3,):
-        raise InputError(f"{name} must be three numbers in SI units ({unit}); {shown(value)} came.")
+        raise InputError(f"{name} must be three numbers in SI units ({unit}), got {shown(value)}.")
     a, b, c = array.tolist()
     return a, b, c
 

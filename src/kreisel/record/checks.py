@@ -32,14 +32,14 @@ def distinct(a, letter):
             if np.asarray(a[..., j] == a[..., k]).any():
                 raise InputError(
                     f"The entries of {letter} must be distinct, since c_jk = (b_j - b_k)/(a_j - a_k); "
-                    f"{letter}_{k + 1} = {letter}_{j + 1} came. For a = b (c = 1) use the system clebsch."
+                    f"{letter}_{k + 1} = {letter}_{j + 1} were given. For a = b (c = 1) use the system clebsch."
                 )
 
 
 def positive(J, letter):
     if np.asarray(J <= 0).any():
         raise InputError(
-            f"The entries of {letter} must be positive; {np.asarray(J).tolist()} came. {letter} is the diagonal of the "
+            f"The entries of {letter} must be positive, got {np.asarray(J).tolist()}. {letter} is the diagonal of the "
             f"mass tensor sum m x x^T, not the classical moments I: for n = 3, {letter}_1 = (I_2 + I_3 - I_1)/2, ..."
         )
 
@@ -52,7 +52,7 @@ def moments(J, letter):
         d = np.sort(np.linalg.eigvalsh(J), -1)
     if np.asarray(d[..., 0] + d[..., 1] <= 0).any():
         raise InputError(
-            f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values; {d.tolist()} came. "
+            f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values, got {d.tolist()}. "
             f"{letter} is the sum of mass x x^T over the body, not the classical inertia tensor I: "
             f"for n = 3, {letter} = tr(I)/2 - I."
         )

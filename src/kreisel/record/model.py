@@ -1,6 +1,6 @@
 """A record with its parameters filled in, states of it, and the checks of what a user gives.
 
-Raises `InputError` with what was expected, what came and the fix.
+Raises `InputError` with what was expected, what was given and the fix.
 """
 
 from __future__ import annotations
@@ -87,15 +87,14 @@ class Model:
         for letter in params:
             if letter not in known:
                 raise InputError(
-                    f"{system.name} has the parameters {', '.join(known)}; {shown(letter)} came."
-                    f"{nearest(letter, known)}"
+                    f"{system.name} has the parameters {', '.join(known)}, got {shown(letter)}.{nearest(letter, known)}"
                 )
         self.params: dict[str, Array] = {}
         for p in system.parameters:
             value = params.get(p.letter, p.default)
             if value is None:
                 raise InputError(
-                    f"{system.name} needs the parameter {p.letter} ({p.kind}): {p.meaning}. None came; "
+                    f"{system.name} needs the parameter {p.letter} ({p.kind}): {p.meaning}, got none; "
                     f"give {p.letter}=..."
                 )
             self.params[p.letter] = _parameter(p, value, system.name)
@@ -201,12 +200,12 @@ class Model:
             if letter not in space.letters:
                 raise InputError(
                     f"A state of {self.system.name} has the components {', '.join(space.letters)} "
-                    f"({self.system.frame.value} frame); {shown(letter)} came.{nearest(letter, space.letters)}"
+                    f"({self.system.frame.value} frame), got {shown(letter)}.{nearest(letter, space.letters)}"
                 )
         parts = {}
         for letter, kind in space.components:
             if letter not in components:
-                raise InputError(f"The state of {self.system.name} needs {letter} ({kind}); none came.")
+                raise InputError(f"The state of {self.system.name} needs {letter} ({kind}), got none.")
             parts[letter] = _component(letter, kind, components[letter], self.n)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
             _on_phase_space(space, parts)
@@ -259,7 +258,7 @@ def _whole_dimension(value: Array, letter: str, system: str) -> int:
     n = int(found[0]) if len(found) == 1 else 0
     if n < 3 or n != found[0]:
         raise InputError(
-            f"{system}'s parameter {letter} is the dimension, a whole number from 3 on; {value.tolist()} came."
+            f"{system}'s parameter {letter} is the dimension, a whole number from 3 on, got {value.tolist()}."
         )
     check_dimension(n, f"{system}'s parameter {letter}")
     return n
@@ -269,21 +268,21 @@ def _array(value: Any, name: str) -> Array:
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
-        raise InputError(f"{name} must be an array of numbers; a ragged list came: {shown(value)}.") from None
+        raise InputError(f"{name} must be an array of numbers, got a ragged list: {shown(value)}.") from None
     if array.dtype == object and all(isinstance(v, int | float | Decimal) for v in array.flat):  # some beyond 64 bits
         try:
             array = array.astype(np.float64)
         except OverflowError:
-            raise InputError(f"{name} must be numbers that a double can hold; {shown(value)} came.") from None
+            raise InputError(f"{name} must be numbers that a double can hold, got {shown(value)}.") from None
     if array.dtype == object and all(
         hasattr(v, "__mul__") and not isinstance(v, str | list | timedelta) for v in array.flat
     ):
         return array
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be real numbers; {shown(value)} came.")
+        raise InputError(f"{name} must be real numbers, got {shown(value)}.")
     array = array.astype(np.promote_types(array.dtype, np.float64))
     if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite; {shown(value)} came. Look for NaN or infinity in the input.")
+        raise InputError(f"{name} must be finite, got {shown(value)}. Look for NaN or infinity in the input.")
     return array
 
 
@@ -308,9 +307,7 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
             "vector": "n numbers",
             "symmetric": "an n x n matrix or its diagonal",
         }
-        raise InputError(
-            f"{name} must be {shapes[p.kind]} (a batch axis may stand in front); shape {array.shape} came."
-        )
+        raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front), got shape {array.shape}.")
     if p.kind == "symmetric":
         _check_symmetric(array, name)
     return array
@@ -318,7 +315,7 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
 
 def _check_symmetric(array: Array, name: str) -> None:
     if array.shape[-1] != array.shape[-2]:
-        raise InputError(f"{name} must be square; shape {array.shape} came.")
+        raise InputError(f"{name} must be square, got shape {array.shape}.")
     worst = algebra.magnitude(array - array.mT)
     if worst > SKEW_TOLERANCE * algebra.magnitude(array):
         raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
@@ -329,13 +326,13 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
     array = _array(value, name)
     if kind == "symmetric":
         if array.ndim < 2 or array.shape[-2:] != (n, n):
-            raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}); shape {array.shape} came.")
+            raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}), got shape {array.shape}.")
         _check_symmetric(array, name)
         return array / 2 + array.mT / 2
     if kind != "skew":
         count, told = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
         if array.ndim < 1 or array.shape[-1] != count:
-            raise InputError(f"{name} must be {told} numbers (..., {count}); shape {array.shape} came.")
+            raise InputError(f"{name} must be {told} numbers (..., {count}), got shape {array.shape}.")
         return array
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
         off = algebra.magnitude(array + array.mT)
@@ -348,11 +345,11 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
             )
     if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
         X = algebra.hat(array)
-        return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix that came
+        return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix
     axial = ", or an axial vector (..., 3)" if n == 3 else ""
     raise InputError(
-        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters; "
-        f"shape {array.shape} came."
+        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters, "
+        f"got shape {array.shape}."
     )
 
 

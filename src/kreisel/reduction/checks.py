@@ -47,9 +47,9 @@ def _check(value: Callable[..., Any], momentum: Callable[..., Any], x: Array, P:
     out = _tried(lambda: jax.eval_shape(value, x, P), name)
     shape = getattr(out, "shape", None)
     if shape != () or not jnp.issubdtype(out.dtype, jnp.floating):
-        came = f"shape {shape}, {out.dtype}" if shape is not None else repr(out)
+        got = f"shape {shape}, {out.dtype}" if shape is not None else repr(out)
         raise InputError(
-            f"The Lagrangian {name} must give one real number; {came} came. Usual cause: a missing sum, trace or .real."
+            f"The Lagrangian {name} must give one real number, got {got}. Usual cause: a missing sum, trace or .real."
         )
     M, slope = _tried(jax.jit(lambda: (momentum(x, P), jax.jacfwd(momentum)(x, P))), name)
     if not (np.isfinite(M).all() and np.isfinite(slope).all()):

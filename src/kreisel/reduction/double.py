@@ -41,6 +41,6 @@ def require_double(*values: Any) -> None:
     for v in values:
         if isinstance(v, jax.Array) and v.dtype in (jax.numpy.float32, jax.numpy.complex64):
             raise InputError(
-                "A JAX array in float32 came; Kreisel computes in float64. "
+                "expected float64, got a JAX array in float32. "
                 "Usual cause: jax.grad, jax.vmap or jax.numpy used outside; write `with kreisel.reduction.double():`."
             )

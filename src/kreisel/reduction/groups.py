@@ -75,7 +75,7 @@ class Group:
         object.__setattr__(self, "n", self.n or basis.shape[-1])
         _check_closed(self)
         if self.retraction not in ("", *RETRACTIONS):
-            raise InputError(f"retraction must be one of {', '.join(RETRACTIONS)}; {shown(self.retraction)} came.")
+            raise InputError(f"retraction must be one of {', '.join(RETRACTIONS)}, got {shown(self.retraction)}.")
         stays = self.retraction != "exponential" and _cayley_stays(self)
         if self.retraction == "cayley" and not stays:
             raise InputError(
@@ -179,7 +179,7 @@ def _basis(basis: Any, name: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         E = np.empty(0)
     if E.ndim != 3 or E.shape[-1] != E.shape[-2] or not E.size or not np.isfinite(E).all():
-        raise InputError(f"The basis of {name} must be finite matrices (d, N, N); shape {np.shape(basis)} came.")
+        raise InputError(f"The basis of {name} must be finite matrices (d, N, N), got shape {np.shape(basis)}.")
     if np.linalg.matrix_rank(_real(E)) < len(E):
         raise InputError(f"The basis of {name} must be independent over the real numbers; its rank is less than d.")
     return E
@@ -220,7 +220,7 @@ def _cayley_stays(group: Group) -> bool:
 def SO(n: int) -> Group:
     """Rotations of R^n, n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2."""
     if not isinstance(n, int) or n < 2:
-        raise InputError(f"SO(n) needs a whole n >= 2; {shown(n)} came.")
+        raise InputError(f"SO(n) needs a whole n >= 2, got {shown(n)}.")
     return Group(f"SO({n})", algebra.skew(np.eye(n * (n - 1) // 2), n), n=n, skew=True)
 
 

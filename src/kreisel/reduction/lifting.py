@@ -120,7 +120,7 @@ def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> A
     some = next((v for v in flat if hasattr(v, "slope")), None)
     if not all(isinstance(getattr(v, "value", v), int | float | np.number) for v in flat):
         raise InputError(
-            "Functions of kreisel.reduction take floats; exact numbers came. Use numbers=('float',) in the laws."
+            "Functions of kreisel.reduction take floats, got exact numbers. Use numbers=('float',) in the laws."
         )
     values = [np.vectorize(_value, otypes=[float])(a) for a in args]
     if some is None:

@@ -77,7 +77,7 @@ def _frame(frame: str | Frame) -> Frame:
     try:
         return Frame(frame)
     except ValueError:
-        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a); {shown(frame)} came.") from None
+        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a), got {shown(frame)}.") from None
 
 
 def constants(function: Callable[..., Any] | None) -> dict[str, Any]:

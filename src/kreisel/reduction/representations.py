@@ -126,7 +126,7 @@ def representation(
         except (TypeError, ValueError) as error:
             raise InputError(f"Phi(g, v) failed for g {g.shape} and v ({dim},): {error}") from error
         if any(y.shape != (dim,) or np.iscomplexobj(y) for y in out):
-            raise InputError(f"Phi(g, v) must give {dim} real numbers for v ({dim},); shape {out[0].shape} came.")
+            raise InputError(f"Phi(g, v) must give {dim} real numbers for v ({dim},), got shape {out[0].shape}.")
         if abs(out[0] - 2 * out[2] - out[3]).max() > SAME:
             raise InputError("Phi(g, v) must be linear in v; at a random g it is not.")
         off = abs(np.asarray(Phi(jnp.asarray(g @ h), jnp.asarray(u))) - np.asarray(Phi(jnp.asarray(g), out[1]))).max()

@@ -48,7 +48,7 @@ def at(
         )
     step = 1.0 if dt is None else positive(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
-        raise InputError("The times of a map are its steps, whole numbers k for the time k dt; others came.")
+        raise InputError("The times of a map are its steps, whole numbers k for the time k dt, got others.")
     plan, engine = plan_of_times(
         system,
         x0,
@@ -78,5 +78,5 @@ def _times(times: Any) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         wanted = np.full(1, np.nan)
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
-        raise InputError(f"times must be a finite number or a list of them, at least one; {shown(times)} came.")
+        raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
     return wanted

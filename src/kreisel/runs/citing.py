@@ -43,7 +43,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     else:
         attrs = getattr(what, "attrs", None)
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
-            raise InputError(f"A run, or a system, was expected; {type(what).__name__} came. Say kr.cite(run).")
+            raise InputError(f"A run, or a system, was expected, got {type(what).__name__}. Say kr.cite(run).")
         missing = [name for name in ("references", "source", "method") if name not in as_made(attrs)]
         if missing:
             raise InputError(

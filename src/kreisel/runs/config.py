@@ -118,7 +118,7 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     path = _named(output.path, "path", source)
     figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
     if figure.suffix.lower() not in FIGURES:
-        raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}; {shown(str(figure))} came.")
+        raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}, got {shown(str(figure))}.")
     if path.absolute() in (figure.absolute(), *figure.absolute().parents):
         raise InputError(
             f"{source}: expected a figure beside the archive, got {shown(str(figure))} in or instead of "
@@ -142,13 +142,11 @@ def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, P
     name = system.get("name")
     if not isinstance(name, str):
         raise InputError(
-            f'{source} needs `name = "..."` in [system]; {shown(name)} came. `kreisel systems` lists the names.'
+            f'{source} needs `name = "..."` in [system], got {shown(name)}. `kreisel systems` lists the names.'
         )
     file = system.pop("file", None)
     if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
-        raise InputError(
-            f'{source}: file in [system] must name a Python file, such as "my_top.py"; {shown(file)} came.'
-        )
+        raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py", got {shown(file)}.')
     return name, folder / file if file else None, system
 
 
@@ -159,8 +157,8 @@ def _named(text: str, key: str, source: str) -> Path:
 def _table(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
     table = data.get(section)
     if not isinstance(table, Mapping):
-        came = "nothing" if table is None else repr(table)
-        raise InputError(f"{source} needs a section [{section}]; {came} came. See examples/lagrange-top.toml.")
+        got = "nothing" if table is None else repr(table)
+        raise InputError(f"{source} needs a section [{section}], got {got}. See examples/lagrange-top.toml.")
     return table
 
 
@@ -177,7 +175,7 @@ def _convert(table: Mapping[str, Any], kind: Any, section: str, source: str) -> 
     _check_keys(table, [field.name for field in fields], section, source)
     for field in fields:
         if field.required and field.name not in table:
-            raise InputError(f"{source}: [{section}] needs {field.name}; nothing came.")
+            raise InputError(f"{source}: [{section}] needs {field.name}, got nothing.")
     try:
         return msgspec.convert(dict(table), kind)
     except msgspec.ValidationError as error:

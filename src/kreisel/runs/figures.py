@@ -52,10 +52,10 @@ def nutation(system: Any, x0: Any) -> Figures:
     """
     check_model(system)
     if system.system.top is None or system.n != 3:
-        raise InputError(f"kr.nutation is for Lagrange tops with n = 3; {system.system.name}, n = {system.n}, came.")
+        raise InputError(f"kr.nutation is for Lagrange tops with n = 3, got {system.system.name}, n = {system.n}.")
     parts = tuple(checked_state(system, x0).values())
     if system.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
-        raise InputError("kr.nutation takes one motion; an ensemble came. Take one lane at a time.")
+        raise InputError("kr.nutation takes one motion, got an ensemble. Take one lane at a time.")
     try:
         return _figures(system, parts)
     except ZeroDivisionError:

@@ -74,7 +74,7 @@ def model_for(run: xr.Dataset, system: Model | None) -> Model:
             raise InputError(f"{run.attrs['system']} is a system of your own: give it as system=...")
         system = model_of(run.attrs)
     if not isinstance(system, Model) or system.system.name != run.attrs["system"]:
-        raise InputError(f"The run is of {run.attrs['system']}; {shown(system)} came as its system.")
+        raise InputError(f"The run is of {run.attrs['system']}, got {shown(system)} as its system.")
     n = run.attrs.get("n", system.n)
     if n != system.n:
         raise InputError(f"expected the system of the run, with n = {n}, got {shown(system)}, with n = {system.n}.")

@@ -171,7 +171,7 @@ def make_plan(
         return _chosen(model, state, dt, steps, every, method, orientation, tol, engine, project)
     order = _whole_order(order)
     if tol is not None:
-        raise InputError(f"tol goes with order='auto', which chooses order and step for it; order={shown(order)} came.")
+        raise InputError(f"tol goes with order='auto', which chooses order and step for it, got order={shown(order)}.")
     plan = scheme(model, method, dt, order, orientation is not None)
     plan = replace(plan, held=held_by_orientation(model, plan.components))
     parts = _parts(model, state, orientation)
@@ -251,7 +251,7 @@ def _require_choices(model: Model, steps: int, every: int, method: str | None) -
     if (method or default_method(model.system)) != "baecklund":
         raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
     if steps % every:
-        raise InputError(f"order='auto' needs steps to be a multiple of every; steps = {steps}, every = {every} came.")
+        raise InputError(f"order='auto' needs steps to be a multiple of every, got steps = {steps}, every = {every}.")
 
 
 def plan_of_times(
@@ -279,7 +279,7 @@ def check_model(model: Any) -> None:
     """Raises `InputError` for what is not a system with its parameters."""
     if not isinstance(model, Model):
         raise InputError(
-            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)); {shown(model)} came."
+            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)), got {shown(model)}."
         )
 
 
@@ -347,9 +347,9 @@ def _lanes(
     except ValueError:
         raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:own]}.") from None
     if 0 in batch:
-        raise InputError("At least one lane was expected; a batch of none came. Check how the batch was made.")
+        raise InputError("At least one lane was expected, got a batch of none. Check how the batch was made.")
     if len(batch) > 1:
-        raise InputError(f"One batch axis (lanes) was expected; axes {batch} came. Reshape the batch to one axis.")
+        raise InputError(f"One batch axis (lanes) was expected, got axes {batch}. Reshape the batch to one axis.")
     spread = tuple(
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
@@ -398,10 +398,10 @@ def positive(value: Any, name: str) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be a positive number; {shown(value)} came.") from None
+        raise InputError(f"{name} must be a positive number, got {shown(value)}.") from None
     if not math.isfinite(number) or number < SHORTEST_STEP:
         raise InputError(
-            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}; {shown(value)} came. "
+            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}, got {shown(value)}. "
             "To go back in time, reverse the momenta."
         )
     return number
@@ -427,14 +427,14 @@ def _whole_order(value: Any) -> int | None:
     """The same where nothing is chosen.  Raises `InputError`."""
     order = _order(value)
     if isinstance(order, str):
-        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund'; {shown(order)} came.")
+        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
     return order
 
 
 def whole(value: Any, name: str) -> int:
     """A number of steps, 1 or more.  Raises `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
-        raise InputError(f"{name} must be a whole number, 1 or more; {shown(value)} came.")
+        raise InputError(f"{name} must be a whole number, 1 or more, got {shown(value)}.")
     if value > MOST_STEPS:
         raise InputError(f"{name}: expected at most {MOST_STEPS:,}, got {shown(value)}, which is out of reach.")
     return int(value)
@@ -474,14 +474,14 @@ def _orientation(value: Any, model: Model) -> Array:
     if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
         length = np.sqrt((g * g).sum(-1, keepdims=True))
         if not (abs(length - 1) < ORTHOGONAL_TOLERANCE).all():
-            raise InputError(f"The orientation quaternion (w, x, y, z) must have length 1; {length.ravel()} came.")
+            raise InputError(f"The orientation quaternion (w, x, y, z) must have length 1, got {length.ravel()}.")
         return g / length
     quaternion = " or, for n = 3, a unit quaternion (w, x, y, z)" if n == 3 else ""
     if g.ndim < 2 or g.shape[-2:] != (n, n):
-        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}; {shown(value)} came.")
+        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}, got {shown(value)}.")
     off = float(abs(g @ g.mT - np.eye(n)).max())
     if not off < ORTHOGONAL_TOLERANCE:
         raise InputError(f"The orientation must be orthogonal; g g^T - I is up to {off:.3g}.")
     if (np.linalg.det(g) < 0).any():
-        raise InputError("The orientation must have determinant +1; a reflection came. Swap two columns.")
+        raise InputError("The orientation must have determinant +1, got a reflection. Swap two columns.")
     return algebra.unit_quaternion(g) if n == 3 else g

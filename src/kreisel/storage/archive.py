@@ -426,7 +426,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
         raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
     steps = attrs["steps"] if extend is None else extend
     if extend is not None and extend < attrs["steps"]:
-        raise InputError(f"{path} has {attrs['steps']:,} steps; --extend needs more, but {extend:,} came.")
+        raise InputError(f"{path} has {attrs['steps']:,} steps: expected more for --extend, got {extend:,}.")
     snapshot, start, known = _checkpoint(store, attrs)
     plan = _plan(attrs, start, steps)
     block = attrs["rows_in_block"] if snapshot.flushed else block_rows(plan)
@@ -535,7 +535,7 @@ def _node(folder: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{folder} cannot be read as a Zarr archive: {error}") from error
     if not isinstance(told, dict):
-        raise InputError(f"{path} is damaged: an object was expected, {str(told)[:80]} came.")
+        raise InputError(f"{path} is damaged: expected an object, got {str(told)[:80]}.")
     return told
 
 
@@ -561,7 +561,7 @@ def require_sound(store: Path) -> None:
         kind = _node(Path(folder)).get("node_type")
         axes: tuple[str | None, ...] = ()
         if kind not in ("array", "group"):
-            raise InputError(f"{folder}/zarr.json is damaged: node_type must be array or group; {str(kind)[:80]} came.")
+            raise InputError(f"{folder}/zarr.json is damaged: node_type must be array or group, got {str(kind)[:80]}.")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")

@@ -67,7 +67,7 @@ def place(path: Any, needed: str) -> Path:
     except (TypeError, RuntimeError, UnicodeEncodeError):  # of bytes; ~name of nobody; half a character
         where = Path()
     if not where.name or "\0" in str(where) or where.name == "..":
-        raise InputError(f"{needed}; {shown(str(path) if isinstance(path, os.PathLike) else path)} came.")
+        raise InputError(f"{needed}, got {shown(str(path) if isinstance(path, os.PathLike) else path)}.")
     return where
 
 
@@ -92,7 +92,7 @@ def an_object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
         )
     told = parsed(attrs[name], f"The attribute {name}")
     if not isinstance(told, dict):
-        raise InputError(f"The attribute {name} is damaged: an object was expected, {attrs[name][:80]!r} came.")
+        raise InputError(f"The attribute {name} is damaged: expected an object, got {attrs[name][:80]!r}.")
     return told
 
 

@@ -70,7 +70,9 @@ class Sweep:
             settings |= {"tol": None, **settled(choice, settings["dt"], settings["steps"], settings["every"])}
         plan = make_plan(model, model.state(**start), orientation=orientation, **settings)
         if plan.lanes != len(ids):
-            raise InputError("A batch axis came in [system] or [state]; what varies stands in [sweep.list].")
+            raise InputError(
+                "expected one lane in [system] and [state], got a batch axis; what varies stands in [sweep.list]."
+            )
         return plan
 
     def alike(

@@ -91,7 +91,7 @@ class Lanes:
         self._check_names(told)
         lengths = {k.name: len(v) for k, v in self.listed.items()}
         if len(set(lengths.values())) > 1:
-            raise InputError(f"All quantities of [sweep.list] need the same number of values; {lengths} came.")
+            raise InputError(f"All quantities of [sweep.list] need the same number of values, got {lengths}.")
         self.seed = _seed(told.get("rng"), bool(self.draws))
         count = _count(told.get("draws"), bool(self.draws))
         self.axes: list[tuple[tuple[Quantity, ...], int]] = [((k,), len(v)) for k, v in grid.items()]
@@ -145,12 +145,12 @@ class Lanes:
         if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in DRAWS:
             raise InputError(
                 f"{quantity.name} in [sweep.random] must be one of {{ uniform = [a, b] }}, {{ loguniform = [a, b] }}, "
-                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}; {shown(told)} came."
+                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}, got {shown(told)}."
             )
         ((kind, values),) = told.items()
         listed = list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
         if len(listed) != DRAWS[kind]:
-            raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values; {shown(values)} came.")
+            raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values, got {shown(values)}.")
         bounds = tuple(_numbers(v, quantity.name) for v in listed)
         given = self.base[quantity.section].get(quantity.letter)
         try:
@@ -164,9 +164,9 @@ class Lanes:
         if kind == "sphere" and len(shape) != 1:
             raise InputError(f"{quantity.name}: sphere draws a vector; give the vector in [{quantity.section}] too.")
         if kind == "loguniform" and not all((b > 0).all() for b in bounds):
-            raise InputError(f"{quantity.name}: loguniform needs positive bounds; {shown(values)} came.")
+            raise InputError(f"{quantity.name}: loguniform needs positive bounds, got {shown(values)}.")
         if quantity.index and shape:
-            raise InputError(f"{quantity.name} is one number; bounds of shape {shape} came.")
+            raise InputError(f"{quantity.name} is one number, got bounds of shape {shape}.")
         return Draw(kind, bounds, shape)
 
     def values(self, first: int, stop: int) -> dict[Quantity, Array]:
@@ -210,7 +210,7 @@ class Lanes:
 def _quantities(told: Any, where: str) -> list[tuple[Quantity, Any]]:
     """Pairs of [sweep.grid] and the others, where `system.p`, `[sweep.grid.system]` and `"system.p"` are the same."""
     if not isinstance(told, Mapping):
-        raise InputError(f"[sweep.{where}] must be a table of quantities and their values; {shown(told)} came.")
+        raise InputError(f"[sweep.{where}] must be a table of quantities and their values, got {shown(told)}.")
     flat: list[tuple[str, Any]] = []
     for key, value in told.items():
         if "." not in key and isinstance(value, Mapping) and key in SECTIONS:
@@ -238,30 +238,30 @@ def _table(quantity: Quantity, told: Any) -> Array:
         return _range(quantity, told)
     if isinstance(told, str) or not isinstance(told, Sequence | np.ndarray) or len(told) == 0:
         raise InputError(
-            f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}; {shown(told)} came."
+            f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}, got {shown(told)}."
         )
     if all(isinstance(v, str) for v in told):
         if quantity.section != "run" or quantity.index:
-            raise InputError(f"{quantity.name} must be numbers; {shown(told)} came.")
+            raise InputError(f"{quantity.name} must be numbers, got {shown(told)}.")
         return np.array(told)
     table = _numbers(told, quantity.name)
     if quantity.index and table.ndim != 1:
-        raise InputError(f"{quantity.name} is one number; values of shape {table.shape[1:]} came.")
+        raise InputError(f"{quantity.name} is one number, got values of shape {table.shape[1:]}.")
     return table
 
 
 def _range(quantity: Quantity, told: Mapping[str, Any]) -> Array:
     known = {"from", "to", "count", "spacing"}
     if not {"from", "to", "count"} <= set(told) <= known:
-        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'); {shown(told)} came.")
+        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'), got {shown(told)}.")
     count, spacing = told["count"], told.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_LANES:
-        raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}; {shown(count)} came.")
+        raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}, got {shown(count)}.")
     if spacing not in RANGES:
-        raise InputError(f"{quantity.name}: spacing is 'linear' or 'log'; {shown(spacing)} came.")
+        raise InputError(f"{quantity.name}: spacing is 'linear' or 'log', got {shown(spacing)}.")
     low, high = _numbers(told["from"], quantity.name), _numbers(told["to"], quantity.name)
     if spacing == "log" and not ((low > 0).all() and (high > 0).all()):
-        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends; {shown(told)} came.")
+        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends, got {shown(told)}.")
     if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
         raise InputError(f"{quantity.name}: from and to need the same shape, and not that many numbers.")
     return np.asarray(RANGES[spacing](low, high, count))
@@ -271,11 +271,11 @@ def _numbers(value: Any, name: str) -> Array:
     try:
         array = np.asarray(value)
     except (ValueError, OverflowError):
-        raise InputError(f"{name}: all values need the same shape; {shown(value)} came.") from None
+        raise InputError(f"{name}: all values need the same shape, got {shown(value)}.") from None
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be numbers; {shown(value)} came.")
+        raise InputError(f"{name} must be numbers, got {shown(value)}.")
     if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite; {shown(value)} came.")
+        raise InputError(f"{name} must be finite, got {shown(value)}.")
     return array if array.dtype.kind != "f" else array.astype(np.float64)
 
 
@@ -283,7 +283,7 @@ def _seed(rng: Any, random: bool) -> int:
     if rng is None and not random:
         return 0
     if isinstance(rng, bool) or not isinstance(rng, int) or not 0 <= rng < 2**128:
-        raise InputError(f"Random draws need a seed, rng = 1 or another whole number below 2^128; {shown(rng)} came.")
+        raise InputError(f"Random draws need a seed, rng = 1 or another whole number below 2^128, got {shown(rng)}.")
     if not random:
         raise InputError("rng is given, but nothing is drawn in [sweep.random].")
     return rng
@@ -295,7 +295,7 @@ def _count(draws: Any, random: bool) -> int:
     if not random:
         raise InputError("draws is given, but nothing is drawn in [sweep.random].")
     if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= MOST_LANES:
-        raise InputError(f"draws must be the number of random draws, 1 to {MOST_LANES:,}; {shown(draws)} came.")
+        raise InputError(f"draws must be the number of random draws, 1 to {MOST_LANES:,}, got {shown(draws)}.")
     return draws
 
 
@@ -312,7 +312,7 @@ def described(value: Any) -> Any:
         return list(value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise InputError(f"A sweep is described by numbers, words and lists; {shown(value)} came.")
+    raise InputError(f"A sweep is described by numbers, words and lists, got {shown(value)}.")
 
 
 def as_json(description: Mapping[str, Any]) -> str:

@@ -291,7 +291,7 @@ def _check_rows(sweep: Sweep, plan: Plan) -> None:
         )
     rows = plan.steps // plan.every + 1
     if "frequencies" in sweep.save and rows < FEWEST_ROWS:
-        raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states; {rows} came. Use more steps.")
+        raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states, got {rows}. Use more steps.")
 
 
 def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:

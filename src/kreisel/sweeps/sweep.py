@@ -189,12 +189,12 @@ def _checked(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
     told = {k: v for k, v in description["sweep"].items() if v is not None}
     saved = told.setdefault("save", [*DEFAULT_SAVE])
     if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):
-        raise InputError(f"save in [sweep] must list some of {', '.join(SAVED)}; {shown(saved)} came.")
+        raise InputError(f"save in [sweep] must list some of {', '.join(SAVED)}, got {shown(saved)}.")
     told["save"] = [kind for kind in SAVED if kind in saved]
     memory = told.setdefault("memory", MEMORY_MIB)
     for name, value in (("memory", memory), ("block", told.get("block", 1))):
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10**7:
-            raise InputError(f"{name} in [sweep] must be a whole number, 1 or more; {shown(value)} came.")
+            raise InputError(f"{name} in [sweep] must be a whole number, 1 or more, got {shown(value)}.")
     run = {k: v for k, v in description["run"].items() if v is not None}
     out = {**description, "run": run, "sweep": told}
     if file is not None:

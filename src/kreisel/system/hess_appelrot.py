@@ -15,7 +15,7 @@ from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 def positive(a, letter):
     if np.asarray(a <= 0).any():
-        raise InputError(f"{letter} must be positive; {np.asarray(a).tolist()} came.")
+        raise InputError(f"{letter} must be positive, got {np.asarray(a).tolist()}.")
 
 
 def body(*, a, k, x, z):

@@ -15,7 +15,7 @@ from kreisel.record.contract import ADJOINT_SPACE, Frame, Parameter, System
 
 def positive(a, letter):
     if np.asarray(a <= 0).any():
-        raise InputError(f"{letter} must be positive, since J = diag(a, a, b, ..., b); {np.asarray(a).tolist()} came.")
+        raise InputError(f"{letter} must be positive, since J = diag(a, a, b, ..., b), got {np.asarray(a).tolist()}.")
 
 
 def planes(*, n, a, b, chi):

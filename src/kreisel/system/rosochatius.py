@@ -22,7 +22,7 @@ from kreisel.system import neumann, neumann_veselov
 def nonzero(mu, letter):
     """No entry 0."""
     if np.asarray(mu == 0).any():
-        raise InputError(f"The entries of {letter} must not be 0; {np.asarray(mu).tolist()} came. For mu = 0: neumann.")
+        raise InputError(f"The entries of {letter} must not be 0, got {np.asarray(mu).tolist()}. For mu = 0: neumann.")
 
 
 def off_the_walls(x, q):

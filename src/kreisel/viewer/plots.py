@@ -40,10 +40,10 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
         if each is not None or each is run:
             a_run(each, "system", "title", "method", "n", "steps")
         if each is not None and "dt" not in each.attrs:
-            raise InputError("A run of kr.simulate was expected; states at given times, of kr.at, came.")
+            raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
     if compare is not None and compare.attrs["system"] != run.attrs["system"]:
         raise InputError(
-            f"Runs of one system can be compared; {run.attrs['system']} and {compare.attrs['system']} came."
+            f"Runs of one system can be compared, got {run.attrs['system']} and {compare.attrs['system']}."
         )
     import matplotlib as mpl
     from matplotlib.figure import Figure

@@ -81,5 +81,5 @@ THEMES = {
 def theme_of(name: str) -> Theme:
     """The theme "light" or "dark".  Raises `InputError`."""
     if not isinstance(name, str) or name not in THEMES:
-        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}; {shown(name)} came.{nearest(name, THEMES)}")
+        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}, got {shown(name)}.{nearest(name, THEMES)}")
     return THEMES[name]
