@@ -52,12 +52,12 @@ path = "top.zarr"
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_what_a_map_keeps_is_what_its_record_says(order: int) -> None:
-    """keeps=(): nothing but the Casimirs, although the energy takes eps."""
+    """conserves=(): nothing but the Casimirs, although the energy takes eps."""
     for keeps, kept in (((), {"casimir"}), (("energy",), {"casimir", "energy_eps"})):
-        own = replace(kr.LagrangeTop, map=replace(kr.LagrangeTop.map, keeps=keeps))(p=(0, 0, 1))
+        own = replace(kr.LagrangeTop, map=replace(kr.LagrangeTop.map, conserves=keeps))(p=(0, 0, 1))
         outcomes = scheme(own, "suris", 0.1, order, False).outcomes
-        assert {name for name, outcome in outcomes.items() if outcome.kept} == kept
-        assert outcomes["energy"].kind == "integral" and not outcomes["energy"].kept
+        assert {name for name, outcome in outcomes.items() if outcome.conserved} == kept
+        assert outcomes["energy"].kind == "integral" and not outcomes["energy"].conserved
 
 
 def test_a_broken_run_shouts(top: System, x0: object, tmp_path: Path, strict: None) -> None:

@@ -192,7 +192,7 @@ def test_an_integral_that_does_not_say_whether_it_is_kept(run: Path, tmp_path: P
     store = tmp_path / "run.zarr"
     shutil.copytree(run, store)
     told = json.loads((store / "energy" / "zarr.json").read_text())
-    told["attributes"]["kepd"] = told["attributes"].pop("kept")
+    told["attributes"]["kepd"] = told["attributes"].pop("conserved")
     (store / "energy" / "zarr.json").write_text(json.dumps(told))
     assert checking.check_archive(store)[1] == ["energy/zarr.json was changed after the run"]
     with pytest.raises(kr.InputError, match=r"energy/zarr\.json was changed"):

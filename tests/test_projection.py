@@ -72,7 +72,7 @@ def exactly(plan: Any, z: np.ndarray) -> dict[str, Fraction]:
     known = {k: fraction(v)[()] for k, v in plan.scheme.constants.items()}
     out = {}
     for name, value in plan.scheme.observe(parts, **known).items():
-        if plan.scheme.outcomes[name].kept:
+        if plan.scheme.outcomes[name].conserved:
             entries = np.asarray(value, dtype=object)
             out |= {f"{name}[{i}]" if entries.ndim else name: v for i, v in enumerate(entries.flat)}
     return out
@@ -163,7 +163,7 @@ def drifting(plan: Any) -> np.ndarray:
         high = plan.observe(engine.z[None])
     found = []
     for name, outcome in plan.scheme.outcomes.items():
-        if outcome.kept:
+        if outcome.conserved:
             at = [np.reshape(x[name][0], (len(push), -1)) for x in (low, high)]
             drift = at[1] - at[0]
             off = (at[0] + at[1]) / 2 - np.reshape(before[name], at[0].shape)
@@ -278,7 +278,7 @@ def test_large_n_does_not_walk_where_the_map_does(n: int, method: str, steps: in
     name = "lagrange-top"
     plan = random_plan(name, n, method, 1 if method == "suris" else 2)
     raw = random_plan(name, n, method, 1 if method == "suris" else 2, project=False)
-    start = {k: v for k, v in plan.observe(plan.engine.z[None].copy()).items() if plan.scheme.outcomes[k].kept}
+    start = {k: v for k, v in plan.observe(plan.engine.z[None].copy()).items() if plan.scheme.outcomes[k].conserved}
     off = {}
     for what, engine in (("projected", plan.engine), ("raw", raw.engine)):
         engine.advance(np.empty((1, *engine.z.shape)), steps)
@@ -348,7 +348,7 @@ OWN = {
 def own_top(n: int, **integrals: Any) -> tuple[Any, Any]:
     """A top with integrals of a user's own, and a state."""
     system, draw = REGISTRY["lagrange-top"], np.random.default_rng(1)
-    phi = dataclasses.replace(system.map, keeps=None)
+    phi = dataclasses.replace(system.map, conserves=None)
     model = dataclasses.replace(system, integrals={**system.integrals, **integrals}, map=phi)(p=draw.normal(size=n))
     return model, model.state(m=algebra.skew(draw.normal(size=n * (n - 1) // 2), n), a=draw.normal(size=n) / n)
 
@@ -380,7 +380,7 @@ def test_an_integral_that_jax_cannot_differentiate() -> None:
 
     record = red.system(
         "own", group=red.SO(3), lagrangian=lambda w, a: -jax.numpy.trace(w @ w) / 4 - a[2], frame="rest",
-        integrals={"own": called_back}, kept=["own"],
+        integrals={"own": called_back}, conserved=["own"],
     )  # fmt: skip
     with pytest.warns(kr.ConservationWarning, match="takes no arrays of JAX"):
         run = kr.simulate(record(), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=5)
@@ -411,7 +411,9 @@ def test_the_entries_of_a_constant_matrix_are_not_nothing() -> None:
         T = algebra.coordinates(algebra.project_out(m, p))
         return m, algebra.cayley_act(eps / 2 * (1 + (T * T).sum(-1)) * m, a)
 
-    model = dataclasses.replace(system, map=dataclasses.replace(system.map, step=step, keeps=()))(p=np.arange(1.0, 10))
+    model = dataclasses.replace(system, map=dataclasses.replace(system.map, step=step, conserves=()))(
+        p=np.arange(1.0, 10)
+    )
     draw = np.random.default_rng(3)
     x0 = model.state(m=0.1 * algebra.skew(draw.normal(size=36), 9), a=draw.normal(size=9))
     options = {"dt": 0.01, "steps": 50, "method": "suris", "order": 1, "project": False}

@@ -294,7 +294,7 @@ def heavy(Omega, P, *, J, A):
 
 @cache
 def heavy_top() -> object:
-    return red.system("own-top", group=red.SO(3), lagrangian=heavy, kept=())(J=J3, A=(0.2, 0, 1))
+    return red.system("own-top", group=red.SO(3), lagrangian=heavy, conserved=())(J=J3, A=(0.2, 0, 1))
 
 
 def test_euler_poincare_is_the_registrys_heavy_top() -> None:
@@ -358,9 +358,9 @@ def test_every_law_that_applies_holds_for_an_own_lagrangian() -> None:
 
 
 def test_a_wrong_claim_is_caught() -> None:
-    """The energy of the flow is not kept by the map, and the rule has order 2, not 3."""
+    """The energy of the flow is not conserved by the map, and the rule has order 2, not 3."""
     top = heavy_top()
-    wrong = replace(top.system, map=replace(top.system.map, keeps=("energy",), order=3))(J=J3, A=(0.2, 0, 1))
+    wrong = replace(top.system, map=replace(top.system.map, conserves=("energy",), order=3))(J=J3, A=(0.2, 0, 1))
     case = laws.make_case(wrong, 3, "float", 0)
     assert not laws.test(laws.LAWS["integrals-of-the-map"], case).holds
     assert not laws.test(laws.LAWS["order"], case).holds
@@ -600,7 +600,7 @@ def test_more_bad_input() -> None:
     with pytest.raises(kr.InputError, match="needs the parameter A"):
         red.system("top", group=red.SO(3), lagrangian=heavy)(J=J3)
     with pytest.raises(kr.InputError, match="no integral"):
-        red.system("top", group=red.SO(3), lagrangian=heavy, kept=("noether",))
+        red.system("top", group=red.SO(3), lagrangian=heavy, conserved=("noether",))
     with pytest.raises(kr.InputError, match="takes the parameter"):
         red.system("top", group=red.SO(3), lagrangian=heavy, parameters=[red.Parameter("B", "vector", "")])
     with pytest.raises(kr.InputError, match="method='lagrangian'"):

@@ -70,7 +70,7 @@ def walks(run: xr.Dataset) -> Iterator[Walk]:
     """Of every integral that is kept."""
     steps = float(run.time[-1] - run.time[0]) / run.attrs["dt"]
     for series in all_series(run):
-        if not series.kept:
+        if not series.conserved:
             continue
         moves = np.diff(series.values)
         size = math.sqrt(float(moves @ moves))

@@ -135,7 +135,7 @@ def _integrals(model: Any, dt: float) -> str:
             continue
         for name, outcome in outcomes.items():
             if outcome.kind in ("casimir", "integral", "relation"):
-                told.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.kept)
+                told.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.conserved)
     rows = [
         f"| `{name}` | {_cell(meaning)} | {', '.join(kept) or 'no method'} |" for name, (meaning, kept) in told.items()
     ]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pint
     import xarray as xr
 
-RUN_ONLY = ("kind", "kept", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
+RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
 
 
 @dataclass(frozen=True)

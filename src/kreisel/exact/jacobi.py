@@ -126,5 +126,5 @@ def jacobi(model: Model, oriented: bool) -> Scheme:
         observe=observe,
         reopen=tuple,
         orbit=orbit,
-        outcomes={k: replace(o, kept=o.kind in ("casimir", "integral")) for k, o in outcomes.items()},
+        outcomes={k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()},
     )

@@ -40,8 +40,8 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     record = body.system.baecklund
     if record is None:
         raise TypeError(f"{body.system.name} states no Bäcklund transformation")
-    kept = ("casimir", "energy", *model.system.integrals)
-    observe, outcomes = observer(model, None, None, kept=kept)
+    conserved = ("casimir", "energy", *model.system.integrals)
+    observe, outcomes = observer(model, None, None, conserved=conserved)
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
 

@@ -80,7 +80,7 @@ def _projection(
 
     def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
         found = scheme.observe(layout.restore(z, kinds, n)[:own], **known)
-        return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].kept}
+        return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].conserved}
 
     def values(z: Array, known: Mapping[str, Array]) -> Array:
         return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])

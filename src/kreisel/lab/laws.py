@@ -137,7 +137,7 @@ def _functions(system: System) -> dict[str, Callable[..., Any]]:
 
 def _kept(system: System) -> list[Callable[..., Any]]:
     """What the map keeps."""
-    keeps = None if system.map is None else system.map.keeps
+    keeps = None if system.map is None else system.map.conserves
     return [f for name, f in _functions(system).items() if keeps is None or name in keeps]
 
 

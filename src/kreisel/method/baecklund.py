@@ -79,7 +79,7 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     count = len(space.letters)
     rest = model.system.frame is Frame.REST
     spins = record.spin is not None and not rest
-    observe, outcomes = observer(model, None, None, kept=("casimir", "energy", *model.system.integrals))
+    observe, outcomes = observer(model, None, None, conserved=("casimir", "energy", *model.system.integrals))
 
     pairs, single = [mu for mu in points if isinstance(mu, complex)], [mu for mu in points if isinstance(mu, float)]
 

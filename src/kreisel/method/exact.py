@@ -105,7 +105,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     if system.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None)
-    outcomes = {k: replace(o, kept=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
+    outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
 

@@ -30,37 +30,43 @@ def functions(
     model: Model,
     eps: float | None,
     order: int = 1,
-    kept: Collection[str] = (),
+    conserved: Collection[str] = (),
     told: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
     """Name -> (what it is, function, whether it takes the map's own variables).
 
-    With `eps` (a step of the map) those integrals are kept that the map's record names (`Map.keeps`).  Where they
+    With `eps` (a step of the map) those integrals are kept that the map's record names (`Map.conserves`).  Where they
     take `eps`, they are kept deformed, under names ending in `_eps`, and the undeformed ones change by O(dt^order).
-    Without `eps` only the names in `kept` are kept.  `told` has other meanings.
+    Without `eps` only the names in `conserved` are.  `told` has other meanings.
     """
     system = model.system
     by_map = eps is not None
-    named_by_map = system.map.keeps if by_map and system.map is not None else ()
+    named_by_map = system.map.conserves if by_map and system.map is not None else ()
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
     if system.space.casimirs is not None:
         meaning = f"Casimirs of {system.space.name}"
-        stays = by_map or "casimir" in kept
-        out["casimir"] = (Outcome("casimir", meaning, kept=stays), _bind(model, system.space.casimirs), False)
+        stays = by_map or "casimir" in conserved
+        out["casimir"] = (Outcome("casimir", meaning, conserved=stays), _bind(model, system.space.casimirs), False)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():
         by_this_map = named_by_map is None or name in named_by_map
         deforms = by_map and "eps" in keywords(function)
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
         if deforms:
-            oscillates = f"{meaning}, not kept by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
+            oscillates = (
+                f"{meaning}, not conserved by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
+            )
             out[name] = (Outcome("integral", oscillates), _bind(model, function), False)
         if deforms and by_this_map:
-            deformed = f"deformed {name}, kept exactly by the map"
-            out[f"{name}_eps"] = (Outcome("integral", deformed, kept=True), _bind(model, function, eps=eps), True)
+            deformed = f"deformed {name}, conserved exactly by the map"
+            out[f"{name}_eps"] = (Outcome("integral", deformed, conserved=True), _bind(model, function, eps=eps), True)
         elif not deforms:
             meaning = (told or {}).get(name, meaning)
-            out[name] = (Outcome("integral", meaning, kept=by_this_map or name in kept), _bind(model, function), True)
+            out[name] = (
+                Outcome("integral", meaning, conserved=by_this_map or name in conserved),
+                _bind(model, function),
+                True,
+            )
     for name, (function, _) in system.invariant.items():
         meaning = f"{name}: f with f' = k f, so that f = 0 stays; no integral"
         out[name] = (Outcome("relation", meaning), _bind(model, function), False)
@@ -75,12 +81,12 @@ def observer(
     model: Model,
     eps: float | None,
     to_user: Callable[..., tuple[Array, ...]] | None,
-    kept: Collection[str] = (),
+    conserved: Collection[str] = (),
     told: Mapping[str, str] | None = None,
 ) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
     """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
     space = model.system.space
-    table = functions(model, eps, 1 if to_user is None else 2, kept, told)
+    table = functions(model, eps, 1 if to_user is None else 2, conserved, told)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
 

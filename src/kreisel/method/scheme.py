@@ -17,14 +17,14 @@ Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "m
 class Outcome:
     """One variable that `observe` returns: its kind and what it means.
 
-    kind: "state", "orientation", "casimir", "integral" or "relation"; `kept` says of the last three that this method
-    keeps them constant up to round-off.
+    kind: "state", "orientation", "casimir", "integral" or "relation"; `conserved` says of the last three that this
+    method keeps them constant up to round-off.
     """
 
     kind: str
     meaning: str
     axes: str = ""  # the kind of component ("skew", ...) of a state; "" for a scalar or a family
-    kept: bool = False
+    conserved: bool = False
 
 
 @dataclass(frozen=True)

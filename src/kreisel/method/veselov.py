@@ -96,8 +96,8 @@ def _check_domain(model: Model, state: State, longest: float, order: int) -> Non
     if not longest < largest:
         stages = "" if order == 2 else f" in its longest stage (order {order})"
         raise InputError(
-            f"The map of {model.system.name} has no solution that tends to 1 with dt for this state: expected a step below "
-            f"{largest:.6g}, got {longest:.6g}{stages}. Use less than {largest / longest:.6g} of this dt, or "
+            f"The map of {model.system.name} has no solution that tends to 1 with dt for this state: expected a step "
+            f"below {largest:.6g}, got {longest:.6g}{stages}. Use less than {largest / longest:.6g} of this dt, or "
             " method='dop853'."
         )
 

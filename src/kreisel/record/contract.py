@@ -192,7 +192,7 @@ class Map:
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
     commutes                 whether it commutes with itself at other steps and with the flow
-    keeps                    names of the integrals that the map keeps; None: all of the record
+    conserves                 names of the integrals that the map keeps; None: all of the record
     darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
                              D_eps at the point (2/eps, rho) of the spectral curve of the flow
     rational                 whether the step is a rational function; else it takes no exact numbers
@@ -214,7 +214,7 @@ class Map:
     largest_step: Function | None = None
     second_order: Function | None = None
     regularity: Function | None = None
-    keeps: tuple[str, ...] | None = None
+    conserves: tuple[str, ...] | None = None
     darboux: Function | None = None
     rational: bool = True
     commutes: bool = False

@@ -41,7 +41,7 @@ def system(
     frame: str | Frame = Frame.MOVING,
     parameters: Sequence[Parameter] = (),
     integrals: Mapping[str, Function] | None = None,
-    kept: Sequence[str] = (),
+    conserved: Sequence[str] = (),
     order: int | None = None,
     title: str = "",
     source: str = "a Lagrangian of your own",
@@ -57,8 +57,8 @@ def system(
                     or W alone), `representation(group, Phi, dim)`
     frame           "moving": state (M, P), plus bracket; "rest": state (m, a), minus bracket
     parameters      `Parameter` records, for what is more than a letter; others may be arrays of any shape
-    integrals       name -> function(*state, *, constants) in JAX, watched along a run; those named in `kept` are
-                    claimed to be kept by the map, for `kr.drift` and the laws to test
+    integrals       name -> function(*state, *, constants) in JAX, watched along a run; those named in `conserved` are
+                    claimed to be conserved by the map, for `kr.drift` and the laws to test
     order           of the discrete Lagrangian, tested by a law where both Lagrangians are given
 
     Lagrangians are written with jax.numpy and must be real, scalar and differentiable.  Calling the record with
@@ -70,7 +70,7 @@ def system(
     if rep.group is not group:
         raise InputError(f"The representation belongs to {rep.group.name}, another group than {group.name}.")
     record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
-    return record.system(name, title or name, source, dict(integrals or {}), tuple(kept), order)
+    return record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
 
 
 def _frame(frame: str | Frame) -> Frame:
@@ -225,7 +225,7 @@ class _Record:
 
         return casimirs
 
-    def map(self, source: str, kept: tuple[str, ...], order: int | None) -> Map:
+    def map(self, source: str, conserved: tuple[str, ...], order: int | None) -> Map:
         both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         inverse = self.lift(self.inverse, **step)
@@ -241,7 +241,7 @@ class _Record:
             generator=self.lift(self.generator, both, **step) if self.rotations else None,
             lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
             regularity=self.lift(self.regularity, eps=True),
-            keeps=kept,
+            conserves=conserved,
             order=order if order is not None else (1 if self.own_discrete is not None else 2),
             source=source if self.own_discrete is not None else f"{source}, by the symmetric rule",
         )
@@ -252,15 +252,13 @@ class _Record:
         title: str,
         source: str,
         integrals: dict[str, Function],
-        kept: tuple[str, ...],
+        conserved: tuple[str, ...],
         order: int | None,
     ) -> System:
         given = self.own is not None
-        for k in kept:
+        for k in conserved:
             if k not in ("energy", *integrals):
-                raise InputError(
-                    f"kept names {shown(k)}, which is no integral; there are: {', '.join(integrals) or 'none'}."
-                )
+                raise InputError(f"conserved: expected names of {', '.join(('energy', *integrals))}, got {shown(k)}.")
         moving = self.frame is Frame.MOVING
         flow = (
             "M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P",
@@ -284,7 +282,7 @@ class _Record:
             velocity=self.lift(self.velocity, trouble=LEGENDRE) if given and self.rotations else None,
             scaling="As in the Lagrangian.",
             integrals=wrapped,
-            map=self.map(source, kept, order),
+            map=self.map(source, conserved, order),
             derive=self._named(self.derive),
             n=self.group.n,
             numbers="jax",

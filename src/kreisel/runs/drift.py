@@ -36,7 +36,7 @@ NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
 
 def _place(variable: xr.DataArray) -> tuple[bool, int]:
     attrs = variable.attrs
-    return not attrs.get("kept", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
+    return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
 
 
 def read(variable: xr.DataArray) -> np.ndarray:
@@ -90,7 +90,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
             unit = MACHINE_EPSILON * scan.value_scale[lane, part]
             rows[label] = {
                 "kind": scan.kind,
-                "conserved": scan.kept,
+                "conserved": scan.conserved,
                 "start": float(scan.start[lane, part]) + 0.0,
                 "max_change": float(scan.largest[lane, part]),
                 "ulps": float(_ratio(scan.largest[lane, part], unit)),
@@ -121,7 +121,7 @@ def _sentence(name: str, row: Any) -> str:
 
 def watched(run: xr.Dataset) -> xr.Dataset:
     """The run itself.  Warns with `ConservationWarning` where something is broken, as `broken` says."""
-    kept = [name for name in _watched(run) if run[name].attrs.get("kept")]
+    kept = [name for name in _watched(run) if run[name].attrs.get("conserved")]
     told = [_sentence(name, row) for name, row in _rows(run, kept, sloping=False).items() if row["broken"]]
     if told:
         warnings.warn(" ".join(told), ConservationWarning, stacklevel=3)
@@ -171,7 +171,7 @@ class _Scan:
 
     def __init__(self, variable: xr.DataArray, clock: _Clock, sloping: bool = True):
         self.name, self.kind = str(variable.name), str(variable.attrs["kind"])
-        self.kept = bool(variable.attrs.get("kept", False))
+        self.conserved = bool(variable.attrs.get("conserved", False))
         family = variable.ndim > 1 + ("lane" in variable.dims)
         self.labels = [f"{self.name}[{part}]" for part in range(variable.shape[-1])] if family else [self.name]
         self.shape = (variable.sizes.get("lane", 1), len(self.labels))
@@ -204,7 +204,7 @@ class _Judge:
         self._run, self._scan, self._band = run, scan, scan.band()
         self._unknown: set[int] = set()
         suspects = np.flatnonzero((_ratio(scan.largest, self._band) > FAR).any(1))
-        if scan.kept and suspects.size:
+        if scan.conserved and suspects.size:
             self._look_again(suspects)
 
     def worst(self, part: int) -> tuple[int, float]:
@@ -216,7 +216,7 @@ class _Judge:
         """Whether a change of what should be kept is more than roundings can make."""
         scan = self._scan
         change = scan.largest[lane, part]
-        if not scan.kept or change <= FAR * band or lane in self._unknown:
+        if not scan.conserved or change <= FAR * band or lane in self._unknown:
             return False
         scale = scan.step_scale[lane, part] + abs(scan.start[lane, part])
         return bool(far(change, band, scale, self._turn(lane)))
@@ -263,7 +263,7 @@ class Series:
     name: str
     family: str
     kind: str
-    kept: bool
+    conserved: bool
     values: np.ndarray
     step_scale: float
     value_scale: float
@@ -281,7 +281,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
             # one part at a time: an archive may be longer than memory
             values = read(one[..., part] if one.ndim > 1 else one)
             at = float(scan.step_scale[lane, part]), float(scan.value_scale[lane, part])
-            yield Series(label, name, scan.kind, scan.kept, values, *at)
+            yield Series(label, name, scan.kind, scan.conserved, values, *at)
 
 
 def _scales(variable: xr.DataArray, shape: tuple[int, int]) -> tuple[Floats, Floats]:

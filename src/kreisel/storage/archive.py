@@ -200,7 +200,7 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     for name, outcome in plan.scheme.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
         if name in scales:
-            out[name] |= {"kept": int(outcome.kept), **scales[name]}
+            out[name] |= {"conserved": int(outcome.conserved), **scales[name]}
     return out
 
 

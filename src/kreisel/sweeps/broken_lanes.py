@@ -67,7 +67,7 @@ def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
     for name, variable in sorted(result.data_vars.items(), key=lambda item: str(item[0])):  # folders have no order
         if variable.attrs.get("kind") != "drift" or not str(name).endswith("_drift"):
             continue
-        if str(variable.attrs.get("long_name", "")).endswith("not kept"):
+        if str(variable.attrs.get("long_name", "")).endswith("not conserved"):
             continue
         family = str(name).removesuffix("_drift")
         start = read(result[f"{family}_start"].transpose("lane", ...))
@@ -103,7 +103,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
             largest = max(largest, begun, whole)
     out = []
     for name, (start, drift) in changes.items():
-        if name not in run or not run[name].attrs.get("kept"):
+        if name not in run or not run[name].attrs.get("conserved"):
             continue
         step, value = (lane_scales(run[name], key)[0] for key in ("roundoff_scale", "evaluation_scale"))
         band = MACHINE_EPSILON * (step * np.sqrt(steps) + value)

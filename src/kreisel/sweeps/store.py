@@ -360,7 +360,12 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
             "dtype": np.dtype("f8"),
             "fill_value": np.nan,
             "dimension_names": dimensions(plan, name, value.shape),
-            "attributes": {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1", "kept": int(outcome.kept)},
+            "attributes": {
+                "long_name": outcome.meaning,
+                "kind": outcome.kind,
+                "units": "1",
+                "conserved": int(outcome.conserved),
+            },
         }
     return out
 

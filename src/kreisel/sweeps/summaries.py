@@ -65,7 +65,7 @@ class Drift:
                 out[f"{name}_start"] = name, f"{outcome.meaning}: at time 0"
                 out[f"{name}_drift"] = (
                     name,
-                    f"{outcome.meaning}: largest |change|{'' if outcome.kept else ', not kept'}",
+                    f"{outcome.meaning}: largest |change|{'' if outcome.conserved else ', not conserved'}",
                 )
         return out
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_NUMBERS = 24  # of a parameter or a component that are shown
-KEPT = {  # the cell of an integral that is (kept, broken)
+CONSERVED = {  # the cell of an integral that is (conserved, broken)
     (True, True): "<td style='color:#c00;font-weight:bold'>BROKEN</td>",
     (True, False): "<td>yes</td>",
     (False, False): "<td>no</td>",
@@ -78,7 +78,7 @@ def run_html(run: xr.Dataset) -> str:
     titles = ("integral", "conserved", "start", "max |change|", "ulps")
     body = "".join(
         f"<tr style='opacity:{1 if row.conserved else 0.6}'><th style='text-align:left'>{escape(str(name))}</th>"
-        f"{KEPT[bool(row.conserved), bool(row.broken)]}<td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
+        f"{CONSERVED[bool(row.conserved), bool(row.broken)]}<td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
         f"<td>{row.ulps:.2g}</td></tr>"
         for name, row in found.iterrows()
     )

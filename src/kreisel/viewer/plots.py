@@ -162,7 +162,7 @@ def _envelopes(run: xr.Dataset, everything: bool) -> dict[str, np.ndarray]:
     edges = _edges(run.sizes["time"])
     out: dict[str, np.ndarray] = {}
     for series in all_series(run):
-        if series.kept or everything:
+        if series.conserved or everything:
             scale = series.step_scale + series.value_scale
             change = np.maximum.reduceat(abs(series.values - series.values[0]), edges) / (scale or 1.0)
             out[series.family] = np.maximum(out[series.family], change) if series.family in out else change

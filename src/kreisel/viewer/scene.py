@@ -278,7 +278,7 @@ def _drifts(run: xr.Dataset) -> dict[str, Any]:
         series.append(
             {
                 "name": _text(each.name),
-                "kept": each.kept,
+                "conserved": each.conserved,
                 "start": _number(each.values[0]),
                 "scale": _number(scale) or 1.0,
                 "most": _number(abs(change).max()),

@@ -136,7 +136,7 @@ class Observed:
             parts += layout.restore(numbers, [kind], n)
             start = end
         found = self.function(tuple(parts), **known)
-        return {name: value for name, value in found.items() if self.scheme.outcomes[name].kept}
+        return {name: value for name, value in found.items() if self.scheme.outcomes[name].conserved}
 
     def _changing(self) -> dict[str, Array]:
         """By random numbers in place of state and constants, so that lanes do not depend on each other."""
@@ -160,7 +160,7 @@ class Observed:
         return {
             name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
             for name, value in found.items()
-            if self.scheme.outcomes[name].kept
+            if self.scheme.outcomes[name].conserved
         }
 
 

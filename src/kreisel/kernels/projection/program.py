@@ -156,7 +156,7 @@ def program_of(
     outputs = (function or scheme.observe)(parts, **known)
     lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
     for name, value in outputs.items():
-        if not scheme.outcomes[name].kept:
+        if not scheme.outcomes[name].conserved:
             continue
         entries = np.asarray(value, dtype=object)
         for place, entry in enumerate(entries.flat):

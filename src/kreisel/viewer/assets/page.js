@@ -120,7 +120,7 @@
     const x = Array.from(D.edges);
     return D.series.map((s, i) => ({ type: "scatter", mode: "lines", hoverinfo: "skip", showlegend: false, x,
       connectgaps: true, y: Array.from(s.change, (v) => (v ? Math.abs(v) / s.scale : null)),
-      line: { color: theme().colours[i % theme().colours.length], width: s.kept ? 1.3 : 1, dash: s.kept ? "solid" : "dot" } })).concat(band());
+      line: { color: theme().colours[i % theme().colours.length], width: s.conserved ? 1.3 : 1, dash: s.conserved ? "solid" : "dot" } })).concat(band());
   }
 
   function band() {
@@ -166,7 +166,7 @@
       const mark = document.createElement("i");
       mark.className = "swatch"; mark.style.background = theme().colours[i % theme().colours.length];
       row.insertCell().append(mark);
-      cell(s.name); cell(s.kept ? "yes" : "no"); cell(s.start === null ? "-" : s.start.toPrecision(6)); cell(""); cell(s.most === null ? "-" : s.most.toExponential(1));
+      cell(s.name); cell(s.conserved ? "yes" : "no"); cell(s.start === null ? "-" : s.start.toPrecision(6)); cell(""); cell(s.most === null ? "-" : s.most.toExponential(1));
     });
     $("scrub").max = D.count - 1;
   }
