@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate trial trial-short dist release-check clean help
+.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate trial trial-short dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -19,6 +19,7 @@ help:
 	@echo "make docs      the documentation site, in out/docs"
 	@echo "make trial     kills, corruptions, configurations and calls in a place of their own; 30 minutes, MINUTES=10 for fewer"
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
+	@echo "make stubs     src/kreisel/__init__.pyi, which tells editors the systems and their parameters"
 	@echo "make lint      ruff and mypy --strict"
 	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
 	@echo "make bench-gpu the same on an NVIDIA GPU; make gpu-code counts the instructions of its kernels, without one"
@@ -75,6 +76,9 @@ verify: $(STAMP)
 
 investigate: $(STAMP)
 	$(BIN)/kreisel investigate --markdown > docs/integrability-registry.md.part && mv docs/integrability-registry.md.part docs/integrability-registry.md
+
+stubs: $(STAMP)
+	$(BIN)/python docs/tools/stubs.py
 
 docs: $(STAMP)
 	@echo "== the code on the pages, and the pages made from the records"

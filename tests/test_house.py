@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import kreisel as kr
 
 SOURCE = Path(kr.__file__).parent
@@ -19,11 +21,11 @@ RANK = {  # a part imports what stands on its own line or above
             ("algebra",),
             ("record", "units"),
             ("baecklund", "implicit"),
-            ("systems", "reduction"),
-            ("methods", "exact"),
+            ("system", "reduction"),
+            ("method", "exact"),
             ("physical", "kernels"),
             ("runs", "storage", "sweeps"),
-            ("lab", "analysis", "view", "bench"),
+            ("lab", "analysis", "viewer", "bench"),
             ("cli",),
             ("__main__",),
         )
@@ -141,3 +143,44 @@ def test_formulas_in_docstrings_keep_their_letters() -> None:
         assert capitalised(f'def made(self, v, x, f, s):\n    """{line}"""\n    mu = v\n'), line
     for line in ("The sum x + v.", "V(x, s) of a state.", "A sum.", "Name -> x.", "X, where X = hat(u)", "Values of x"):
         assert not capitalised(f'def made(name, v, s, values):\n    """{line}"""\n    X = v\n'), line
+
+
+def test_methods_and_systems_are_found_and_nothing_is_shadowed() -> None:
+    import kreisel.method
+    import kreisel.system
+
+    assert [m.name for m in kr.methods()] == [*kreisel.method.METHODS]
+    assert {"baecklund", "suris", "veselov", "variational", "lagrangian", "exact", "dop853"} <= {
+        *kreisel.method.METHODS
+    }
+    assert kr.systems() == [*kreisel.system.REGISTRY] and kr.LagrangeTopSU2.name == "lagrange-top-su2"
+    assert len(kr.systems()) == len([*(SOURCE / "system").glob("*.py")]) - 2  # without __init__ and fluid
+    assert {*kreisel.system.NAMED} <= {*kr.__all__} and all(hasattr(kr, name) for name in kr.__all__)
+
+
+def test_defaults_come_from_the_records() -> None:
+    """The first that applies, and every method refuses what it does not apply to."""
+    from kreisel.method import METHODS, default_method
+    from kreisel.system import REGISTRY
+
+    defaults = {name: default_method(system) for name, system in REGISTRY.items()}
+    assert defaults["lagrange-top"] == defaults["clebsch"] == defaults["neumann"] == "baecklund"
+    assert defaults["euler-top"] == "veselov" and defaults["ratiu-bitop"] == "suris"
+    assert defaults["heavy-top"] == "variational"
+    model, x0 = kr.HeavyTop(J=(1, 1.3, 0.6), A=(0, 0, 1)), {"M": (0.1, 0.2, 1.5), "P": (0, 0.6, 0.8)}
+    for name, method in METHODS.items():
+        if not method.applies(model.system):
+            with pytest.raises(kr.InputError, match=rf"method='{name}': expected .*, got heavy-top"):
+                kr.simulate(model, x0, dt=0.1, steps=1, method=name)
+    with pytest.raises(kr.InputError, match=r"expected one of its orders \(2, 4, 6, 8\), got order=3"):
+        kr.simulate(model, x0, dt=0.1, steps=1, method="variational", order=3)
+
+
+def test_the_stub_is_that_of_the_records() -> None:
+    """`make stubs` makes it again."""
+    tool = Path(__file__).parent.parent / "docs" / "tools" / "stubs.py"
+    run = [sys.executable, "-c", f"import runpy; print(runpy.run_path({str(tool)!r})['text'](), end='')"]
+    made = subprocess.run(run, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert (SOURCE / "__init__.pyi").read_text(encoding="utf-8") == made
+    for name in ("LagrangeTop", "simulate", "methods", "view"):
+        assert re.search(rf"\b{name}\b", made)

@@ -14,7 +14,7 @@ from kreisel.errors import InputError
 from kreisel.lab import exact
 from kreisel.method import METHODS, default_method, scheme
 from kreisel.record.contract import Map, System
-from kreisel.system import REGISTRY
+from kreisel.system import NAMED, REGISTRY
 from kreisel.viewer.record import MAP_CLAIMS
 
 KINDS = {"skew": r"\mathfrak{so}(n)", "vector": r"\mathbb{R}^n"}
@@ -41,7 +41,7 @@ def write(docs: Path) -> None:
     mpl.use("agg")
     folder = docs / "generated" / "systems"
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    names = {value.name: name for name, value in vars(kr).items() if isinstance(value, System)}
+    names = {system.name: name for name, system in NAMED.items()}
     for name, system in REGISTRY.items():
         (folder / f"{name}.md").write_text(page(system, names[name], folder / "figures"), encoding="utf-8")
     rows = "\n".join(_row(system, names[system.name]) for system in REGISTRY.values())

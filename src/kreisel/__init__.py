@@ -14,53 +14,11 @@ moving frame (M, P) with the plus bracket, F' = {H, F}.
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kreisel.display import SHOWN
 from kreisel.errors import ConservationWarning, InputError, RunError
-from kreisel.system import (
-    REGISTRY,
-    Clebsch,
-    ClebschBody,
-    ClebschGeneral,
-    EulerTop,
-    GoryachevChaplygin,
-    HeavyTop,
-    HessAppelrot,
-    Kirchhoff,
-    KirchhoffCase,
-    KovalevskayaGyrostat,
-    KovalevskayaTop,
-    LagrangeTop,
-    LagrangeTopMoving,
-    LagrangeTopSU2,
-    LagrangeTopSU2Moving,
-    Lyapunov,
-    ManakovTop,
-    Neumann,
-    NeumannVeselov,
-    QuadraticPotential,
-    RatiuBitop,
-    RatiuTop,
-    Rosochatius,
-    Steklov,
-    SteklovLyapunov,
-    SymmetricTop,
-)
-
-if TYPE_CHECKING:
-    from kreisel import analysis, lab, physical, units
-    from kreisel.method import Method
-    from kreisel.runs.at import at
-    from kreisel.runs.citing import cite
-    from kreisel.runs.drift import drift
-    from kreisel.runs.figures import nutation
-    from kreisel.runs.simulate import resume, simulate
-    from kreisel.storage.archive import open_run
-    from kreisel.storage.exporting import export
-    from kreisel.sweeps.sweep import failures, sweep
-    from kreisel.viewer.page import view
-    from kreisel.viewer.plots import plot
+from kreisel.system import NAMED, REGISTRY
 
 __version__ = "0.1.0"
 
@@ -82,58 +40,12 @@ SHOWN.update({what: f"kreisel.viewer.html:{what}_html" for what in ("system", "m
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
 _PARTS = ("analysis", "lab", "physical", "units")
 
-__all__ = [
-    "Clebsch",
-    "ClebschBody",
-    "ClebschGeneral",
-    "ConservationWarning",
-    "EulerTop",
-    "GoryachevChaplygin",
-    "HeavyTop",
-    "HessAppelrot",
-    "InputError",
-    "Kirchhoff",
-    "KirchhoffCase",
-    "KovalevskayaGyrostat",
-    "KovalevskayaTop",
-    "LagrangeTop",
-    "LagrangeTopMoving",
-    "LagrangeTopSU2",
-    "LagrangeTopSU2Moving",
-    "Lyapunov",
-    "ManakovTop",
-    "Neumann",
-    "NeumannVeselov",
-    "QuadraticPotential",
-    "RatiuBitop",
-    "RatiuTop",
-    "Rosochatius",
-    "RunError",
-    "Steklov",
-    "SteklovLyapunov",
-    "SymmetricTop",
-    "analysis",
-    "at",
-    "cite",
-    "drift",
-    "export",
-    "failures",
-    "lab",
-    "methods",
-    "nutation",
-    "open_run",
-    "physical",
-    "plot",
-    "resume",
-    "simulate",
-    "sweep",
-    "systems",
-    "units",
-    "view",
-]
+globals().update(NAMED)  # __init__.pyi tells them to editors and type checkers
+__all__ = ["ConservationWarning", "InputError", "RunError", "methods", "systems"]
+__all__ += [*NAMED, *_LAZY, *_PARTS]
 
 
-def methods() -> list[Method]:
+def methods() -> list[Any]:
     """The records of all methods: what each is for, its orders, what it conserves; `kreisel methods` prints them."""
     from kreisel.method import METHODS
 
@@ -156,4 +68,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY, *_PARTS})
+    return sorted({*globals(), *__all__})

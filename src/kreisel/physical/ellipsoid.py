@@ -12,7 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.physical.measures import RATE, SI, Units, in_range, number, numbers, scales_of, settle, three
 from kreisel.record.model import Model, State
-from kreisel.system import Kirchhoff
+from kreisel.system.kirchhoff import SYSTEM as Kirchhoff
 from kreisel.units import Scales
 
 

@@ -12,7 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
 from kreisel.record.model import Model, State
-from kreisel.system import LagrangeTop
+from kreisel.system.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.units import Scales
 
 

@@ -12,7 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
 from kreisel.record.model import Model, State
-from kreisel.system import HeavyTop
+from kreisel.system.heavy_top import SYSTEM as HeavyTop
 from kreisel.units import Scales
 
 
