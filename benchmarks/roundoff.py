@@ -101,6 +101,7 @@ def _still(model: Any, state: Any, method: str, dt: float, steps: int) -> dict[s
     """After a hundredth of the steps and after all of them, or as many as can be made in `LONGEST` seconds."""
     row: dict[str, Any] = {"dt": dt, "ulps": {}}
     count, seconds = max(steps // 100, ROWS), 0.0
+    kr.simulate(model, state, dt=dt, steps=ROWS, every=1, method=method, progress=False)  # compiles
     while True:
         begun = time.perf_counter()
         run = kr.simulate(model, state, dt=dt, steps=count, every=count // ROWS, method=method, progress=False)

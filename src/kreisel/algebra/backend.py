@@ -1,0 +1,165 @@
+"""The one door to the array libraries: only this module knows which kind of number it has before it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra.complex import Complex, as_complex
+
+Array = Any  # an array of any library, or a NumPy object array of any field
+LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet, where its own do not serve
+
+
+def exact(x: Array) -> bool:
+    """True for numbers without round-off (an object array of a field), False for floats and their records.
+
+    One recorded number anywhere makes an array inexact: its zeros, as on the diagonal of a skew matrix, are plain.
+    """
+    return holds_objects(x) and not any(getattr(entry, "inexact", False) for entry in x.flat)
+
+
+def holds_objects(x: Array) -> bool:
+    """True for a NumPy object array."""
+    return hasattr(x, "dtype") and x.dtype.kind == "O"
+
+
+def identity(n: int) -> Array:
+    """The identity as small integers, which promote to every other kind of number."""
+    return np.eye(n, dtype=np.int8)
+
+
+def vec(s: Array) -> Array:
+    """A batch of scalars (...), shaped to multiply vectors (..., n)."""
+    return s[..., None] if hasattr(s, "ndim") else s
+
+
+def mat(s: Array) -> Array:
+    """A batch of scalars (...), shaped to multiply matrices (..., n, n)."""
+    return s[..., None, None] if hasattr(s, "ndim") else s
+
+
+def solve(A: Array, B: Array) -> Array:
+    """A^-1 B for A (..., n, n) and columns B (..., n, k).
+
+    Numbers of a library go to its LAPACK; others, extended floats among them, to elimination without pivoting,
+    which is safe for A = I - X with X skew, whose symmetric part is I, and whenever the Hermitian part is positive.
+    """
+    if hasattr(A, "record_solve"):
+        return A.record_solve(B)
+    if holds_objects(A) or holds_objects(B) or A.dtype.itemsize > (16 if A.dtype.kind == "c" else 8):
+        return _eliminate(A, B)[1]
+    return _linear_algebra(A).solve(A, B)
+
+
+def _linear_algebra(A: Array) -> Any:
+    space = A.__array_namespace__()
+    return LINEAR_ALGEBRA.get(space.__name__, space.linalg)
+
+
+def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
+    """Gaussian elimination without pivoting; the pivots and the solution.  Batch axes allowed."""
+    kind = np.result_type(A, B) if A.dtype.kind in "fc" else object
+    A, B = A.astype(kind), B.astype(kind)
+    n, pivots = A.shape[-1], []
+    for k in range(n):
+        pivots.append(A[..., k, k : k + 1].copy())
+        if k + 1 < n:
+            factor = A[..., k + 1 :, k : k + 1] * (1 / A[..., k : k + 1, k : k + 1])
+            A[..., k + 1 :, k + 1 :] = A[..., k + 1 :, k + 1 :] - factor * A[..., k : k + 1, k + 1 :]
+            B[..., k + 1 :, :] = B[..., k + 1 :, :] - factor * B[..., k : k + 1, :]
+    for k in reversed(range(n)):
+        tail = A[..., k : k + 1, k + 1 :] @ B[..., k + 1 :, :] if k + 1 < n else 0
+        B[..., k : k + 1, :] = (B[..., k : k + 1, :] - tail) * (1 / A[..., k : k + 1, k : k + 1])
+    return pivots, B
+
+
+def complex_number(re: Array, im: Array) -> Array:
+    """The scalar re + i im, of NumPy's or a recorder's own kind where there is one."""
+    if hasattr(re, "record_complex"):
+        return re.record_complex(im)
+    if isinstance(re, np.ndarray | np.floating | float) and not holds_objects(re):
+        return re + 1j * im
+    return Complex(re, im)
+
+
+def parts(z: Array) -> tuple[Array, Array]:
+    """Real and imaginary part of an array or a scalar; of real numbers z and None."""
+    if isinstance(z, Complex):
+        return z.re, z.im
+    if holds_objects(z):
+        if not any(isinstance(v, Complex) for v in z.flat):
+            return z, None
+        re, im = np.empty(z.shape, dtype=object), np.empty(z.shape, dtype=object)
+        for place in np.ndindex(z.shape):
+            re[place], im[place] = as_complex(z[place]).re, as_complex(z[place]).im
+        return re, im
+    if hasattr(z, "record_parts"):
+        return z.record_parts()
+    return (np.real(z), np.imag(z)) if np.iscomplexobj(z) else (z, None)
+
+
+def conjugate(z: Any) -> Any:
+    """The conjugate of a complex scalar."""
+    return Complex(z.re, -z.im) if isinstance(z, Complex) else np.conj(z)
+
+
+def together(re: Array, im: Array) -> Array:
+    """The complex vectors re + i im; re and im may be complex too."""
+    if holds_objects(re) or holds_objects(im):
+        out = np.empty(re.shape, dtype=object)
+        for place in np.ndindex(re.shape):
+            x, y = re[place], im[place]
+            both = isinstance(x, Complex) or isinstance(y, Complex)
+            out[place] = x + Complex(0, 1) * y if both else Complex(x, y)
+        return out
+    return complex_number(re, im)
+
+
+def log(x: Array) -> Array:
+    """Natural logarithm of a scalar or a batch; dual numbers bring their own.
+
+    An exact number has no logarithm in its field: 0 stands for it, so that derivatives can be exact.
+    """
+    if hasattr(x, "log"):
+        return x.log()
+    if isinstance(x, float | np.floating | np.ndarray):
+        return np.log(x)
+    return x.__array_namespace__().log(x) if hasattr(x, "__array_namespace__") else 0 * x
+
+
+def sqrt(x: Array) -> Array:
+    """Square root of a scalar or a batch; recording scalars bring their own."""
+    return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
+
+
+def maximum(x: Array, y: Array) -> Array:
+    """The larger of two scalars or of each entry of a batch; recorded numbers bring their own."""
+    return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
+
+
+def sign(x: Array) -> Array:
+    """-1 where an entry is negative, else 1; recorded numbers bring their own."""
+    if holds_objects(x):
+        return np.array([v.sign() for v in x.flat], dtype=object).reshape(x.shape)
+    return np.where(x < 0, -1, 1)
+
+
+def magnitude(x: Array) -> float:
+    """The largest |entry| as a float, 0 for an empty array; for messages and tolerances."""
+    x = np.asarray(x)
+    if x.dtype.kind == "f":
+        return float(abs(x).max(initial=0.0))
+    return max((abs(_as_float(v)) for v in x.flat), default=0.0)
+
+
+def _as_float(v: Any) -> float:
+    return int(v.p) / int(v.q) if hasattr(v, "q") and not hasattr(v, "__float__") else float(v)
+
+
+def trace_log(A: Array) -> Array:
+    """Tr log A = log det A for A (..., n, n) with positive leading minors."""
+    if not holds_objects(A):
+        return _linear_algebra(A).slogdet(A)[1]
+    return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])

@@ -1,0 +1,75 @@
+"""Orientations: matrices in SO(n), or for n = 3 unit quaternions (w, x, y, z)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kreisel.algebra.backend import Array, identity, mat, sqrt, vec
+from kreisel.algebra.cayley import cayley_columns
+from kreisel.algebra.skew import act, axial, cross, dot, hat
+
+
+def turn_left(X: Array, g: Array) -> Array:
+    """cay(X) g, for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
+    return cayley_columns(X, g) if _is_matrix(X, g) else unit(quaternion_product(_half_turn(X), g))
+
+
+def turn_right(g: Array, X: Array) -> Array:
+    """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
+    return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else unit(quaternion_product(g, _half_turn(X)))
+
+
+def _is_matrix(X: Array, g: Array) -> bool:
+    return g.ndim >= 2 and g.shape[-2:] == X.shape[-2:]
+
+
+def _half_turn(X: Array) -> Array:
+    """(1, u): cay(hat(u)) is the rotation of the unnormalised quaternion 1 + u."""
+    u = axial(X)
+    return np.concatenate([1 + 0 * u[..., :1], u], -1)
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
+    s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
+
+
+def inverse_turn(q: Array) -> Array:
+    """The inverse (w, -x, -y, -z) of a unit quaternion (..., 4)."""
+    return np.concatenate([q[..., :1], -q[..., 1:]], -1)
+
+
+def unit(q: Array) -> Array:
+    """q/|q| for vectors or quaternions q (..., k)."""
+    return q / sqrt(vec(dot(q, q)))
+
+
+def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
+    """R_y R_x g, or g (R_y R_x)^T with `right`, R_x the half-turn about x: the turn from x to y by twice their angle.
+
+    g is an orthogonal matrix (..., n, n) or a unit quaternion (..., 4) when n = 3.
+    """
+    if g.ndim == x.ndim + 1:
+        h = g.mT if right else g
+        for axis in (x, y):
+            h = axis[..., :, None] * (2 / mat(dot(axis, axis)) * act(h.mT, axis)[..., None, :]) - h
+        return h.mT if right else h
+    turn = np.concatenate([vec(dot(x, y)) + 0 * x[..., :1], cross(x, y)], -1)
+    if right:
+        return unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
+    return unit(quaternion_product(turn, g))
+
+
+def rotation_matrix(q: Array) -> Array:
+    """The matrix (..., 3, 3) of a unit quaternion (..., 4) = (w, x, y, z)."""
+    H = hat(q[..., 1:])
+    return identity(3) + 2 * (mat(q[..., 0]) * H + H @ H)
+
+
+def unit_quaternion(g: Array) -> Array:
+    """The unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(np.reshape(g, (-1, 3, 3))).as_quat(canonical=True, scalar_first=True)
+    return flat.reshape((*np.shape(g)[:-2], 4))

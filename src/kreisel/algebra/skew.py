@@ -1,0 +1,120 @@
+"""Vectors and skew matrices: pairing, wedge, bracket, coordinates, and axial vectors for n = 3."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from kreisel.algebra.backend import Array, mat, vec
+
+SECOND, THIRD = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes after the first, second and third of space
+
+
+def dot(x: Array, y: Array) -> Array:
+    """<x, y> on R^n."""
+    return (x * y).sum(-1)
+
+
+def pairing(X: Array, Y: Array) -> Array:
+    """<X, Y> = -tr(XY)/2 on so(n): the sum over i < j of X_ij Y_ij."""
+    if hasattr(X, "record_pairing"):
+        return X.record_pairing(Y)
+    # one axis after the other: the order of the sum must not depend on the batch
+    return (X * Y).sum(-1).sum(-1) / 2
+
+
+def wedge(x: Array, y: Array) -> Array:
+    """The wedge product x ^ y = x y^T - y x^T; then (x ^ y) v = x <y, v> - y <x, v>."""
+    if hasattr(x, "record_wedge"):
+        return x.record_wedge(y)
+    return x[..., :, None] * y[..., None, :] - y[..., :, None] * x[..., None, :]
+
+
+def act(X: Array, v: Array) -> Array:
+    """The product X v for a batch of matrices and vectors."""
+    return (X @ v[..., None])[..., 0]
+
+
+def bracket(X: Array, Y: Array) -> Array:
+    """[X, Y] = XY - YX."""
+    return X @ Y - Y @ X
+
+
+def project_out(m: Array, p: Array) -> Array:
+    """|p|^2 pi m pi with pi = I - p p^T / |p|^2: the part of m that does not touch p; hat(p <p, m>) for n = 3."""
+    if hasattr(m, "record_project_out"):
+        return m.record_project_out(p)
+    if m.shape[-1] == 3:
+        return hat(p * vec(dot(p, axial(m))))
+    return mat(dot(p, p)) * m - wedge(act(m, p), p)
+
+
+@cache
+def triangle(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the independent components of so(n), i < j, row by row."""
+    return np.triu_indices(n, 1)
+
+
+@cache
+def _unfolding(n: int) -> np.ndarray:
+    count = n * (n - 1) // 2
+    place = np.full((n, n), 2 * count)
+    place[triangle(n)] = np.arange(count)
+    place.T[triangle(n)] = np.arange(count) + count
+    return place
+
+
+def coordinates(X: Array) -> Array:
+    """The n(n-1)/2 independent components X_ij, i < j, of a skew matrix."""
+    rows, columns = triangle(X.shape[-1])
+    return X[..., rows, columns]
+
+
+def skew(x: Array, n: int) -> Array:
+    """The skew matrix (..., n, n) with the given independent components (..., n(n-1)/2)."""
+    concatenate = np.concatenate if isinstance(x, np.ndarray) else x.__array_namespace__().concatenate
+    return concatenate([x, -x, 0 * x[..., :1]], -1)[..., _unfolding(n)]
+
+
+@cache
+def triangle_with_diagonal(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the independent components of a symmetric matrix, i <= j, row by row."""
+    return np.triu_indices(n)
+
+
+@cache
+def _symmetric_unfolding(n: int) -> np.ndarray:
+    place = np.zeros((n, n), dtype=int)
+    place[triangle_with_diagonal(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(place, place.T)
+
+
+def symmetric(x: Array, n: int) -> Array:
+    """The symmetric matrix (..., n, n) with the given components (..., n(n+1)/2), i <= j."""
+    return x[..., _symmetric_unfolding(n)]
+
+
+def coordinates_of(kind: str, z: Array) -> Array:
+    """The independent coordinates (..., d) of a component of the state."""
+    if kind == "skew":
+        return coordinates(z)
+    if kind == "symmetric":
+        rows, columns = triangle_with_diagonal(z.shape[-1])
+        return z[..., rows, columns]
+    return z
+
+
+def hat(v: Array) -> Array:
+    """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
+    return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)
+
+
+def axial(X: Array) -> Array:
+    """The axial vector of a skew 3 x 3 matrix.  Inverse: `hat`."""
+    return coordinates(X)[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8)
+
+
+def cross(x: Array, y: Array) -> Array:
+    """The cross product x x y, n = 3."""
+    return act(hat(x), y)
