@@ -220,14 +220,16 @@ def test_lanes_on_disk(top: object, tmp_path: Path) -> None:
 def test_check_of_an_archive_with_nothing_that_can_be_read(
     top: object, x0: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from kreisel import cli
+    import typer
+
+    from kreisel.cli import runs as commands
 
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     for chunk in (p for p in path.rglob("*") if p.is_file() and "c" in p.relative_to(path).parts):
         if not chunk.relative_to(path).parts[0] == "time":
             chunk.write_bytes(b"nothing")
-    with pytest.raises(cli.typer.Exit) as told:
-        cli.check(path)
+    with pytest.raises(typer.Exit) as told:
+        commands.check(path)
     assert told.value.exit_code == 1
     assert "FAULT" in capsys.readouterr().out

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import cli
+from kreisel.cli import runs as commands
 from kreisel.lab import exact
 from kreisel.method.auto import ORDERS, choose
 from kreisel.system import REGISTRY
@@ -109,7 +109,7 @@ def test_from_a_file_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         '[system]\nname = "lagrange-top"\np = [0, 0, 1]\n[state]\nm = [0.1, 0.2, 1.5]\na = [0.6, 0, 0.8]\n'
         '[run]\norder = "auto"\ntol = 1e-8\ndt = 1.0\nsteps = 100\nevery = 10\n[output]\npath = "run.zarr"\n'
     )
-    cli.run(Path("top.toml"))
+    commands.run(Path("top.toml"))
     told = kr.open_run("run.zarr")
     longer = kr.resume(Path("run.zarr"), extend=2 * told.attrs["steps"])
     assert longer.attrs["options"] == told.attrs["options"]

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from kreisel import cli
 from kreisel.bench import compiled, ensemble, saving, short, single
+from kreisel.cli import subjects
 
 RATIOS = ("step_to_cpp", "lane_step_to_cpp")
 
@@ -28,13 +28,13 @@ def test_without_a_compiler_the_comparison_is_left_out(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PATH", "")
-    cli.bench(as_json=True)
+    subjects.bench(as_json=True)
     told = json.loads(capsys.readouterr().out)
     assert told["note"] == compiled.MISSING
     (row,) = told["maps"].values()
     assert all(value > 0 for value in row.values())
     assert not row.keys() & set(RATIOS)
-    cli._print_bench(told)
+    subjects._print_bench(told)
     printed = capsys.readouterr().out
     assert "lagrange-top" in printed
     assert "g++ is not on the PATH" in printed

@@ -1,0 +1,43 @@
+"""The command line: run, resume, check, plot, view, systems, methods, verify, bench.
+
+Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where what a method
+conserves is not conserved, the archive being kept; 128 and more for signals.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+
+from kreisel.cli import runs, subjects  # noqa: F401 - each registers its commands
+from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
+from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trouble
+
+__all__ = ["NOT_CONSERVED", "app", "main"]
+
+
+def main() -> None:
+    """The entry point: errors that a user can mend become one message and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # of a terminal that lacks the letter
+    try:
+        app()
+    except (Stopped, Interrupted) as stopped:
+        say(f"kreisel: {stopped}", file=sys.stderr)
+        sys.exit(128 + stopped.number)
+    except (InputError, RunError) as error:
+        say(f"kreisel: {error}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError as error:
+        say(f"kreisel: expected less than the memory that is free, got {error or 'more'}. {TOO_MUCH}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        say("kreisel: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        say(f"kreisel: {disk_trouble(error, error.filename or 'a file', 'be used', '')}", file=sys.stderr)
+        sys.exit(2)

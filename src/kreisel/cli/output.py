@@ -1,0 +1,174 @@
+"""What the commands share: the application, options, and how tables, JSON and messages are printed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kreisel.errors import (
+    ConservationWarning,
+    InputError,
+    brief,
+    printable,
+    shown,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Simulate spinning bodies and keep every first integral to round-off.",
+)
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
+NOT_CONSERVED = 3  # exit code
+TOO_MUCH = "Usual cause: an n or a number of lanes that is too large. Use fewer, or save less often (every)."
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
+
+
+def condition(faults: list[str]) -> str:
+    """One word for an archive with these faults."""
+    cut = [fault for fault in faults if "was interrupted" in fault]
+    return "whole" if not faults else "interrupted" if cut == faults else "damaged"
+
+
+def say(text: str, file: Any = None) -> None:
+    """Print a line without its control characters: it may hold names and attributes of somebody else."""
+    print(brief(text), file=file, flush=True)
+
+
+def width() -> int:
+    """Letters in a line of the terminal."""
+    import shutil
+
+    return max(60, shutil.get_terminal_size((110, 24)).columns) if sys.stdout.isatty() else 110
+
+
+def parameter_of(told: str) -> tuple[str, Any]:
+    """A parameter and its numbers, from NAME=NUMBERS."""
+    from fractions import Fraction
+
+    name, sign, value = told.partition("=")
+    try:
+        numbers = [Fraction(part) for part in value.split(",")]
+    except (ValueError, ZeroDivisionError):
+        numbers = []
+    if not sign or not name or not numbers:
+        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(told)}.")
+    return name, numbers[0] if len(numbers) == 1 else numbers
+
+
+def print_finding(finding: Any) -> None:
+    """What came of a row of `kreisel verify`."""
+    from kreisel.lab.paper import rows
+
+    n, over_q, floats, verdict = rows.cells(finding)
+    row = finding.row
+    print(f"{row.name}: {row.place}\n    {row.statement}")
+    print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
+
+
+def finding_data(finding: Any) -> dict[str, Any]:
+    """The same as plain data."""
+    row = finding.row
+    return {
+        "row": row.name,
+        "place": row.place,
+        "statement": row.statement,
+        "erratum": row.erratum,
+        "n": finding.dimensions,
+        "exact": finding.over_q,
+        "float": finding.in_floats,
+        "printed": finding.printed,
+        "holds": finding.holds,
+        "verdict": finding.verdict,
+    }
+
+
+def save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
+    """Draw a run, beside another if there is one, into a file."""
+    from kreisel.storage.replacing import written
+    from kreisel.viewer.plots import plot as draw
+
+    require_figure(target)
+    with written(target) as scratch:
+        mark = {".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]
+        draw(result, compare=compare, theme=theme).savefig(scratch, metadata={mark: "Kreisel"})
+
+
+def require_figure(target: Path) -> None:
+    """Raises `InputError` where no figure can be written."""
+    from kreisel.runs.config import FIGURES
+    from kreisel.storage.replacing import require_file
+
+    require_file(target)
+    if target.suffix.lower() not in FIGURES:
+        raise InputError(f"Expected the name of a figure that ends in {', '.join(FIGURES)}; got {str(target)!r}.")
+
+
+@contextlib.contextmanager
+def warnings_in_the_table() -> Iterator[None]:
+    """What is not conserved is told in the table and by the exit code: no warning beside."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConservationWarning)
+        yield
+
+
+def shout(sentences: list[str]) -> None:
+    """What is not conserved, on stderr; exit code 3."""
+    for sentence in sentences:
+        say(f"kreisel: {sentence}", file=sys.stderr)
+    if sentences:
+        raise typer.Exit(NOT_CONSERVED)
+
+
+def print_drift(table: pd.DataFrame) -> None:
+    """The table of `kr.drift`."""
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, header_style="bold")
+    grid.add_column("integral")
+    grid.add_column("conserved")
+    for column in ("start", "max |change|", "ulps", "slope", "correction"):
+        grid.add_column(column, justify="right")
+    for label, row in table.iterrows():
+        name = printable(label)
+        numbers = (
+            f"{row.start:.6g}",
+            f"{row.max_change:.2e}",
+            f"{row.ulps:.2g}",
+            f"{row.slope:.1e}",
+            "" if math.isnan(row.correction) else f"{row.correction:.2g}",
+        )
+        conserved = "[bold red]BROKEN[/]" if row.broken else "yes" if row.conserved else "no"
+        grid.add_row(name.replace("[", r"\["), conserved, *numbers)
+    Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
+
+
+def records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
+    """Rows as plain data; JSON has no infinity, so a change that no rounding explains has the ratio null."""
+    if table is None:
+        return []
+    rows = table.to_dict("index").items()
+    return [{"integral": str(name), **{str(k): finite(v) for k, v in row.items()}} for name, row in rows]
+
+
+def finite(value: Any) -> Any:
+    """None for what JSON does not have."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def print_json(value: Any) -> None:
+    """For scripts."""
+    print(json.dumps(value, indent=1, allow_nan=False, default=float))

@@ -1,0 +1,272 @@
+"""Commands on runs and archives: run, resume, sweep, check, export, plot, view."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    pass
+
+from kreisel.cli.output import (
+    AsJson,
+    Overwrite,
+    app,
+    condition,
+    finite,
+    print_drift,
+    print_json,
+    records,
+    require_figure,
+    save_figure,
+    say,
+    shout,
+    warnings_in_the_table,
+)
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="A TOML file; see examples/.")],
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+    figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
+    project: Annotated[
+        bool, typer.Option("--project/--no-project", help="Put the state back on what is conserved.")
+    ] = True,
+) -> None:
+    """Simulate: write the archive, print the drift of every integral, save a figure.
+
+    Exit code 3 says that something which the method conserves is not conserved; the archive is kept.
+    """
+    from kreisel.runs.config import read
+    from kreisel.runs.drift import broken, drift
+    from kreisel.runs.own import load
+    from kreisel.runs.simulate import simulate
+
+    asked = read(config)
+    model = load(asked.name, asked.file)(**asked.parameters)
+    if figure:
+        require_figure(asked.figure)
+    begun = time.perf_counter()
+    with warnings_in_the_table():
+        result = simulate(
+            model,
+            model.state(**asked.state),
+            dt=asked.run.dt,
+            steps=asked.run.steps,
+            every=asked.run.every,
+            method=asked.run.method,
+            order=asked.run.order,
+            tol=asked.run.tol,
+            engine=asked.run.engine,
+            project=asked.run.project and project,
+            orientation=asked.orientation,
+            path=asked.path,
+            overwrite=overwrite,
+        )
+    seconds = time.perf_counter() - begun
+    table = drift(result)
+    told = {
+        "archive": str(asked.path),
+        "figure": str(asked.figure) if figure else None,
+        "system": asked.name,
+        "method": result.attrs["method"],
+        "options": json.loads(result.attrs["options"]),
+        "dt": result.attrs["dt"],
+        "steps": result.attrs["steps"],
+        "rows": int(result.sizes["time"]),
+        "seconds": round(seconds, 3),
+    }
+    if as_json:
+        if figure:
+            save_figure(result, asked.figure)
+        print_json({**told, "drift": records(table), "broken": broken(table)})
+        return shout(broken(table))
+    say(f"{result.attrs['title']}: {model}")
+    if told["options"]:
+        say(", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in told["options"].items()))
+    say(f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)")
+    print_drift(table)
+    if figure:
+        save_figure(result, asked.figure)
+        say(f"figure: {asked.figure}")
+    return shout(broken(table))
+
+
+@app.command()
+def resume(
+    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    extend: Annotated[int | None, typer.Option("--extend", help="Lengthen the run to this number of steps.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
+    from kreisel.runs.drift import broken, drift
+    from kreisel.runs.simulate import resume as go_on
+
+    with warnings_in_the_table():
+        result = go_on(archive, extend=extend)
+    table = drift(result)
+    if as_json:
+        told = {"archive": str(archive), "steps": result.attrs["steps"], "drift": records(table)}
+        print_json({**told, "broken": broken(table)})
+        return shout(broken(table))
+    say(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
+    print_drift(table)
+    return shout(broken(table))
+
+
+@app.command()
+def sweep(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a section [sweep]; see examples/sweep.toml.")],
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Processes here, by default one a core; 0: this one, without Dask.")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", help="The address of a Dask scheduler.")] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate many lanes that differ in parameters, states or settings; the same command goes on after a kill."""
+    from kreisel.runs.config import read_sweep
+    from kreisel.sweeps.broken_lanes import broken_lanes
+    from kreisel.sweeps.sweep import carry_out, failures, open_sweep
+
+    description, file, path = read_sweep(config)
+    report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
+    result = open_sweep(report.path)
+    worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
+    largest = {name: finite(value) for name, value in worst.items() if name.endswith("_drift")}
+    lost = broken_lanes(result, file)
+    told = {
+        "archive": str(path),
+        "lanes": report.lanes,
+        "failed": report.failed,
+        "blocks": report.blocks,
+        "blocks_before": report.before,
+        "seconds": round(report.seconds, 3),
+        "peak_MiB": round(report.peak_MiB),
+        "largest": largest,
+        "broken": lost,
+    }
+    if as_json:
+        print_json(told)
+        return shout(lost)
+    before = f", {report.before:,} of them done before" if report.before else ""
+    say(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
+    for name, value in largest.items():
+        say(f"    {name:32}{value:.2e}" if value is not None else f"    {name:32}none")
+    if report.failed:
+        say(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
+        for lane, row in failures(result).head(3).iterrows():
+            say(f"    lane {lane}: {row.message}")
+    return shout(lost)
+
+
+@app.command()
+def check(
+    archive: Path,
+    as_json: AsJson = False,
+    out: Annotated[
+        Path | None, typer.Option("--recover", help="Write the rows that are whole to a new archive.")
+    ] = None,
+) -> None:
+    """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
+    from kreisel.runs.drift import broken, drift
+    from kreisel.storage.archive import is_own
+    from kreisel.storage.checking import check_archive, recover
+    from kreisel.sweeps.broken_lanes import broken_lanes
+
+    result, faults = check_archive(archive)
+    if out is not None:
+        kept, rows = recover(archive, out)
+        say(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
+    table = drift(result) if result is not None and "kreisel_sweep" not in result.attrs else None
+    if result is not None:
+        lost = broken(table) if table is not None else [] if faults else broken_lanes(result)
+        faults += lost
+    if as_json:
+        print_json({"archive": str(archive), "faults": faults, "drift": records(table)})
+    else:
+        if table is not None:
+            print_drift(table)
+        for fault in faults:
+            say(f"FAULT: {fault}")
+        if table is not None and result is not None and is_own(result.attrs):
+            say(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
+        say(f"{archive}: {condition(faults)}")
+    if faults:
+        raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    archive: Annotated[Path, typer.Argument(help="An archive of a run or a sweep.")],
+    out: Annotated[Path, typer.Argument(help="The file to write: .nc, .h5 or .parquet.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Write an archive as NetCDF (HDF5) or Parquet."""
+    from kreisel.storage.exporting import export as write
+
+    write(archive, out, overwrite=overwrite)
+    say(f"{archive} -> {out}")
+
+
+@app.command()
+def plot(
+    archive: Path,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .png, .pdf or .svg.")] = None,
+    compare: Annotated[Path | None, typer.Option("--compare", help="A second archive, drawn in grey.")] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
+) -> None:
+    """Draw the figure of an archive."""
+    from kreisel.storage.archive import open_archive
+    from kreisel.storage.replacing import settled
+
+    result = open_archive(settled(archive))
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
+    save_figure(result, target, open_archive(settled(compare)) if compare else None, "dark" if dark else "light")
+    say(f"figure: {target}")
+
+
+@app.command()
+def view(
+    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .html.")] = None,
+    lane: Annotated[int, typer.Option("--lane", help="The trajectory of an ensemble.")] = 0,
+    serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", help="0: one that is free.")] = 0,
+) -> None:
+    """Write the interactive page of an archive: one HTML file that opens offline."""
+    from kreisel.storage.archive import open_archive
+    from kreisel.storage.replacing import require_file, settled
+    from kreisel.viewer.page import view as page_of
+
+    if serve:
+        _serve(archive, host, port, lane)
+        return
+    result = open_archive(settled(archive))
+    target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
+    require_file(target)
+    page_of(result, lane=lane).save(target)
+    say(f"page: {target}")
+
+
+def _serve(archive: Path, host: str, port: int, lane: int) -> None:
+    from kreisel.viewer.serve import LOOPBACK, address, server
+
+    with server(archive, host=host, port=port, lane=lane) as serving:
+        if host not in LOOPBACK:
+            say(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
+        say(f"{address(serving)}  (Ctrl-C ends it)")
+        try:
+            serving.serve_forever()
+        except KeyboardInterrupt:
+            print("ended", file=sys.stderr)

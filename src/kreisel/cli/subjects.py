@@ -1,0 +1,185 @@
+"""Commands on what there is and whether it holds: systems, methods, verify, bench, investigate."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kreisel.errors import (
+    InputError,
+)
+
+if TYPE_CHECKING:
+    pass
+
+from kreisel.cli.output import AsJson, app, finding_data, parameter_of, print_finding, print_json, say, width
+
+
+@app.command()
+def systems(
+    name: Annotated[str | None, typer.Argument(help="One system, for its whole record.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the systems, or print the record of one."""
+    from kreisel.system import REGISTRY, find
+    from kreisel.viewer.record import record, summary, table
+
+    if name is not None:
+        system = find(name)
+        print(json.dumps(summary(system), indent=1) if as_json else record(system))
+    elif as_json:
+        print_json([summary(system) for system in REGISTRY.values()])
+    else:
+        print(table(REGISTRY.values()))
+
+
+@app.command()
+def methods(
+    name: Annotated[str | None, typer.Argument(help="One method, for its whole record.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the methods, or print the record of one."""
+    from kreisel.method import METHODS, find
+    from kreisel.viewer.record import method_record, method_table
+
+    if name is not None:
+        method = find(name)
+        print(json.dumps(method.summary(), indent=1) if as_json else method_record(method))
+    elif as_json:
+        print_json([method.summary() for method in METHODS.values()])
+    else:
+        print(method_table(METHODS.values()))
+
+
+@app.command()
+def verify(
+    name: Annotated[str | None, typer.Argument(help="A row, or the beginning of names, such as theorem.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Name the rows without testing them.")] = False,
+    as_json: AsJson = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
+) -> None:
+    """Every theorem and displayed identity of the paper, exactly over Q and in floats, n = 3 to 6."""
+    from rich.console import Console
+
+    from kreisel.lab import paper
+    from kreisel.lab.paper import rows
+
+    if listed:
+        for row in rows.chosen(name):
+            say(f"{row.name:32}{row.place}")
+        return
+    console = Console(stderr=True)
+    findings: list[paper.Finding] = []
+    asked = rows.chosen(name)
+    with console.status("") as status:
+        for row in asked:
+            status.update(f"{row.name} ({len(findings) + 1} of {len(asked)})")
+            findings.append(paper.test(row))
+            if not (as_json or markdown):
+                print_finding(findings[-1])
+    if as_json:
+        print_json([finding_data(finding) for finding in findings])
+    elif markdown:
+        print(rows.markdown(findings), end="")
+    failing = [finding.row.name for finding in findings if not finding.holds]
+    if not (as_json or markdown):
+        errata = sum(finding.row.printed is not None for finding in findings)
+        say(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
+    if failing:
+        raise typer.Exit(1)
+
+
+@app.command()
+def bench(as_json: AsJson = False) -> None:
+    """Measure the speed of each map on this machine, n = 3, against C++ where g++ is installed; about a minute."""
+    from rich.console import Console
+
+    from kreisel.bench import short
+
+    with Console(stderr=True).status("") as status:
+        told = short.bench(lambda name: status.update(f"{name}: kernels are compiled and timed"))
+    if as_json:
+        print_json(told)
+        return
+    _print_bench(told)
+
+
+BENCH_COLUMNS = {
+    "ns_a_step": "ns a step",
+    "step_to_cpp": "to C++",
+    "ns_a_lane_step": "ns a lane-step",
+    "lane_step_to_cpp": "to C++",
+    "one_core_to_all": "one core to all",
+    "saving": "saving every 100",
+}
+
+
+def _print_bench(told: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, header_style="bold")
+    grid.add_column("map, n = 3")
+    shown = [name for name in BENCH_COLUMNS if name in next(iter(told["maps"].values()))]
+    for name in shown:
+        grid.add_column(BENCH_COLUMNS[name], justify="right")
+    for label, row in told["maps"].items():
+        grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
+    Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
+    known = told["machine"]
+    print(
+        f"{known['cpu']}, {known['cores']} cores; load average {told['load_average']}; times are medians, of one core"
+    )
+    if "note" in told:
+        print(told["note"])
+
+
+@app.command()
+def investigate(
+    what: Annotated[
+        str | None, typer.Argument(help="A system, or a Python file with a step, a Lagrangian or a model.")
+    ] = None,
+    eps: Annotated[str | None, typer.Option("--eps", help="The step, a whole number or a fraction; 1/3.")] = None,
+    n: Annotated[int | None, typer.Option("--n", help="The dimension of a system; 3.")] = None,
+    constants: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter of a system, such as b=1,2,4; may be repeated.")
+    ] = None,
+    degree: Annotated[int | None, typer.Option("--degree", help="Of the integrals that are sought.")] = None,
+    iterates: Annotated[int | None, typer.Option("--iterates", help="How many degrees.")] = None,
+    steps: Annotated[int, typer.Option("--steps", help="Of the orbits for Lyapunov's exponents.")] = 10_000,
+    seed: Annotated[int, typer.Option("--seed", help="Of the random points.")] = 0,
+    html: Annotated[Path | None, typer.Option("--html", help="Write the page to this file.")] = None,
+    as_json: AsJson = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Every map of the registry, as a table.")] = False,
+) -> None:
+    """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
+    from kreisel.lab import investigation, report
+    from kreisel.storage.replacing import require_file
+
+    known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
+    if markdown:
+        print(report.registry_table(), end="")
+        return
+    if what is None:
+        raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
+    if html is not None:
+        require_file(html)
+    given = dict(parameter_of(told) for told in constants or [])
+    file = what.endswith(".py")
+    found = (
+        investigation.investigate_file(Path(what), **known, **given)
+        if file
+        else investigation.investigate(what, **known, **given)
+    )
+    if html is not None:
+        found.save(html)
+    if as_json:
+        print_json(report.plain(found))
+    else:
+        print(report.text(found, width()))
+        if html is not None:
+            say(f"page: {html}")
