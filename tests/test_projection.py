@@ -16,7 +16,7 @@ from kreisel import algebra
 from kreisel.algebra import invariants
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
-from kreisel.kernels.projection import compiled
+from kreisel.kernels.projection import corrections
 from kreisel.kernels.projection.arrays import Observed
 from kreisel.kernels.projection.gradients import Traced, gradient
 from kreisel.kernels.projection.program import program_of
@@ -182,7 +182,7 @@ def test_the_mean_of_an_interval_is_that_of_the_start(n: int, lanes: int, engine
 
 def test_mutant_of_the_lead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Back to the values at the start and no further."""
-    for module in ("compiled", "arrays"):
+    for module in ("text", "arrays"):
         monkeypatch.setattr(f"kreisel.kernels.projection.{module}.GAIN", 0.0)
     for n in (3, 12):
         found = drifting(random_plan("lagrange-top", n, "suris", 1, engine="cpu"))
@@ -524,9 +524,9 @@ def test_the_correction_is_stored_and_shown(often: int, top: Any, x0: Any, tmp_p
 
 
 def test_the_interval_is_a_small_share(top: Any) -> None:
-    assert compiled.interval(1, 10) == 100
-    assert compiled.interval(1200, 50) == 2500
-    assert all(10**9 % k == 0 for k in compiled.INTERVALS if k < 10**5)
+    assert corrections.interval(1, 10) == 100
+    assert corrections.interval(1200, 50) == 2500
+    assert all(10**9 % k == 0 for k in corrections.INTERVALS if k < 10**5)
 
 
 @pytest.mark.parametrize("name", ["euler-top", "lagrange-top"])

@@ -28,9 +28,10 @@ from kreisel.kernels import dense, simd
 from kreisel.kernels.cache import module
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import WIDTH as WIDE
-from kreisel.kernels.projection.compiled import Corrections, Projection, Weave, interval, plain
+from kreisel.kernels.projection.compiled import Projection, Weave, plain
+from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.program import MOST_N, program_of, program_of_orientation, recordable
+from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.recording import (
     Recording,
     flat_constants,

@@ -17,8 +17,9 @@ import numpy as np
 from kreisel.errors import InputError
 from kreisel.kernels.cpu import load
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection.compiled import FLAT, GAIN, TAU, Corrections, block, interval
+from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.program import Program, program_of, program_of_orientation, recordable
+from kreisel.kernels.projection.text import FLAT, GAIN, TAU, block
 from kreisel.kernels.recording import Recording, flat_constants, flat_stages, indented
 from kreisel.kernels.tape import TooLong
 from kreisel.method.scheme import Scheme

@@ -23,7 +23,7 @@ from kreisel.record.model import Model, State
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.kernels.large.blockwise import Printer
-    from kreisel.kernels.projection.compiled import Corrections
+    from kreisel.kernels.projection.corrections import Corrections
     from kreisel.method.auto import Choice
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")

@@ -14,8 +14,9 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.projection.compiled import GAIN, TAU, Corrections, interval
+from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.gradients import Namespace, Traced, cost, gradient
+from kreisel.kernels.projection.text import GAIN, TAU
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 

@@ -1,0 +1,94 @@
+"""What a projection knows of a run, whatever makes it, and how often it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.kernels.layout import Floats
+
+FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
+# K: parts of 10^k.  With SHARE projections take 1 to 5 % of the time, measured for n = 3, 5, 10, alone and in lanes.
+INTERVALS = tuple(int(m * 10**e / 10) for e in range(2, 12) for m in (10, 20, 25, 40, 50, 80))
+SHARE = 0.011  # operations of a projection that an operation of a step may cost
+
+
+def interval(cost: float, work: float) -> int:
+    """K: the first of 100, 200, 250, ... steps between two projections that makes them a small share of the time."""
+    return next(k for k in INTERVALS if k * SHARE * work >= cost)
+
+
+class Corrections:
+    """What a projection knows of a run: the values of the invariants at the start, and how much it had to correct.
+
+    labels   of the invariants
+    every    steps between two projections; `done` of them were made since the last one
+    targets  the values at the start, in two doubles each, the size of their terms, and by how much a projection goes
+             beyond them (lanes, invariants, 4)
+    worst    the largest correction of each yet, as a distance in state space in units of eps_machine |z|
+    bound    as `targets`, of what binds an orientation to the state
+    """
+
+    def __init__(self, labels: tuple[str, ...], every: int, lanes: int, bonds: int = 0):
+        self.labels, self.every, self.done = labels, every, 0
+        self.targets, self.worst = np.zeros((lanes, len(labels), 4)), np.zeros((lanes, len(labels)))
+        self.bound = np.zeros((lanes, bonds, 4))
+
+    def peek(self, z: Floats) -> Floats:
+        """`worst` with what the state z lacks now (lanes, invariants), NaN where that is not known; nothing changes."""
+        raise NotImplementedError
+
+    def apply(self) -> None:
+        """Project the state, in place."""
+        raise NotImplementedError
+
+    def count(self, steps: int) -> None:
+        """So many steps were made."""
+        self.done = (self.done + steps) % self.every
+
+    def in_parts(
+        self, out: Floats, every: int, advance: Callable[[Floats, int], None], project: Callable[[], Floats]
+    ) -> None:
+        """`every` steps for each row of `out`, by calls of `advance(rows, steps)`, and a projection where it is due.
+
+        `project` returns the state, which a row that ends there has.
+        """
+        row = into = 0
+        while row < len(out):
+            left = self.every - self.done
+            rows = 0 if into else min(left // every, len(out) - row)
+            steps = rows * every or min(left, every - into)
+            advance(out[row : row + max(rows, 1)], every if rows else steps)
+            into = (into + steps) % every
+            row += rows or into == 0
+            self.count(steps)
+            if self.done == 0:
+                state = project()
+                if into == 0:
+                    out[row - 1] = state
+
+    def beyond(self, angle: Array) -> Array:
+        """Which corrections (lanes, invariants) roundings of `every` steps, each a turn by `angle`, cannot explain."""
+        return self.worst > FAR * np.sqrt(self.every) * (1 + angle[:, None] ** 2)
+
+    def largest(self, z: Floats) -> dict[str, float]:
+        """The largest correction of each variable, at the end of a run in the state z."""
+        out: dict[str, float] = {}
+        for label, value in zip(self.labels, np.fmax.reduce(self.peek(z)), strict=True):
+            if value == value:
+                name = label.partition("[")[0]
+                out[name] = max(out.get(name, 0.0), float(value))
+        return out
+
+    def snapshot(self) -> dict[str, Floats]:
+        """All that the next steps depend on."""
+        done = np.array(float(self.done))
+        return {"targets": self.targets, "bound": self.bound, "worst": self.worst, "done": done}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        """Go on from a snapshot."""
+        for name in ("targets", "bound", "worst"):
+            getattr(self, name)[:] = snapshot[name]
+        self.done = int(snapshot["done"])

@@ -1,0 +1,273 @@
+"""The text of the projection, for one state, vectors of lanes and GPUs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+TAU = 1e-6  # of a row of length 1: what depends on the others to less is left as it is
+GAIN = 0.0625  # of the mean that is found of what an invariant drifts by from one projection to the next
+FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
+WIDTH = 8  # lanes at once
+LINE = 64  # bytes of the cache; a vector that lies across two takes twice the time
+
+BLOCK = """
+{inline}
+def put_sum(room, high, low, p, e):
+    s = p + e
+    put(room, high, s)
+    put(room, low, e - (s - p))
+
+
+{compiled}
+def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room, lane, last, begin):
+    d, k, lanes, constants, used, known, length, many, free = sizes
+    base = d + used + known
+    count = base + length
+    S = 2 * count
+    J = S + count
+    G = J + k * d
+    R = G + k * k
+    T = R + k  # of each invariant the four numbers of `targets` and `worst`
+    for w in range({width}):
+        at = min(lane + w, last - 1)
+        if not begin:
+            for j in range(k):
+                for i in range(4):
+                    set_entry(room, T + 5 * j + i, w, number(targets, 4 * (at * k + j) + i))
+                set_entry(room, T + 5 * j + 4, w, number(worst, at * k + j))
+        for i in range(d):
+            set_entry(room, i, w, number(z, {z}))
+        for i in range(used):
+            j = whole(columns, i)
+            set_entry(room, d + i, w, number(c, {c}))
+        for i in range(known):
+            set_entry(room, d + used + i, w, number(literals, i))
+    nothing = get(room, d + used)
+    for i in range(count, count + base):
+        put(room, i, nothing)
+    i = 0
+    for run in range(many):
+        what, end = whole(runs, 2 * run), whole(runs, 2 * run + 1)
+        if what == 2:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p = times(a, b)
+                put_sum(room, o, count + o, p, fma(a, b, -p) + fma(a, lb, times(la, b)))
+                i += 1
+        elif what == 0:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p = a + b
+                t = p - a
+                put_sum(room, o, count + o, p, ((a - (p - t)) + (b - t)) + (la + lb))
+                i += 1
+        elif what == 1:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p = a - b
+                t = p - a
+                put_sum(room, o, count + o, p, ((a - (p - t)) - (b + t)) + (la - lb))
+                i += 1
+        elif what == 3:
+            while i < end:
+                o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
+                a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
+                p, q = a / b, 1.0 / b
+                put_sum(room, o, count + o, p, times(fma(-p, b, a) + fma(-p, lb, la), q))
+                put(room, whole(ops, 4 * i + 2), q)
+                put(room, whole(ops, 4 * i + 3), -times(p, q))
+                i += 1
+        else:
+            while i < end:
+                o, x = base + i, whole(ops, 4 * i)
+                a, la = get(room, x), get(room, count + x)
+                p = sqrt(a)
+                q = 0.5 / p
+                put_sum(room, o, count + o, p, times(fma(-p, p, a) + la, q))
+                put(room, whole(ops, 4 * i + 2), q)
+                i += 1
+    if begin:
+        for w in range({width}):
+            at = min(lane + w, last - 1)
+            for j in range(k):
+                set_number(targets, 4 * (at * k + j), entry(room, whole(outs, j), w))
+                set_number(targets, 4 * (at * k + j) + 1, entry(room, count + whole(outs, j), w))
+        for i in range(base):
+            put(room, i, size(get(room, i)))
+        i = 0
+        for run in range(many):  # the terms of each sum, all with one sign
+            what, end = whole(runs, 2 * run), whole(runs, 2 * run + 1)
+            while i < end:
+                a, b, o = get(room, whole(ops, 4 * i)), get(room, whole(ops, 4 * i + 1)), base + i
+                if what == 2:
+                    put(room, o, times(a, b))
+                elif what < 2:
+                    put(room, o, a + b)
+                elif what == 3:
+                    put(room, o, a / b)
+                else:
+                    put(room, o, sqrt(a))
+                i += 1
+        for w in range({width}):
+            at = min(lane + w, last - 1)
+            for j in range(k):
+                set_number(targets, 4 * (at * k + j) + 2, entry(room, whole(outs, j), w))
+        return
+    for i in range(S, S + count):
+        put(room, i, nothing)
+    one = get(room, d + used + 1)
+    start = 0
+    for j in range(k):
+        put(room, S + whole(outs, j), one)
+        for n in range(start, whole(ends, j)):
+            i = whole(cones, n)
+            o, x, y = S + base + i, S + whole(ops, 4 * i), S + whole(ops, 4 * i + 1)
+            g = get(room, o)
+            put(room, o, nothing)
+            put(room, x, fma(g, get(room, whole(ops, 4 * i + 2)), get(room, x)))
+            put(room, y, fma(g, get(room, whole(ops, 4 * i + 3)), get(room, y)))
+        start = whole(ends, j)
+        for i in range(d):
+            put(room, J + j * d + i, get(room, S + i) if i >= free else nothing)
+            put(room, S + i, nothing)
+    total = nothing
+    for i in range(d):
+        total = fma(get(room, i), get(room, i), total)
+    unit = 1.0 / sqrt(total)
+    for j in range(k):
+        total = nothing
+        for i in range(d):
+            total = fma(get(room, J + j * d + i), get(room, J + j * d + i), total)
+        flat = times(get(room, T + 5 * j + 2), times(unit, FLAT))
+        total = sqrt(fma(flat, flat, total))
+        scale = where_less(nothing, total, 1.0 / total, nothing)
+        for i in range(d):
+            put(room, J + j * d + i, times(scale, get(room, J + j * d + i)))
+        lack = get(room, whole(outs, j)) - get(room, T + 5 * j)
+        lack = lack + (get(room, count + whole(outs, j)) - get(room, T + 5 * j + 1))
+        lead = get(room, T + 5 * j + 3)
+        drift = lack + lead
+        lead = fma(GAIN, fma(0.5, drift, -lead), lead)
+        put(room, T + 5 * j + 3, lead)
+        put(room, R + j, times(lack + lead, scale))
+        distance = times(size(times(drift, scale)), times(unit, 1.0 / EPS))
+        put(room, T + 5 * j + 4, max(get(room, T + 5 * j + 4), distance))
+    for j in range(k):
+        for q in range(j, k):
+            total = nothing
+            for i in range(d):
+                total = fma(get(room, J + j * d + i), get(room, J + q * d + i), total)
+            put(room, G + j * k + q, total + TAU if q == j else total)
+    for j in range(k):
+        pivot = 1.0 / get(room, G + j * k + j)
+        for q in range(j + 1, k):
+            f = -times(get(room, G + j * k + q), pivot)
+            for i in range(q, k):
+                put(room, G + q * k + i, fma(f, get(room, G + j * k + i), get(room, G + q * k + i)))
+            put(room, R + q, fma(f, get(room, R + j), get(room, R + q)))
+        put(room, G + j * k + j, pivot)
+    for j in range(k - 1, -1, -1):
+        total = get(room, R + j)
+        for q in range(j + 1, k):
+            total = fma(-get(room, G + j * k + q), get(room, R + q), total)
+        put(room, R + j, times(total, get(room, G + j * k + j)))
+    for i in range(d):
+        total = get(room, i)
+        for j in range(k):
+            total = fma(-get(room, J + j * d + i), get(room, R + j), total)
+        put(room, i, total)
+    for w in range(min({width}, last - lane)):
+        at = lane + w
+        for i in range(d):
+            set_number(z, {z}, entry(room, i, w))
+        for j in range(k):
+            set_number(targets, 4 * (at * k + j) + 3, entry(room, T + 5 * j + 3, w))
+            set_number(worst, at * k + j, entry(room, T + 5 * j + 4, w))
+"""
+
+HEAD = '''"""Made by kreisel.kernels.projection.text; not to be edited."""
+from math import sqrt
+
+from numba import cfunc, njit
+
+from kreisel.kernels._numba.fused import fma, size, where_less
+from kreisel.kernels._numba.pointers import double_at as number
+from kreisel.kernels._numba.pointers import integer_at as whole
+from kreisel.kernels._numba.pointers import long_at, put_double as set_number
+{reading}
+TAU, FLAT, EPS, GAIN = {tau!r}, {flat!r}, {eps!r}, {gain!r}
+
+
+@njit({exact})
+def get(room, row):
+    return {get}
+
+
+@njit({exact})
+def put(room, row, value):
+    {put}
+
+
+@njit({exact})
+def entry(room, row, w):
+    return number(room, {width} * row + w)
+
+
+@njit({exact})
+def set_entry(room, row, w, value):
+    set_number(room, {width} * row + w, value)
+
+
+@njit({exact})
+def times(x, y):
+    return x * y
+
+'''
+
+TABLE = '''
+
+@cfunc("void(i8, i8, i8, i8, i8)", cache=True, error_model="numpy")
+def project(table, place, first, last, begin):
+    """The lanes from first to last; `table` has the numbers below and where the next one is, `place` is room."""
+    place = (place + {line} - 1) // {line} * {line}
+    while table != 0:
+        sizes = (
+            long_at(table, 0), long_at(table, 1), long_at(table, 2), long_at(table, 3), long_at(table, 4),
+            long_at(table, 5), long_at(table, 6), long_at(table, 7), long_at(table, 8),
+        )
+        ops, runs, outs = long_at(table, 9), long_at(table, 10), long_at(table, 11)
+        ends, cones, columns = long_at(table, 12), long_at(table, 13), long_at(table, 14)
+        literals, targets, worst = long_at(table, 15), long_at(table, 16), long_at(table, 17)
+        z, c = long_at(table, 18), long_at(table, 19)
+        for lane in range(first, last, {width}):
+            block(
+                sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, place, lane, last, begin
+            )
+        table = long_at(table, 20)
+'''
+
+
+def source(width: int) -> str:
+    """The text of the projection of so many states at once."""
+    one, exact = width == 1, 'error_model="numpy", forceinline=True'
+    head = HEAD.format(
+        reading="" if one else "from kreisel.kernels._numba.vector_type import put_vector, vector_at\n",
+        get="number(room, row)" if one else f"vector_at(room, row, {width})",
+        put="set_number(room, row, value)" if one else "put_vector(room, row, value)",
+        width=width,
+        exact=exact,
+        tau=TAU,
+        flat=FLAT,
+        gain=GAIN,
+        eps=float(np.finfo(np.float64).eps),
+    )
+    states = block(f"@njit({exact})", '@njit(error_model="numpy")', "at * d + i", "at * constants + j", width)
+    return head + states + TABLE.format(width=width, line=LINE)
+
+
+def block(inline: str, compiled: str, z: str, c: str, width: int) -> str:
+    """The text of the projection of `width` states, by decorators, and by where the numbers i of z and j of c stand."""
+    return BLOCK.format(inline=inline, compiled=compiled, z=z, c=c, width=width)
