@@ -565,7 +565,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         ),
         (
             lambda top: kr.simulate(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=1, steps=1, method="exact", order=2),
-            "no order",
+            "Leave order out",
         ),
     ],
 )

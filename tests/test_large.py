@@ -14,12 +14,13 @@ from kreisel.kernels.large import blockwise, forms
 from kreisel.kernels.large.structured import Matrix, Vector
 from kreisel.kernels.printing import Line
 from kreisel.method import Scheme, scheme
+from kreisel.record.model import Model
 from kreisel.runs.plan import make_plan
 
 DT = 0.1
 
 
-def problem(name: str, n: int, lanes: tuple[int, ...] = ()) -> tuple[kr.model.Model, dict[str, Array]]:
+def problem(name: str, n: int, lanes: tuple[int, ...] = ()) -> tuple[Model, dict[str, Array]]:
     draw = np.random.default_rng(n)
     X, v, p = draw.normal(size=(*lanes, n, n)) / np.sqrt(n), draw.normal(size=(*lanes, n)), draw.normal(size=n)
     v, q = v / np.sqrt((v * v).sum(-1, keepdims=True)), draw.normal(size=(*lanes, n)) / np.sqrt(n)

@@ -121,7 +121,7 @@ def test_bibtex_is_well_formed(run) -> None:
 
 
 def test_a_citation_names_what_was_used(run) -> None:
-    model = run.kreisel.record.model
+    model = run.kreisel.model
     x0 = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
     used = {
         "suzuki1990": {"method": "variational", "order": 4},
@@ -191,7 +191,7 @@ def test_states_and_parameters_from_any_library(kind: str) -> None:
 def test_the_last_state_of_a_run_starts_the_next(run) -> None:
     """A row of a run holds integrals too; those are none of the state's business."""
     last = run.isel(time=-1)
-    more = kr.simulate(run.kreisel.record.model, last, dt=0.1, steps=5)
+    more = kr.simulate(run.kreisel.model, last, dt=0.1, steps=5)
     assert np.array_equal(more.m.values[0], run.m.values[-1])
     with pytest.raises(kr.InputError, match="lacks"):
-        kr.simulate(run.kreisel.record.model, last.drop_vars("a"), dt=0.1, steps=5)
+        kr.simulate(run.kreisel.model, last.drop_vars("a"), dt=0.1, steps=5)

@@ -190,7 +190,7 @@ def test_resumed_by_the_code_of_another_processor(tmp_path: Path, monkeypatch: p
     code = (
         "import sys, numpy, kreisel as kr\n"
         "run = kr.resume(sys.argv[1], progress=False)\n"
-        "known = kr.runs.archive.model_of(run.attrs).constants\n"
+        "known = kr.storage.archive.model_of(run.attrs).constants\n"
         "print(known['R'].tobytes().hex(), known['c'].tobytes().hex())"
     )
     found = set()
@@ -232,7 +232,7 @@ def test_rows_of_an_interrupted_run_are_read_when_asked_for(
         stop_after(34, patch)
         slow_run(tmp_path / "run.zarr", top, x0, OPTIONS)
     kept = kr.open_run(tmp_path / "run.zarr.part")
-    border, rows = kr.runs.checkpoint.read(tmp_path / "run.zarr.part")[0].flushed, kept.sizes["time"]
+    border, rows = kr.storage.checkpoint.read(tmp_path / "run.zarr.part")[0].flushed, kept.sizes["time"]
     assert 0 < border < rows - 2
     assert not kept.a.variable._in_memory
     choices = [5, border, border - 1, -1, slice(None), slice(border - 2, border + 2), slice(1, None, 3)]

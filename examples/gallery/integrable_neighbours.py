@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.record.contract import call
 from kreisel.system import ratiu_bitop
 from kreisel.viewer.charts import figure
 
@@ -67,7 +68,7 @@ def motion(model, state, times, spoiled=None):
     parts = lambda y: [y[a:b].reshape(s) for a, b, s in zip(edges[:-1], edges[1:], shapes, strict=True)]  # noqa: E731
 
     def rate(_, y):
-        return np.concatenate([np.ravel(v) for v in kr.contract.call(model.system.flow, parts(y), constants)])
+        return np.concatenate([np.ravel(v) for v in call(model.system.flow, parts(y), constants)])
 
     start = np.concatenate([np.ravel(v) for v in state.values()])
     path = solve_ivp(rate, (0, times[-1]), start, t_eval=times, method="DOP853", rtol=1e-11, atol=1e-12).y.T

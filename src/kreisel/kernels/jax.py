@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.errors import RunError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection.arrays import InDoubles, led, newton
+from kreisel.kernels.projection.arrays import InDoubles, led, newton, scales
 from kreisel.kernels.projection.program import recordable
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
@@ -85,18 +85,18 @@ def _projection(
     def values(z: Array, known: Mapping[str, Array]) -> Array:
         return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
 
-    def correction(z: Array, known: Mapping[str, Array], targets: Array) -> tuple[Array, Array, Array]:
+    def correction(z: Array, known: Mapping[str, Array], targets: Array, worst: Array) -> tuple[Array, Array, Array]:
         start, _, size, lead = targets.T
-        lack = values(z, known) - start
-        drift, lead = led(lack, lead)
-        z, unit = newton(z, jax.jacrev(values)(z, known), lack + lead, size)
-        return z, abs(drift) * unit, lead
+        J, lack = jax.jacrev(values)(z, known), values(z, known) - start
+        scale, unit = scales(z, J, size)
+        worst, lead = led(lack, lead, unit, worst)
+        return newton(z, J, lack + lead, scale), worst, lead
 
     each = {k: 0 if k in lanes else None for k in constants}
     every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
     if len(_projections) >= MOST_KEPT:
         _projections.clear()
-    _projections[key] = every_lane, jax.jit(jax.vmap(correction, in_axes=(0, each, 0)))
+    _projections[key] = every_lane, jax.jit(jax.vmap(correction, in_axes=(0, each, 0, 0)))
     return _projections[key]
 
 
@@ -109,7 +109,9 @@ class Projection(InDoubles):
         self._begin(z, EVERY)
         if self.labels:
             with double():
-                jax.eval_shape(self._correct, z, constants, self.targets)  # what has no derivative fails here
+                jax.eval_shape(
+                    self._correct, z, constants, self.targets, self.worst
+                )  # what has no derivative fails here
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with double():
@@ -117,8 +119,8 @@ class Projection(InDoubles):
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
         with double():
-            new, distance, lead = map(np.asarray, self._correct(z, self._constants, self.targets))
-        return new, distance, lead
+            new, worst, lead = map(np.asarray, self._correct(z, self._constants, self.targets, self.worst))
+        return new, worst, lead
 
 
 def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:

@@ -29,22 +29,32 @@ EPS = float(np.finfo(np.float64).eps)
 MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and less than what then changes stays by itself
 
 
-def newton(z: Array, J: Array, lack: Array, size: Array) -> tuple[Array, Array]:
-    """One step of Gauss and Newton from the state z (d,); the distance that 1 of each invariant is, in eps |z|.
+def scales(z: Array, J: Array, size: Array) -> tuple[Array, Array]:
+    """What makes rows of J = dI/dz about 1, and the distance that 1 of each invariant then is, in eps |z|.
 
-    J is dI/dz, lack what I is off by, size that of the terms of I.
+    z is the state (d,), size that of the terms of I.
     """
     length = (z * z).sum() ** 0.5 + NONE
     scale = 1 / ((J * J).sum(-1) + (FLAT * size / length) ** 2 + NONE) ** 0.5
-    J, lack = scale[:, None] * J, scale * lack
-    y = algebra.solve(J @ J.T + TAU * algebra.identity(len(lack)), lack[:, None])[:, 0]
-    return z - y @ J, scale / (EPS * length)
+    return scale, scale / (EPS * length)
 
 
-def led(lack: Array, lead: Array) -> tuple[Array, Array]:
-    """By how much invariants have drifted since the last projection, and by how much they are to lead from now on."""
-    drift = lack + lead
-    return drift, lead + GAIN * (drift / 2 - lead)
+def newton(z: Array, J: Array, lack: Array, scale: Array) -> Array:
+    """One step of Gauss and Newton from the state z (d,), which lacks so much of the invariants."""
+    J = scale[:, None] * J
+    y = algebra.solve(J @ J.T + TAU * algebra.identity(len(lack)), (scale * lack)[:, None])[:, 0]
+    return z - y @ J
+
+
+def led(lack: Array, lead: Array, unit: Array, worst: Array) -> tuple[Array, Array]:
+    """The farthest that each invariant was off yet, as a distance, and by how much it is to lead.
+
+    No farther than that: where the gradient of an invariant vanishes, what it led by elsewhere is a long way.
+    """
+    lead = lead + GAIN * ((lack + lead) / 2 - lead)
+    distance, ahead = unit * abs(lack), unit * abs(lead)
+    worst = worst * (worst >= distance) + distance * (worst < distance)
+    return worst, lead * (ahead <= worst)
 
 
 class InDoubles(Corrections):
@@ -55,7 +65,7 @@ class InDoubles(Corrections):
         raise NotImplementedError
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
-        """The projected rows, and of each invariant (lanes, invariants) the distance that it drifted, and the lead."""
+        """The projected rows, and of each invariant (lanes, invariants) the farthest that it was off, and the lead."""
         raise NotImplementedError
 
     def _begin(self, z: Floats, every: int) -> None:
@@ -84,13 +94,12 @@ class InDoubles(Corrections):
 
     def applied(self, z: Floats) -> Floats:
         """The projected rows; as they were where they could not be."""
-        new, distance, lead = self._corrected(z)
-        self.worst, self.targets[..., 3] = np.fmax(self.worst, distance), lead
+        new, self.worst, self.targets[..., 3] = self._corrected(z)
         return np.where(np.isfinite(new).all(-1, keepdims=True), new, z)
 
     def peek(self, z: Floats) -> Floats:
         # Where nothing was projected yet a short run need not wait for it: `kr.drift` sees what changed.
-        return np.fmax(self.worst, self._corrected(z)[1]) if self.worst.any() else np.full_like(self.worst, np.nan)
+        return self._corrected(z)[1] if self.worst.any() else np.full_like(self.worst, np.nan)
 
 
 class Observed:
@@ -191,9 +200,8 @@ class Projection(InDoubles):
         return {name: found[name][:, kept] for name, kept in self._observed.members.items()}
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
-        new, distance, d = z.copy(), np.full_like(self.worst, np.nan), self._observed.own
-        start, _, size, lead = np.moveaxis(self.targets, -1, 0)
-        lead = lead.copy()
+        new, worst, d = z.copy(), self.worst.copy(), self._observed.own
+        start, _, size, lead = np.moveaxis(self.targets.copy(), -1, 0)
         with np.errstate(all="ignore"):
             for lane, row in enumerate(new):
                 for again in range(STEPS):
@@ -201,12 +209,11 @@ class Projection(InDoubles):
                     J, lack = gradient(values, own), values.value - start[lane]
                     known = np.isfinite(J).all(-1) & np.isfinite(lack)
                     J, lack = np.where(known[:, None], J, 0), np.where(known, lack, 0)
+                    scale, unit = scales(row[:d], J, size[lane])
                     if not again:
-                        drift, ahead = led(lack, lead[lane])
-                        lead[lane] = np.where(known, ahead, 0)
-                    row[:d], unit = newton(row[:d], J, lack + lead[lane], size[lane])
-                    distance[lane] = distance[lane] if again else abs(drift) * unit
-        return new, distance, lead
+                        worst[lane], lead[lane] = led(lack, np.where(known, lead[lane], 0), unit, worst[lane])
+                    row[:d] = newton(row[:d], J, lack + lead[lane], scale)
+        return new, worst, lead
 
     def apply(self) -> None:
         """Project the state, in place."""

@@ -149,12 +149,13 @@ def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst
         lack = get(room, whole(outs, j)) - get(room, T + 5 * j)
         lack = lack + (get(room, count + whole(outs, j)) - get(room, T + 5 * j + 1))
         lead = get(room, T + 5 * j + 3)
-        drift = lack + lead
-        lead = fma(GAIN, fma(0.5, drift, -lead), lead)
+        lead = fma(GAIN, fma(0.5, lack + lead, -lead), lead)
+        distance = times(scale, times(unit, 1.0 / EPS))
+        farthest = max(get(room, T + 5 * j + 4), times(size(lack), distance))
+        lead = where_less(farthest, times(size(lead), distance), nothing, lead)
         put(room, T + 5 * j + 3, lead)
+        put(room, T + 5 * j + 4, farthest)
         put(room, R + j, times(lack + lead, scale))
-        distance = times(size(times(drift, scale)), times(unit, 1.0 / EPS))
-        put(room, T + 5 * j + 4, max(get(room, T + 5 * j + 4), distance))
     for j in range(k):
         for q in range(j, k):
             total = nothing
