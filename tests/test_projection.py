@@ -23,6 +23,7 @@ from kreisel.kernels.projection.program import program_of
 from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
+from kreisel.physical import Ellipsoid
 from kreisel.runs.plan import make_plan
 from kreisel.storage import checking
 from kreisel.system import REGISTRY
@@ -178,6 +179,14 @@ def test_the_mean_of_an_interval_is_that_of_the_start(n: int, lanes: int, engine
     plan = random_plan("lagrange-top", n, "suris", 1, lanes, engine=engine)
     found = drifting(plan)
     assert len(found) >= 5 and (abs(found) < 1e-2).all()
+
+
+def test_an_invariant_whose_gradient_vanishes() -> None:
+    """(M.P)^2 at M.P = 0, which is at least 0: to lead it by what it drifted at another state threw the state away."""
+    body = Ellipsoid.of_density((0.30, 0.15, 0.10), density=1000.0, fluid_density=1000.0)
+    x0 = body.state((1.0, 1e-3, 1e-3), (0.0, 0.0, 0.0))
+    run = kr.simulate(body.model(), x0, dt=0.005, steps=12_000, every=100, order=4)
+    assert 0 < kr.drift(run).correction.max() < 100  # 14 measured, 4e4 with such leads
 
 
 def test_mutant_of_the_lead(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -606,7 +606,7 @@ def test_more_bad_input() -> None:
         red.system("top", group=red.SO(3), lagrangian=heavy, parameters=[red.Parameter("B", "vector", "")])
     with pytest.raises(kr.InputError, match="method='suris': expected a system with an explicit map"):
         kr.simulate(heavy_top(), {"M": (1, 0, 2), "P": (0, 0, 1)}, dt=0.1, steps=2, method="suris")
-    with pytest.raises(kr.InputError, match="method='lagrangian': expected a system of kreisel.reduction"):
+    with pytest.raises(kr.InputError, match=r"method='lagrangian': expected a system of kreisel\.reduction"):
         kr.simulate(kr.Clebsch(b=(1, 2, 3)), {"M": (1, 0, 2), "P": (0, 0, 1)}, dt=0.1, steps=2, method="lagrangian")
 
 

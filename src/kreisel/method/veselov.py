@@ -98,7 +98,7 @@ def _check_domain(model: Model, state: State, longest: float, order: int) -> Non
         raise InputError(
             f"The map of {model.system.name} has no solution that tends to 1 with dt for this state: expected a step "
             f"below {largest:.6g}, got {longest:.6g}{stages}. Use less than {largest / longest:.6g} of this dt, or "
-            " method='dop853'."
+            "method='dop853'."
         )
 
 
