@@ -184,3 +184,10 @@ def test_the_stub_is_that_of_the_records() -> None:
     assert (SOURCE / "__init__.pyi").read_text(encoding="utf-8") == made
     for name in ("LagrangeTop", "simulate", "methods", "view"):
         assert re.search(rf"\b{name}\b", made)
+
+
+@pytest.mark.parametrize(
+    "first", ["exact.motion", "exact.pairs", "kernels.cpu", "storage.archive", "method.suris", "viewer.page"]
+)
+def test_a_module_can_be_imported_first(first: str) -> None:
+    subprocess.run([sys.executable, "-c", f"import kreisel.{first}"], check=True, timeout=120)

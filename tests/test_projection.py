@@ -19,7 +19,7 @@ from kreisel.kernels.cpu import Kernel
 from kreisel.kernels.projection import corrections
 from kreisel.kernels.projection.arrays import Observed
 from kreisel.kernels.projection.gradients import Traced, gradient
-from kreisel.kernels.projection.program import program_of
+from kreisel.kernels.projection.program import _gradients, program_of
 from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
@@ -509,6 +509,30 @@ def test_enough_invariants_are_chosen() -> None:
     program = program_of(plan, columns)
     assert program is not None and len(program.labels) == 5
     assert program.labels == ("casimir[0]", "casimir[1]", "spectrum[1]", "spectrum[3]", "noether[0]")
+
+
+def left_out(monkeypatch: pytest.MonkeyPatch, most: float) -> float:
+    """The largest weight of the chosen gradients in one that is left out; Clebsch's case, n = 5, at random states."""
+    found = random_plan("clebsch", 5, "suris", 1).scheme
+    _, columns = flat_constants(found, 1)
+    monkeypatch.setattr("kreisel.kernels.projection.program.MOST_WEIGHT", most)
+    some = program_of(found, columns)
+    monkeypatch.setattr("kreisel.kernels.projection.program.MOST_CHOSEN", 0)
+    everything = program_of(found, columns)
+    assert some is not None and everything is not None and len(some.names) < len(everything.names)
+    x = np.random.default_rng(9).normal(size=(50, everything.registers))
+    J = _gradients(everything, x)
+    J /= np.sqrt((J * J).sum(-1, keepdims=True))
+    chosen = [everything.labels.index(label) for label in some.labels]
+    weight = J @ np.linalg.pinv(J[:, chosen], rcond=1e-7)
+    return float(np.median(np.sqrt((weight * weight).sum(-1)), 0).max())
+
+
+def test_what_is_left_out_is_well_determined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By few digits only, an invariant walks: that of n = 5 by 243 ulp in 1e8 steps."""
+    assert left_out(monkeypatch, 10.0) < 20
+    monkeypatch.undo()
+    assert left_out(monkeypatch, np.inf) > 50  # the mutant
 
 
 def test_nothing_to_conserve_costs_nothing() -> None:

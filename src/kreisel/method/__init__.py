@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, nearest, shown
 from kreisel.method.record import Method
@@ -15,30 +16,39 @@ from kreisel.record.model import Model
 __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]
 
 
+if TYPE_CHECKING:
+    METHODS: dict[str, Method]
+
+
+def __getattr__(name: str) -> Any:  # not at the import: closed forms, which methods need, import what stands here
+    if name == "METHODS":
+        return _found()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+@cache
 def _found() -> dict[str, Method]:
+    """All records by name, the first default first."""
     modules = [importlib.import_module(f"{__name__}.{info.name}") for info in pkgutil.iter_modules(__path__)]
     records = [module.METHOD for module in modules if hasattr(module, "METHOD")]
     return {record.name: record for record in sorted(records, key=lambda r: (r.rank is None, r.rank, r.name))}
 
 
-METHODS = _found()
-
-
 def default_method(system: System) -> str:
     """The name of the first of the methods that apply to a system."""
-    return next(m.name for m in METHODS.values() if m.rank is not None and m.applies(system))
+    return next(m.name for m in _found().values() if m.rank is not None and m.applies(system))
 
 
 def find(name: Any) -> Method:
     """The method of that name.  Raises `InputError` with the nearest name."""
     if not isinstance(name, str):
-        raise InputError(f"method: expected a name, one of {', '.join(METHODS)}, got {shown(name)}.")
-    if name not in METHODS:
+        raise InputError(f"method: expected a name, one of {', '.join(_found())}, got {shown(name)}.")
+    if name not in _found():
         raise InputError(
-            f"method: expected one of {', '.join(METHODS)}, got {shown(name)}.{nearest(name, METHODS)} "
+            f"method: expected one of {', '.join(_found())}, got {shown(name)}.{nearest(name, _found())} "
             "kr.methods() has what each is for."
         )
-    return METHODS[name]
+    return _found()[name]
 
 
 def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:

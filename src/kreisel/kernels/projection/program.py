@@ -40,6 +40,7 @@ from kreisel.method.scheme import Scheme
 MOST_N, MOST_LINES = 10, 120_000  # beyond, `kreisel.kernels.projection.arrays`: recording takes seconds
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
 SAMPLES, INDEPENDENT = 256, 1e-7
+MOST_WEIGHT = 10.0  # of the gradients, of length 1, of the others, in that of an invariant that is left out
 OPERATIONS = {"+": 0, "-": 1, "*": 2, "/": 3, "sqrt": 4}
 APPLIED: list[Callable[..., Array]] = [np.add, np.subtract, np.multiply, np.divide, lambda x, y: np.sqrt(x)]
 SLOPES: list[Callable[..., tuple[Any, Any]]] = [  # of x o y = v
@@ -293,6 +294,13 @@ def _enough(program: Program) -> list[str]:
             chosen.append(j)
             u = np.where(new[:, None], rest / np.where(new, size, 1)[:, None], 0)
             spanned += u[:, :, None] * u[:, None, :]
+    left = [j for j in range(len(lengths)) if j not in chosen]
+    while left:  # those that the others determine to few digits only
+        weights = J[SAMPLES // 4 :, left] @ np.linalg.pinv(J[SAMPLES // 4 :, chosen], rcond=INDEPENDENT)
+        sizes = np.median(np.sqrt((weights * weights).sum(-1)), 0)
+        if sizes.max() < MOST_WEIGHT:
+            break
+        chosen.append(left.pop(int(sizes.argmax())))
     return [program.names[j] for j in sorted(chosen)]
 
 
