@@ -29,7 +29,7 @@ import kreisel as kr
 from kreisel.runs import config, march
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking
-from kreisel.storage.archive import too_large
+from kreisel.storage.opening import too_large
 from kreisel.sweeps.sweep import carry_out
 
 CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))

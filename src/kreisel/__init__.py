@@ -28,7 +28,7 @@ _LAZY = {
     "cite": "kreisel.runs.citing",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
-    "open_run": "kreisel.storage.archive",
+    "open_run": "kreisel.storage.opening",
     "drift": "kreisel.runs.drift",
     "export": "kreisel.storage.exporting",
     "failures": "kreisel.sweeps.sweep",

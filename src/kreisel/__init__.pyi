@@ -17,7 +17,7 @@ from kreisel.runs.drift import drift as drift
 from kreisel.storage.exporting import export as export
 from kreisel.sweeps.sweep import failures as failures
 from kreisel.runs.figures import nutation as nutation
-from kreisel.storage.archive import open_run as open_run
+from kreisel.storage.opening import open_run as open_run
 from kreisel.viewer.plots import plot as plot
 from kreisel.runs.simulate import resume as resume
 from kreisel.runs.simulate import simulate as simulate

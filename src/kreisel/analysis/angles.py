@@ -13,6 +13,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
+from kreisel.runs.describing import is_own
 from kreisel.runs.geometry import (
     components,
     fixed_vector,
@@ -22,7 +23,6 @@ from kreisel.runs.geometry import (
     to_third_axis,
     vertical_and_axis,
 )
-from kreisel.storage.archive import is_own
 from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:

@@ -176,8 +176,8 @@ def check(
     ] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
+    from kreisel.runs.describing import is_own
     from kreisel.runs.drift import broken, drift
-    from kreisel.storage.archive import is_own
     from kreisel.storage.checking import check_archive, recover
     from kreisel.sweeps.broken_lanes import broken_lanes
 
@@ -224,7 +224,7 @@ def plot(
     dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
 ) -> None:
     """Draw the figure of an archive."""
-    from kreisel.storage.archive import open_archive
+    from kreisel.storage.opening import open_archive
     from kreisel.storage.replacing import settled
 
     result = open_archive(settled(archive))
@@ -245,7 +245,7 @@ def view(
     port: Annotated[int, typer.Option("--port", help="0: one that is free.")] = 0,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline."""
-    from kreisel.storage.archive import open_archive
+    from kreisel.storage.opening import open_archive
     from kreisel.storage.replacing import require_file, settled
     from kreisel.viewer.page import view as page_of
 

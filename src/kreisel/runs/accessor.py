@@ -34,7 +34,7 @@ class Kreisel:
     @property
     def model(self) -> Model:
         """The system with its parameters.  Raises `InputError` for a system of your own."""
-        from kreisel.storage.archive import model_of
+        from kreisel.runs.describing import model_of
 
         return model_of(self._run.attrs)
 

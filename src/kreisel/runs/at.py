@@ -58,7 +58,7 @@ def at(
         order=order,
         orientation=orientation,
     )
-    from kreisel.storage.archive import in_memory
+    from kreisel.runs.describing import in_memory
 
     with np.errstate(all="ignore"):
         states = plan.observe(engine.at(flat))

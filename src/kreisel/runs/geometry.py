@@ -13,7 +13,7 @@ from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame, component_axes
 from kreisel.record.model import Model
-from kreisel.storage.archive import is_own, model_of
+from kreisel.runs.describing import is_own, model_of
 from kreisel.storage.reading import a_run, parsed
 from kreisel.system import find
 

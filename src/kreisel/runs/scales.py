@@ -32,7 +32,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     None where they cannot be measured: a system of the user's own, whose functions an archive has not, or a run without
     its states or its step.
     """
-    from kreisel.storage.archive import is_own, model_of, roundoff_scales
+    from kreisel.runs.describing import is_own, model_of, roundoff_scales
 
     attrs = run.attrs
     if "system" not in attrs or is_own(attrs) or "dt" not in attrs:

@@ -81,7 +81,9 @@ def simulate(
         engine=engine,
         project=project,
     )
-    from kreisel.storage.archive import Archive, in_memory, target
+    from kreisel.runs.describing import in_memory
+    from kreisel.storage.archive import Archive
+    from kreisel.storage.opening import target
 
     if path is None:
         _check_memory(plan)
@@ -104,7 +106,8 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
     Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
     """
-    from kreisel.storage.archive import open_archive, reopen, target
+    from kreisel.storage.archive import reopen
+    from kreisel.storage.opening import open_archive, target
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
@@ -117,7 +120,7 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
 
 def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:
     """March into an archive, with a checkpoint now and then and when the run is told to stop."""
-    from kreisel.storage.archive import open_archive
+    from kreisel.storage.opening import open_archive
 
     plan, last, kept = march.plan, -math.inf, march.steps
 

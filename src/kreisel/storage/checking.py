@@ -13,20 +13,18 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method import Scheme, scheme
+from kreisel.runs.describing import is_own, model_of, times_of
 from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.archive import (
+from kreisel.storage.opening import (
     MOST_INDEXED,
     is_cut,
-    is_own,
     is_sweep,
-    model_of,
     open_archive,
     opened,
     ordered,
     read_attributes,
     require_sound,
-    times_of,
     too_large,
 )
 from kreisel.storage.reading import order_of

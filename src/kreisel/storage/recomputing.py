@@ -11,9 +11,9 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.method.observing import ORIENTATION
+from kreisel.runs.describing import is_own, model_of, versions
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, make_plan
-from kreisel.storage.archive import is_own, model_of, versions
 from kreisel.storage.reading import order_of, parsed
 from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of
 

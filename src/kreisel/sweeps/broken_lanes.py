@@ -85,7 +85,7 @@ def _score(start: Floats, drift: Floats) -> Floats:
 
 
 def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tuple[Floats, Floats]]) -> list[str]:
-    from kreisel.storage.archive import in_memory
+    from kreisel.runs.describing import in_memory
 
     try:
         plan, steps = _begun(sweep, lane), 0

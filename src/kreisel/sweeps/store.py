@@ -15,9 +15,10 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.runs.describing import dimensions, saved_times, versions
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
-from kreisel.storage.archive import dimensions, metadata, require_sound, saved_times, versions
+from kreisel.storage.opening import metadata, require_sound
 from kreisel.storage.reading import parsed
 from kreisel.storage.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
 from kreisel.sweeps import blocks

@@ -16,8 +16,8 @@ from kreisel.record.model import Model
 from kreisel.runs.plan import check_model, checked_state, flag
 from kreisel.runs.progress import Progress
 from kreisel.storage import manifest
-from kreisel.storage.archive import require_sound, target
 from kreisel.storage.checkpoint import Lock, signals_wait
+from kreisel.storage.opening import require_sound, target
 from kreisel.storage.reading import shallow
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep

@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from kreisel.errors import InputError, RunError
-from kreisel.storage.archive import open_archive
+from kreisel.storage.opening import open_archive
 from kreisel.viewer.page import as_json, page
 from kreisel.viewer.scene import scene
 

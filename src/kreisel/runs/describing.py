@@ -1,0 +1,234 @@
+"""Runs as datasets: dimensions, attributes, times, and the model that attributes tell."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats
+from kreisel.record.model import Model
+from kreisel.runs.drift import KINDS
+from kreisel.runs.march import block_rows
+from kreisel.runs.plan import Plan
+from kreisel.storage import checkpoint
+from kreisel.storage.reading import an_object
+
+if TYPE_CHECKING:
+    import xarray as xr
+from kreisel.storage.archive import HAIR, NUDGE
+
+FORMAT = 1
+MOST_SCALES = 4096  # numbers in an attribute
+MANY_SAMPLES_N = 16  # beyond, there are fewer
+MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
+SAMPLES = 16  # perturbations of a state that measure how an integral feels them
+MACHINE_EPSILON = float(np.finfo(np.float64).eps)
+
+
+def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Dimension names of an output of that shape."""
+    lead = ("time", "lane") if plan.batched else ("time",)
+    outcome = plan.scheme.outcomes[name]
+    rest = len(shape) - len(lead)
+    if outcome.axes == "quaternion":
+        return (*lead, "quaternion")
+    if outcome.axes.startswith("R^"):
+        return (*lead, f"{name}_axis")
+    if outcome.axes:
+        return (*lead, *(("axis",) if rest == 1 else ("row", "column")))
+    return (*lead, *((f"{name}_part",) if rest else ()))
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of what computed a run, and the kind of processor that kernels are compiled for."""
+    import platform
+
+    import llvmlite.binding as llvm
+    from numba import config
+
+    packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
+    told = {
+        "python": platform.python_version(),
+        "processor": getattr(config, "CPU_NAME", None) or llvm.get_host_cpu_name(),
+    }
+    return told | {p: importlib.metadata.version(p) for p in packages}
+
+
+def describe(plan: Plan) -> dict[str, Any]:
+    """Attributes of a run: everything needed to know what it is and to repeat it."""
+    model, system = plan.model, plan.model.system
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"{system.title}: {plan.scheme.name}",
+        "source": f"kreisel {importlib.metadata.version('kreisel')}",
+        "references": system.source + (f"; {system.map.source}" if system.map else ""),
+        "kreisel_format": FORMAT,
+        "system": system.name,
+        "equations": system.equations,
+        "components": json.dumps(dict(system.space.components)),
+        "frame": system.frame.value,
+        "bracket": "plus" if system.space.sign > 0 else "minus",
+        "n": model.n,
+        "parameters": json.dumps({k: v.tolist() for k, v in model.params.items()}),
+        "start_sha256": checkpoint.hash_of_start(plan.start),
+        "method": plan.scheme.name,
+        "options": json.dumps(dict(plan.scheme.options or {})),
+        "engine": plan.where,
+        "projection": plan.engine.projection.every if plan.engine.projection else 0,
+        "dt": plan.dt,
+        "steps": plan.steps,
+        "every": plan.every,
+        "rows_in_block": block_rows(plan),
+        "complete": True,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": json.dumps(versions()),
+    }
+
+
+def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
+    """What rounding does to each Casimir and integral, in units of eps_machine.
+
+    roundoff_scale    in a step: the root mean square, over up to 32 states of a lane in the first block, of the change
+                      when every coordinate of a component moves by the component's largest, signs at random
+    evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
+    """
+    z = _spread(plan, first)
+    n = plan.model.n
+    samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
+    samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
+    directions = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *z.shape)) * _largest(plan, z)
+    here = plan.observe(z)
+    up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)
+    a_bit_up, a_bit_down = _moved(plan, z, HAIR * directions), _moved(plan, z, -HAIR * directions)
+    out = {}
+    for name, outcome in plan.scheme.outcomes.items():
+        if outcome.kind in KINDS:
+            felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
+            noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
+            if n > MANY_SAMPLES_N and noise.shape[-1] == layout.size("skew", n):
+                noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
+            computed = np.maximum(noise.max((0, 1)), abs(here[name]).max(0))
+            out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
+    return out
+
+
+def _moved(plan: Plan, z: Floats, by: Floats) -> dict[str, Array]:
+    """Outputs at z + by for `by` (samples, rows, lanes, d); samples and rows in front."""
+    outputs = plan.observe((z + by).reshape(-1, *z.shape[1:]))
+    return {name: value.reshape((*by.shape[:2], *value.shape[1:])) for name, value in outputs.items()}
+
+
+def _listed(scale: Array, plan: Plan) -> list[float]:
+    """A scale for each part of an integral, lane after lane; the largest over the lanes if those are too many."""
+    if plan.batched and scale.size > MOST_SCALES:
+        scale = scale.max(0)
+    return [float(v) for v in np.ravel(scale)]
+
+
+def _largest(plan: Plan, z: Floats) -> Floats:
+    """For each coordinate the largest of its component, in the shape of z."""
+    parts = zip(layout.restore(z, plan.kinds, plan.model.n), plan.kinds, strict=True)
+    flat = [abs(layout.flatten((part,), (kind,))) for part, kind in parts]
+    return np.concatenate([np.broadcast_to(f.max(-1, keepdims=True), f.shape) for f in flat], -1)
+
+
+def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
+    """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d).
+
+    Of more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand numbers are enough.
+    """
+    count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
+    rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, count).astype(int))
+    parts = []
+    for letter, outcome in plan.scheme.outcomes.items():
+        if outcome.kind not in ("state", "orientation"):
+            continue
+        value = np.asarray(first[letter])[rows].astype(np.float64)
+        value = value.reshape((len(rows), plan.lanes, *value.shape[1 + plan.batched :]))
+        axial = outcome.axes == "skew" and plan.model.n == 3
+        parts.append(algebra.hat(value) if axial else value)
+    return np.asarray(layout.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))
+
+
+def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
+    """Attributes of every variable, from the plan and the first block of a run."""
+    scales = roundoff_scales(plan, first)
+    out: dict[str, dict[str, Any]] = {}
+    for name, outcome in plan.scheme.outcomes.items():
+        out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
+        if name in scales:
+            out[name] |= {"conserved": int(outcome.conserved), **scales[name]}
+    return out
+
+
+def times_of(rows: Floats, every: int, steps: int, dt: float) -> Floats:
+    """Times of saved rows, k dt."""
+    return np.asarray(np.minimum(rows * every, steps) * dt)
+
+
+def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
+    """Times of the saved rows first to stop - 1."""
+    rows = np.arange(first, plan.rows if stop is None else stop, dtype=np.float64)
+    return times_of(rows, plan.every, plan.steps, plan.dt)
+
+
+TIME = {"long_name": "time", "units": "1", "axis": "T"}
+
+
+def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
+    """Blocks of outputs as a Dataset, at the times of the saved steps unless others are given."""
+    import xarray as xr
+
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
+
+    attrs = attributes(plan, blocks[0])
+    for name, largest in _corrections(plan).items():
+        attrs[name][CORRECTION] = largest
+    data = {}
+    for name in plan.scheme.outcomes:
+        value = np.concatenate([block.pop(name) for block in blocks])
+        data[name] = (dimensions(plan, name, value.shape), value, attrs[name])
+    coords: dict[str, Any] = {"time": ("time", saved_times(plan) if times is None else times, TIME)}
+    if plan.batched:
+        coords["lane"] = ("lane", np.arange(plan.lanes))
+    return xr.Dataset(data, coords, describe(plan))
+
+
+CORRECTION = "largest_correction"  # of the state, by the projection, in units of eps_machine |state|
+
+
+def _corrections(plan: Plan) -> dict[str, float]:
+    return plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
+
+
+def is_own(attrs: Mapping[str, Any]) -> bool:
+    """Whether a run is of a system of the user's own: an archive holds no code, so its model is not at hand."""
+    from kreisel.system import REGISTRY
+
+    return attrs["system"] not in REGISTRY
+
+
+def model_of(attrs: Mapping[str, Any]) -> Model:
+    """The model that a run was made from, by its attributes.
+
+    Raises `InputError` where they are damaged, and for a system of the user's own.
+    """
+    from kreisel.system import find
+
+    if is_own(attrs):
+        raise InputError(
+            f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
+            "run its TOML file or kr.simulate again with more steps."
+        )
+    return find(attrs["system"])(**an_object(attrs, "parameters"))

@@ -1,0 +1,261 @@
+"""Archives opened: what is whole of them, as a dataset that is read when it is asked for."""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kreisel.errors import InputError
+from kreisel.runs.drift import KINDS
+from kreisel.storage import manifest
+from kreisel.storage.reading import parsed, place
+from kreisel.storage.replacing import (
+    LARGEST_METADATA,
+    part_of,
+    settled,
+    stands,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+from kreisel.runs.describing import FORMAT, in_memory, is_own, saved_times
+from kreisel.storage.archive import READING, _checkpoint, _march, _plan, _require_arrays
+
+NEEDED = {  # attributes and their types
+    **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
+    **dict.fromkeys(("n", "steps", "every", "rows_in_block", "projection"), int),
+    **{"dt": float, "complete": bool},
+}
+MOST_INDEXED = 10**7  # times that are held in memory
+LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
+
+
+def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
+    """A run on disk, opened lazily as `kr.simulate` returns it, or a sweep; of an interrupted one what it has done.
+
+    Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
+    Kreisel, and, as it is opened or later as it is read, for one that is damaged (`kreisel check` says how).
+    """
+    where = settled(target(path))
+    if is_sweep(where):
+        from kreisel.sweeps.sweep import open_sweep
+
+        return open_sweep(where)
+    return open_archive(where)
+
+
+def target(path: str | os.PathLike[str]) -> Path:
+    """A path that can name an archive, with ~ for the user's own folder.  Raises `InputError`."""
+    return place(path, "The archive needs a name such as run.zarr")
+
+
+def metadata(store: Path) -> dict[str, Any]:
+    """The attributes of a Zarr store, not yet checked.  Raises `InputError` where there is none."""
+    if not stands(store):
+        there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
+        left = f" {part_of(store)} is there: `kreisel resume {store}` goes on." if there else ""
+        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
+    attrs = _node(store).get("attributes")
+    return attrs if isinstance(attrs, dict) else {}
+
+
+def _node(folder: Path) -> dict[str, Any]:
+    """The zarr.json of a group or an array.  Raises `InputError`."""
+    path = folder / "zarr.json"
+    try:
+        size = path.stat().st_size
+        if not manifest.is_plain(path):
+            raise InputError(f"{folder} is damaged: its zarr.json is no plain file.")
+        if size > LARGEST_METADATA:
+            raise InputError(f"{folder} is damaged: its zarr.json has {size:,} bytes.")
+        told = parsed(path.read_bytes(), str(path))
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read as a Zarr archive: {error}") from error
+    if not isinstance(told, dict):
+        raise InputError(f"{path} is damaged: expected an object, got {str(told)[:80]}.")
+    return told
+
+
+def require_sound(store: Path) -> None:
+    """Raises `InputError` where a store holds links, pipes or devices, or metadata that Zarr does not understand.
+
+    What is read and written through links is not in the store.  Each node is opened alone: Zarr opens those of a group
+    at the same time, and leaves the others behind, with their tracebacks, when one of them fails.
+    """
+    import zarr
+
+    for folder, folders, files in os.walk(store):
+        for name in (*folders, *files):
+            try:
+                mode = os.lstat(os.path.join(folder, name)).st_mode
+            except OSError as error:
+                raise InputError(f"{store} cannot be read: {folder}/{name}: {error.strerror}.") from error
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                what = "a link" if stat.S_ISLNK(mode) else "a pipe, a socket or a device"
+                raise InputError(f"{store} holds {what}, {os.path.join(folder, name)}. An archive has no use for one.")
+        if "zarr.json" not in files:
+            continue
+        kind = _node(Path(folder)).get("node_type")
+        axes: tuple[str | None, ...] = ()
+        if kind not in ("array", "group"):
+            raise InputError(f"{folder}/zarr.json is damaged: node_type must be array or group, got {str(kind)[:80]}.")
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                if kind == "array":
+                    told = zarr.open_array(folder, mode="r", zarr_format=3).metadata
+                    axes = getattr(told, "dimension_names", None) or ()
+                else:
+                    zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
+        except Exception as error:  # whatever damaged metadata make the library raise
+            why = str(error) or type(error).__name__
+            raise InputError(f"{folder}/zarr.json cannot be read as Zarr's metadata: {why}") from error
+        if None in axes:
+            raise InputError(f"{folder}/zarr.json is damaged: an axis in dimension_names has no name.")
+
+
+def too_large(run: xr.Dataset) -> list[str]:
+    """The variables whose chunks claim to be too large to be read, each in one sentence."""
+    found = []
+    for name, variable in run.variables.items():
+        shapes = [variable.encoding.get(key) for key in ("shards", "chunks")]
+        size = max((math.prod(shape) for shape in shapes if shape), default=0) * variable.dtype.itemsize
+        if size > LARGEST_CHUNK:
+            found.append(f"{name} claims to have chunks of {size:,} bytes: not read")
+    return found
+
+
+def is_sweep(store: Path) -> bool:
+    """Whether a store says of itself that it is a sweep."""
+    return "kreisel_sweep" in metadata(store)
+
+
+def read_attributes(store: Path) -> dict[str, Any]:
+    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+    attrs = metadata(store)
+    if "kreisel_sweep" in attrs:
+        raise InputError(f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane.")
+    if attrs.get("kreisel_format") != FORMAT:
+        raise InputError(f"{store} is not an archive of Kreisel (no kreisel_format = {FORMAT} among its attributes).")
+    missing = [key for key in NEEDED if key not in attrs]
+    wrong = [key for key, kind in NEEDED.items() if key not in missing and not isinstance(attrs[key], kind)]
+    wrong += [key for key in ("steps", "every", "n", "rows_in_block") if key not in missing + wrong and attrs[key] < 1]
+    if missing or wrong:
+        told = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
+        raise InputError(f"{store} is damaged: its attributes {told}. Make it again from its TOML file.")
+    return attrs
+
+
+def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
+    """A run on disk, opened lazily; of an interrupted one all rows until its last checkpoint.
+
+    With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
+    `InputError` for what is not a Kreisel archive, and for one that is damaged, here or when the damage is read.
+    """
+    attrs = read_attributes(path)
+    require_sound(path)
+    run = _until_checkpoint(path, attrs) if is_cut(path, attrs) else opened(path, manifest.read(path), True)
+    for name, variable in run.data_vars.items():
+        if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
+            raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
+    if indexed and too_large(run):
+        raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
+    for name in ("time", "lane"):
+        known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
+        if indexed and known_place and name not in run.xindexes:
+            try:
+                run = run.set_xindex(name)
+            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+                raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
+    return ordered(run)
+
+
+def ordered(run: xr.Dataset) -> xr.Dataset:
+    """States first, then the orientation, Casimirs and integrals."""
+    return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
+
+
+def is_cut(store: Path, attrs: Mapping[str, Any]) -> bool:
+    """Whether a run was interrupted, by its attributes and its manifest; what was recovered is whole by itself."""
+    unsealed = manifest.begun(store) and not manifest.whole(store)
+    return "recovered" not in attrs and (unsealed or not attrs["complete"])
+
+
+def opened(path: Path, known: manifest.Listed | None, every_array: bool = False) -> xr.Dataset:
+    """The arrays of a store as they are, each file compared with the manifest when it is read, if there is one.
+
+    With `every_array` those that are listed must be there.  Raises `InputError`.
+    """
+    import xarray as xr
+
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
+    from kreisel.storage.verified import Verified
+
+    store: Any = path
+    if known is not None:
+        store = Verified(path, known)
+        for name in manifest.metadata_files(path) + [n for n in known if every_array and n.endswith("zarr.json")]:
+            store.verify(name)
+    lengths = _lengths(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if len(set(lengths.values())) < 2:
+                return xr.open_dataset(store, **READING)
+            parts = [xr.open_dataset(store, drop_variables=set(lengths) - {name}, **READING) for name in lengths]
+    except InputError:
+        raise
+    except Exception as error:  # whatever a damaged store makes the libraries raise
+        raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
+    return xr.merge([part.isel(time=slice(0, min(lengths.values()))) for part in parts], combine_attrs="override")
+
+
+def _lengths(store: Path) -> dict[str, int]:
+    """The rows of each array; a kill may leave a run that is being lengthened with some of the new length."""
+    found = {}
+    for path in store.glob("*/zarr.json"):
+        told = _node(path.parent)
+        dims, shape = told.get("dimension_names"), told.get("shape")
+        if isinstance(dims, list) and isinstance(shape, list) and dims[:1] == ["time"] and shape:
+            found[path.parent.name] = shape[0] if isinstance(shape[0], int) else 0
+    return found
+
+
+def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
+    """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
+    import xarray as xr
+
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
+    from kreisel.storage.continued import continued
+
+    attrs = {**attrs, "complete": False}
+    snapshot, start, known = _checkpoint(path, attrs)
+    first = snapshot.flushed
+    whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)
+    if len(snapshot.rows) == 0 or is_own(attrs):
+        return whole.assign_attrs(attrs)
+    plan = _plan(attrs, start, attrs["steps"])
+    _march(plan, attrs["rows_in_block"]).restore(snapshot)  # which looks at it
+    times = saved_times(plan, first, first + len(snapshot.rows))
+    rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
+    if not first:
+        return rest.assign_attrs(attrs)
+    _require_arrays(path, plan, attrs, known)
+    joined = {
+        name: continued(variable, rest[name].variable) if "time" in variable.dims else variable
+        for name, variable in whole.variables.items()
+        if name in rest.variables
+    }
+    coords = {name: joined.pop(name) for name in whole.coords if name in joined}
+    return xr.Dataset(joined, xr.Coordinates(coords, indexes={}), attrs)
+
+
+def _place(variable: xr.DataArray) -> int:
+    """States first, then the orientation, Casimirs, integrals, and what a user has added."""
+    order, kind = ("state", "orientation", *KINDS), variable.attrs.get("kind")
+    return order.index(kind) if kind in order else len(order)
