@@ -14,7 +14,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
-from kreisel.runs.plan import flag, number
+from kreisel.runs.settings import flag, number
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,7 +17,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, shown
 from kreisel.runs import harmonics
-from kreisel.runs.plan import whole
+from kreisel.runs.settings import whole
 from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.analysis.events import events
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.runs.plan import whole
+from kreisel.runs.settings import whole
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,7 +18,7 @@ from kreisel.lab.subject import Subject, subject
 from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System, keywords
 from kreisel.record.model import Model
 from kreisel.runs.own import executed, own_systems
-from kreisel.runs.plan import within
+from kreisel.runs.settings import within
 
 OF_A_FILE = ("names", "n", "frame", "eps", "tensor", "lax", "conjugator", "involution", "flow", "start")
 

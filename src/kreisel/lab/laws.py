@@ -26,7 +26,7 @@ from kreisel.lab.exact import along, jacobian, random_rotation, slopes
 from kreisel.lab.orders import baecklund_orders, flowed, measured_orders
 from kreisel.record.contract import Baecklund, Frame, Map, System, call, keywords
 from kreisel.record.model import Model
-from kreisel.runs.plan import within
+from kreisel.runs.settings import within
 
 Sides = Iterator[tuple[Array, Array]]
 TOLERANCE = 2.0**20 * float(np.finfo(np.float64).eps)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, RunError, shown
-from kreisel.runs.plan import named, plan_of_times, positive
+from kreisel.runs.plan import plan_of_times
+from kreisel.runs.settings import named, positive
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,7 +10,7 @@ from kreisel.errors import InputError
 from kreisel.exact.motion import Motion
 from kreisel.exact.nutation import Integrals, Number, Nutation, number
 from kreisel.method.exact import motion
-from kreisel.runs.plan import check_model, checked_state
+from kreisel.runs.settings import check_model, checked_state
 
 
 @dataclass(frozen=True)

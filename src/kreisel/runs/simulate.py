@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import InputError, Stopped
 from kreisel.runs.drift import watched
 from kreisel.runs.march import March
-from kreisel.runs.plan import Plan, flag, make_plan, whole
+from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.progress import Progress
+from kreisel.runs.settings import flag, whole
 from kreisel.storage.checkpoint import Lock, signals_wait
 from kreisel.storage.replacing import settle
 

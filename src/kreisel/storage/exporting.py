@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.runs.plan import flag
+from kreisel.runs.settings import flag
 from kreisel.storage.opening import open_run, target, too_large
 from kreisel.storage.replacing import require_file, written
 

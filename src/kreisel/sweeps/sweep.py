@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Interrupted, shown
 from kreisel.record.model import Model
-from kreisel.runs.plan import check_model, checked_state, flag
 from kreisel.runs.progress import Progress
+from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage import manifest
 from kreisel.storage.checkpoint import Lock, signals_wait
 from kreisel.storage.opening import require_sound, target

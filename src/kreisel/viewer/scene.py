@@ -26,7 +26,7 @@ from kreisel.record.model import Model
 from kreisel.runs.describing import is_own
 from kreisel.runs.drift import MACHINE_EPSILON, all_series
 from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, model_for, orientation_of, to_third_axis
-from kreisel.runs.plan import within
+from kreisel.runs.settings import within
 from kreisel.storage.reading import a_run
 from kreisel.viewer import bodies
 from kreisel.viewer.style import THEMES

@@ -1,0 +1,146 @@
+"""What a user may ask of a run, checked: each value, states and orientations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, nearest, shown
+from kreisel.record.model import Model, State
+
+if TYPE_CHECKING:
+    pass
+
+ENGINES = ("cpu", "large", "cuda", "cuda-float32")
+ORTHOGONAL_TOLERANCE = 1e-9
+SHORTEST_STEP = 1e-100  # its square must not underflow
+MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
+
+
+def check_model(model: Any) -> None:
+    """Raises `InputError` for what is not a system with its parameters."""
+    if not isinstance(model, Model):
+        raise InputError(
+            f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)), got {shown(model)}."
+        )
+
+
+def _known_engine(name: Any) -> str | None:
+    if named(name, "engine") is not None and name not in ENGINES:
+        raise InputError(f"No engine is called {shown(name)}.{nearest(name, ENGINES)} There are: {', '.join(ENGINES)}.")
+    return name
+
+
+def checked_state(model: Model, x0: Any) -> State:
+    """The state of this system that a user gave.  Raises `InputError`."""
+    if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
+        letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
+        raise InputError(
+            f"The initial state must come from system.state({letters}), or be a dict or a row of a run; {shown(x0)} "
+            "came."
+        )
+    if hasattr(x0, "data_vars"):  # a row of a run, which has more than the state
+        missing = [letter for letter in model.system.space.letters if letter not in x0]
+        if missing:
+            raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
+        x0 = {letter: x0[letter] for letter in model.system.space.letters}
+    return model.state(**x0)
+
+
+def positive(value: Any, name: str) -> float:
+    """A positive number.  Raises `InputError`."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must be a positive number, got {shown(value)}.") from None
+    if not math.isfinite(number) or number < SHORTEST_STEP:
+        raise InputError(
+            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}, got {shown(value)}. "
+            "To go back in time, reverse the momenta."
+        )
+    return number
+
+
+def named(value: Any, what: str) -> str | None:
+    """A name, or None for the default.  Raises `InputError`."""
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{what}: expected a name, got {shown(value)}. Leave {what} out for the default.")
+    return value
+
+
+def _order(value: Any) -> int | str | None:
+    """An order, "auto", or None for the default; whole numbers of NumPy too.  Raises `InputError`."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise InputError(f"order: expected a whole number, or 'auto' with method='baecklund', got {shown(value)}.")
+    return int(value)
+
+
+def _whole_order(value: Any) -> int | None:
+    """The same where nothing is chosen.  Raises `InputError`."""
+    order = _order(value)
+    if isinstance(order, str):
+        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
+    return order
+
+
+def whole(value: Any, name: str) -> int:
+    """A number of steps, 1 or more.  Raises `InputError`."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
+        raise InputError(f"{name} must be a whole number, 1 or more, got {shown(value)}.")
+    if value > MOST_STEPS:
+        raise InputError(f"{name}: expected at most {MOST_STEPS:,}, got {shown(value)}, which is out of reach.")
+    return int(value)
+
+
+def within(value: Any, name: str, least: int, most: int) -> int:
+    """A whole number from `least` to `most`.  Raises `InputError`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        raise InputError(f"{name}: expected a whole number from {least:,} to {most:,}, got {shown(value)}.")
+    return int(value)
+
+
+def number(value: Any, name: str) -> float:
+    """A finite number.  Raises `InputError`."""
+    try:
+        found = float(value) if np.ndim(value) == 0 and not isinstance(value, str | bytes) else math.nan
+    except (TypeError, ValueError, OverflowError):
+        found = math.nan
+    if not math.isfinite(found):
+        raise InputError(f"{name}: expected a finite number, got {shown(value)}.")
+    return found
+
+
+def flag(value: Any, name: str) -> None:
+    """Raises `InputError` for what is neither true nor false."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}: expected True or False, got {shown(value)}.")
+
+
+def _orientation(value: Any, model: Model) -> Array:
+    """A rotation matrix (..., n, n), or for n = 3 a unit quaternion (..., 4), in the form that is stepped."""
+    n = model.n
+    try:
+        g = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        g = np.full(0, np.nan)
+    if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
+        length = np.sqrt((g * g).sum(-1, keepdims=True))
+        if not (abs(length - 1) < ORTHOGONAL_TOLERANCE).all():
+            raise InputError(f"The orientation quaternion (w, x, y, z) must have length 1, got {length.ravel()}.")
+        return g / length
+    quaternion = " or, for n = 3, a unit quaternion (w, x, y, z)" if n == 3 else ""
+    if g.ndim < 2 or g.shape[-2:] != (n, n):
+        raise InputError(f"The orientation must be a rotation matrix (..., {n}, {n}){quaternion}, got {shown(value)}.")
+    off = float(abs(g @ g.mT - np.eye(n)).max())
+    if not off < ORTHOGONAL_TOLERANCE:
+        raise InputError(f"The orientation must be orthogonal; g g^T - I is up to {off:.3g}.")
+    if (np.linalg.det(g) < 0).any():
+        raise InputError("The orientation must have determinant +1, got a reflection. Swap two columns.")
+    return algebra.unit_quaternion(g) if n == 3 else g
