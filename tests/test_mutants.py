@@ -186,7 +186,7 @@ def next_to_rho(m, a, *, p, mu, rho):
 
 
 def fixed_rho(m, a, *, p, mu, rho):
-    return 2 * laws.algebra.shifted_resolvent(mu, m, a - vec(rho) * p)
+    return 2 * algebra.shifted_resolvent(mu, m, a - vec(rho) * p)
 
 
 def frozen(system: System) -> System:  # rho frozen at a wrong value: no longer that of the state
@@ -208,8 +208,8 @@ def stretched(system: System) -> System:  # a pair with a wrong real part of its
     pair, derived = system.baecklund.pair, system.derive is not None
 
     def other(e):
-        re, im = laws.algebra.parts(e)
-        return laws.algebra.together(2 * re, im)
+        re, im = algebra.parts(e)
+        return algebra.together(2 * re, im)
 
     def top(M, P, e, *, A):
         return pair(M, P, other(e), A=A)
@@ -234,7 +234,7 @@ def old_momentum_transform(m, a, e, *, p):
 
 def lost_curvature(m, a, e, *, p):  # the pair without the term across
     m1, _ = top_maps.pair(m, a, e, p=p)
-    return m1, a + act(m + m1, laws.algebra.parts(e)[0])
+    return m1, a + act(m + m1, algebra.parts(e)[0])
 
 
 def unscaled_darboux(m, a, e, *, rho, lam):
@@ -278,7 +278,7 @@ MUTANTS = [
         "involution",
         replace(
             TOP,
-            integrals={"noether": lambda m, a, *, p: laws.algebra.coordinates(lagrange_top.noether(m, a, p=p))},
+            integrals={"noether": lambda m, a, *, p: algebra.coordinates(lagrange_top.noether(m, a, p=p))},
             commuting=("noether",),
         ),
         4,

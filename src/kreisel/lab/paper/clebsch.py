@@ -11,7 +11,7 @@ from kreisel.algebra import Array, act, bracket, cayley, dot, identity, log, pai
 from kreisel.algebra.matrices import diagonal
 from kreisel.lab import laws
 from kreisel.lab.jets import coefficient, generator
-from kreisel.lab.laws import Sides
+from kreisel.lab.law import Sides
 from kreisel.lab.paper.rows import Setting, by_law, gradient, law_row, printed, rank, right_derivative, row
 from kreisel.lab.paper.tops import HALF_LEAF, half, leaf_rank, outer, trace_log_of
 from kreisel.system import clebsch, clebsch_general, kirchhoff, neumann

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kreisel.algebra import act, axial, bracket, cayley, dot, hat, identity, mat
 from kreisel.algebra.invariants import characteristic, trace
 from kreisel.algebra.matrices import su2
-from kreisel.lab.laws import Sides
+from kreisel.lab.law import Sides
 from kreisel.lab.paper.rows import Setting, law_row, row
 from kreisel.record.contract import System
 from kreisel.system import REGISTRY, lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving

@@ -28,7 +28,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.lab.jets import Jet, coefficient, generator
-from kreisel.lab.laws import Sides
+from kreisel.lab.law import Sides
 from kreisel.lab.paper.rows import Setting, gradient, left_derivative, printed, right_derivative, row
 from kreisel.record.contract import MOVING_SPACE, REST_SPACE
 

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
 from kreisel.lab import exact, laws
-from kreisel.lab.laws import Sides
+from kreisel.lab.law import Sides
 from kreisel.record.contract import System
 
 DIMENSIONS = (3, 4, 5, 6)

@@ -26,7 +26,7 @@ from kreisel.algebra import (
 from kreisel.algebra.matrices import border
 from kreisel.lab import laws
 from kreisel.lab.jets import coefficient, generator
-from kreisel.lab.laws import Sides
+from kreisel.lab.law import Sides
 from kreisel.lab.paper.rows import (
     Setting,
     by_law,
