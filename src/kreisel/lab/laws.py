@@ -17,11 +17,17 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.lab import exact, laws_of_baecklund, laws_of_flows, laws_of_maps  # noqa: F401 - each registers its laws
+from kreisel.lab import exact
 from kreisel.lab.law import LAWS, TOLERANCE, Case, Law, Sides, Verdict
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.settings import within
+
+# isort: split
+from kreisel.lab import laws_of_flows, laws_of_maps  # noqa: F401 - each registers its laws, in this order
+
+# isort: split
+from kreisel.lab import laws_of_baecklund  # noqa: F401
 
 __all__ = ["LAWS", "TOLERANCE", "Case", "Law", "Verdict", "check", "make_case", "real", "test"]
 
