@@ -25,13 +25,13 @@ from kreisel.storage.reading import an_object
 
 if TYPE_CHECKING:
     import xarray as xr
-from kreisel.storage.archive import HAIR, NUDGE
 
 FORMAT = 1
 MOST_SCALES = 4096  # numbers in an attribute
 MANY_SAMPLES_N = 16  # beyond, there are fewer
 MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
+NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 

@@ -21,11 +21,9 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 from kreisel.kernels.layout import Floats
-from kreisel.method.observing import ORIENTATION
 from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.plan import Plan
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.reading import order_of
 from kreisel.storage.replacing import (
     agree,
     agreed,
@@ -45,13 +43,10 @@ from kreisel.runs.describing import (
     attributes,
     describe,
     dimensions,
-    model_of,
     saved_times,
     versions,
 )
-from kreisel.storage.opening import LARGEST_CHUNK, opened, read_attributes, require_sound
-
-NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
+from kreisel.storage.opening import _checkpoint, _march, _plan, _require_arrays, read_attributes, require_sound
 
 
 class Archive:
@@ -233,37 +228,6 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     return archive, march
 
 
-def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[str, Floats], manifest.Listed]:
-    """The checkpoint of a store, and its manifest.  Raises `InputError` where one is damaged, or of another run."""
-    from kreisel.storage.verified import Verified
-
-    snapshot, start = checkpoint.read(store)
-    known = manifest.read(store)
-    for name in ("zarr.json", *({checkpoint.NAME} & known.keys())):
-        Verified(store, known).verify(name)
-    if checkpoint.hash_of_start(start) != attrs["start_sha256"] or snapshot.flushed % attrs["rows_in_block"]:
-        raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
-    return snapshot, start, known
-
-
-def _march(plan: Plan, rows_in_block: int) -> March:
-    if rows_in_block * plan.engine.z.nbytes > LARGEST_CHUNK:
-        raise InputError(f"The attribute rows_in_block = {rows_in_block:,} is damaged: no run has such blocks.")
-    return March(plan, rows_in_block=rows_in_block)
-
-
-def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: manifest.Listed) -> None:
-    """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
-    run = opened(store, known)
-    outputs = {"time": np.zeros(1), **plan.observe(plan.engine.z[None])}
-    for name, value in outputs.items():
-        variable = run.variables.get(name)
-        good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
-        whole = None if variable is None else variable.encoding.get("shards") or variable.encoding["chunks"]
-        if not good or whole != (attrs["rows_in_block"], *value.shape[1:]):
-            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
-
-
 def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
     """Make a store ready to go on after its finished blocks: not complete any more, and as long as the plan."""
     from kreisel.storage.verified import edited
@@ -301,28 +265,3 @@ class _DiskTrouble:
             if (archive.part / checkpoint.NAME).exists():
                 kept = f" What was done until the last checkpoint is kept: `kreisel resume {archive.path}` goes on."
             raise disk_trouble(error, archive.path, self._what, kept) from error
-
-
-READING: dict[str, Any] = {
-    "engine": "zarr",
-    "consolidated": False,
-    "cache": False,
-    "mask_and_scale": False,
-    "create_default_indexes": False,
-}
-
-
-def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
-    """The plan of a run from its attributes and its start."""
-    return make_plan(
-        model_of(attrs),
-        {letter: value for letter, value in start.items() if letter != ORIENTATION},
-        dt=attrs["dt"],
-        steps=steps,
-        every=attrs["every"],
-        method=attrs["method"],
-        order=order_of(attrs),
-        orientation=start.get(ORIENTATION),
-        engine=attrs.get("engine", "cpu"),
-        project=attrs["projection"] > 0,
-    )

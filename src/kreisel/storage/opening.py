@@ -23,8 +23,23 @@ from kreisel.storage.replacing import (
 
 if TYPE_CHECKING:
     import xarray as xr
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kreisel.kernels.layout import Floats
+from kreisel.method.observing import ORIENTATION
 from kreisel.runs.describing import FORMAT, in_memory, is_own, saved_times
-from kreisel.storage.archive import READING, _checkpoint, _march, _plan, _require_arrays
+from kreisel.runs.march import March, Snapshot
+from kreisel.runs.plan import Plan, make_plan
+from kreisel.storage import checkpoint
+from kreisel.storage.reading import order_of
+
+if TYPE_CHECKING:
+    pass
+from kreisel.runs.describing import (
+    model_of,
+)
 
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
@@ -259,3 +274,59 @@ def _place(variable: xr.DataArray) -> int:
     """States first, then the orientation, Casimirs, integrals, and what a user has added."""
     order, kind = ("state", "orientation", *KINDS), variable.attrs.get("kind")
     return order.index(kind) if kind in order else len(order)
+
+
+def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[str, Floats], manifest.Listed]:
+    """The checkpoint of a store, and its manifest.  Raises `InputError` where one is damaged, or of another run."""
+    from kreisel.storage.verified import Verified
+
+    snapshot, start = checkpoint.read(store)
+    known = manifest.read(store)
+    for name in ("zarr.json", *({checkpoint.NAME} & known.keys())):
+        Verified(store, known).verify(name)
+    if checkpoint.hash_of_start(start) != attrs["start_sha256"] or snapshot.flushed % attrs["rows_in_block"]:
+        raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
+    return snapshot, start, known
+
+
+def _march(plan: Plan, rows_in_block: int) -> March:
+    if rows_in_block * plan.engine.z.nbytes > LARGEST_CHUNK:
+        raise InputError(f"The attribute rows_in_block = {rows_in_block:,} is damaged: no run has such blocks.")
+    return March(plan, rows_in_block=rows_in_block)
+
+
+def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: manifest.Listed) -> None:
+    """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
+    run = opened(store, known)
+    outputs = {"time": np.zeros(1), **plan.observe(plan.engine.z[None])}
+    for name, value in outputs.items():
+        variable = run.variables.get(name)
+        good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
+        whole = None if variable is None else variable.encoding.get("shards") or variable.encoding["chunks"]
+        if not good or whole != (attrs["rows_in_block"], *value.shape[1:]):
+            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
+
+
+READING: dict[str, Any] = {
+    "engine": "zarr",
+    "consolidated": False,
+    "cache": False,
+    "mask_and_scale": False,
+    "create_default_indexes": False,
+}
+
+
+def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
+    """The plan of a run from its attributes and its start."""
+    return make_plan(
+        model_of(attrs),
+        {letter: value for letter, value in start.items() if letter != ORIENTATION},
+        dt=attrs["dt"],
+        steps=steps,
+        every=attrs["every"],
+        method=attrs["method"],
+        order=order_of(attrs),
+        orientation=start.get(ORIENTATION),
+        engine=attrs.get("engine", "cpu"),
+        project=attrs["projection"] > 0,
+    )

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from kreisel.kernels.large.forms import Form
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -10,10 +15,11 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.kernels.large.forms import AXIS_NAME, IN_PLANES, TURN_NAME, Form
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Scheme
 
+AXIS_NAME, TURN_NAME = "axis", "turn"
+IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
 BASIS = "basis_"
 BASIS_AXES = {f"{BASIS}{letter}": count for letter, count in {"x": 2, "y": 2, "p": 1, "length": 0, "T": 2}.items()}
 SHORTEST = 1e-100  # of an axis

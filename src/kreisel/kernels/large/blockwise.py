@@ -10,7 +10,8 @@ from collections.abc import Collection, Iterable, Mapping
 
 from kreisel.kernels.cpu import load
 from kreisel.kernels.large import products
-from kreisel.kernels.large.forms import AXIS_NAME, INVERSE, TURN_NAME, Form, Piece, functions, recorded
+from kreisel.kernels.large.basis import AXIS_NAME, TURN_NAME
+from kreisel.kernels.large.forms import INVERSE, Form, Piece, functions, recorded
 from kreisel.kernels.large.products import Change, Function, Upkeep
 from kreisel.kernels.printing import Line, split
 from kreisel.kernels.recording import indented

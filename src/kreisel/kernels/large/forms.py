@@ -21,18 +21,16 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels.large.basis import BASIS_AXES, SHORTEST, Basis, _lengths
+from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _lengths
 from kreisel.kernels.large.products import Change, Inverse, Upkeep
 from kreisel.kernels.large.structured import Columns, Dense, Matrix, Rows, Vector, changed_inverse
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.tape import Scalar, Tape, text
 from kreisel.method.scheme import Scheme
 
-AXIS_NAME, TURN_NAME = "axis", "turn"
 AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape
 INVERSE = "inverse"
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
-IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
 
 
 @dataclass(frozen=True)
