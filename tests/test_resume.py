@@ -415,7 +415,8 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
     state = system.state(**start)
     options = {"dt": 0.1, "steps": 67, "every": 3, "progress": False, **more}  # 24 rows in blocks of seven
     monkeypatch.setattr(march, "block_rows", lambda plan: 7)
-    monkeypatch.setattr("kreisel.storage.archive.block_rows", lambda plan: 7)
+    for place in ("storage.archive", "runs.describing"):
+        monkeypatch.setattr(f"kreisel.{place}.block_rows", lambda plan: 7)
     whole = kr.simulate(system, state, path=tmp_path / "whole.zarr", **options).load()
     expected = contents(tmp_path / "whole.zarr")
     made = march.March.__init__

@@ -72,7 +72,7 @@ def test_an_ellipsoid_with_units() -> None:
     [
         ({"mass": "3 m"}, "mass must have the dimension of kg, got 3 meter"),
         ({"lever": "3"}, "lever must have the dimension of m"),
-        ({"lever": "3 furlongz"}, "lever must be a quantity such as '1 m'; '3 furlongz'"),
+        ({"lever": "3 furlongz"}, "lever must be a quantity such as '1 m', got '3 furlongz'"),
         ({"lever": "--"}, "lever must be a quantity"),
         ({"lever": "-15 cm"}, "lever must be a finite number > 0"),
         ({"lever": "nan cm"}, "lever"),
