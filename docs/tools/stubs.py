@@ -13,13 +13,6 @@ from kreisel.record.contract import Parameter, System
 from kreisel.system import NAMED
 
 STUB = Path(kr.__file__).with_suffix(".pyi")
-KINDS = {
-    "scalar": "ArrayLike",
-    "vector": "ArrayLike",
-    "symmetric": "ArrayLike",
-    "array": "ArrayLike",
-    "dimension": "int",
-}
 HEAD = """# Made by `make stubs` from the records; not to be edited.
 from numpy.typing import ArrayLike
 

@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from kreisel.cli.output import AsJson, app, finding_data, parameter_of, print_finding, print_json, say, width
 from kreisel.errors import (
     InputError,
 )
-
-if TYPE_CHECKING:
-    pass
-
-from kreisel.cli.output import AsJson, app, finding_data, parameter_of, print_finding, print_json, say, width
 
 
 @app.command()

@@ -1,7 +1,7 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
 Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
-same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.kernels.lanes`); lane i has the
+same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.kernels.simd`); lane i has the
 bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has (NUMBA_NUM_THREADS).
 Source and machine code are kept on disk (`kreisel.kernels.cache`), named by the hash of the source, of the operations
 that it imports and of what it is compiled for.

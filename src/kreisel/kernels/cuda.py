@@ -70,7 +70,7 @@ from math import sqrt
 
 from numba import config, cuda
 
-TAU, FLAT, EPS, GAIN = {tau!r}, {flat!r}, {eps!r}, {gain!r}
+TAU, FLAT, EPS, GAIN, HUGE = {tau!r}, {flat!r}, {eps!r}, {gain!r}, 1e300
 
 if config.ENABLE_CUDASIM:
 

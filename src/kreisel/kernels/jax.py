@@ -80,7 +80,8 @@ def _projection(
 
     def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
         found = scheme.observe(layout.restore(z, kinds, n)[:own], **known)
-        return {name: jnp.ravel(value) for name, value in found.items() if scheme.outcomes[name].conserved}
+        names = sorted(name for name in found if scheme.outcomes[name].conserved)  # the order in which JAX returns them
+        return {name: jnp.ravel(found[name]) for name in names}
 
     def values(z: Array, known: Mapping[str, Array]) -> Array:
         return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
@@ -88,6 +89,8 @@ def _projection(
     def correction(z: Array, known: Mapping[str, Array], targets: Array, worst: Array) -> tuple[Array, Array, Array]:
         start, _, size, lead = targets.T
         J, lack = jax.jacrev(values)(z, known), values(z, known) - start
+        there = jnp.isfinite(J).all(-1) & jnp.isfinite(lack)
+        J, lack, lead = jnp.where(there[:, None], J, 0), jnp.where(there, lack, 0), jnp.where(there, lead, 0)
         scale, unit = scales(z, J, size)
         worst, lead = led(lack, lead, unit, worst)
         return newton(z, J, lack + lead, scale), worst, lead
@@ -119,7 +122,7 @@ class Projection(InDoubles):
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
         with double():
-            new, worst, lead = map(np.asarray, self._correct(z, self._constants, self.targets, self.worst))
+            new, worst, lead = map(np.array, self._correct(z, self._constants, self.targets, self.worst))
         return new, worst, lead
 
 

@@ -36,7 +36,8 @@ def _found() -> dict[str, Method]:
 
 def default_method(system: System) -> str:
     """The name of the first of the methods that apply to a system."""
-    return next(m.name for m in _found().values() if m.rank is not None and m.applies(system))
+    fitting = (m.name for m in _found().values() if m.rank is not None and m.applies(system))
+    return next(fitting, "dop853")  # which then says what it lacks
 
 
 def find(name: Any) -> Method:

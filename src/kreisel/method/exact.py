@@ -143,7 +143,7 @@ METHOD = Method(
     orders=(),
     default=None,
     poisson="yes",
-    conserves="all integrals of the flow, and the phase",
+    conserves="all integrals of the flow",
     sources=("suris2001", "carlson1995", "whittaker1937"),
     make=exact,
 )

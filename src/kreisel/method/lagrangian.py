@@ -97,7 +97,7 @@ METHOD = Method(
     title="the map of a discrete Lagrangian of your own (kreisel.reduction)",
     needs="a system of kreisel.reduction with a discrete Lagrangian",
     applies=lambda s: s.map is not None and s.numbers == "jax",
-    orders=tuple(range(1, 25)),
+    orders=(),
     default=None,
     words="that of the discrete Lagrangian; 2 for a continuous one",
     poisson="if its symmetries give the bracket",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any
 
 from kreisel.errors import InputError, shown
@@ -18,7 +19,8 @@ class Method:
 
     name, title  of it, in a word and in a line
     needs        what a system must state for it, in words; `applies` says so of a record
-    orders       that it has, rising; none for the flow itself.  `default` if none is asked for; `words` for them
+    orders       that it has, rising; none for the flow itself.  `default` if none is asked for; `words` for them,
+                 where `make` knows which there are
     poisson      whether its map is Poisson for the bracket of the system
     conserves    what stays constant up to rounding errors
     rank         of all methods that apply to a system the one with the lowest is its default; None: never
@@ -64,7 +66,10 @@ class Method:
         """The order that was asked for, or the default.  Raises `InputError` for one that the method has not."""
         if asked is None:
             return self.default
-        if isinstance(asked, bool) or asked not in self.orders:
+        whole = isinstance(asked, Integral) and not isinstance(asked, bool)
+        if whole and self.words:
+            return int(asked)
+        if not whole or asked not in self.orders:
             raise InputError(
                 f"method={self.name!r}: expected one of its orders ({self.order_text}), got order={shown(asked)}."
                 + ("" if self.orders else " Leave order out.")

@@ -62,7 +62,7 @@ def off_diagonal(C, letter):
     """Not diagonal."""
     if magnitude(C * (1 - identity(C.shape[-1]))) == 0:
         raise InputError(
-            f"{letter} must be an n x n matrix with {letter}_jk the inverse moment of the plane (j, k); a diagonal "
-            "came, which is not used. For n = 3 and inverse moments c1, c2, c3 about the axes give "
+            f"{letter} must be an n x n matrix with {letter}_jk the inverse moment of the plane (j, k), got a "
+            "diagonal, which is not used. For n = 3 and inverse moments c1, c2, c3 about the axes give "
             f"{letter} = [[0, c3, c2], [c3, 0, c1], [c2, c1, 0]]."
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
 from kreisel.record.model import Model, State
-
-if TYPE_CHECKING:
-    pass
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 ORTHOGONAL_TOLERANCE = 1e-9
@@ -41,8 +38,8 @@ def checked_state(model: Model, x0: Any) -> State:
     if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         raise InputError(
-            f"The initial state must come from system.state({letters}), or be a dict or a row of a run; {shown(x0)} "
-            "came."
+            f"The initial state must come from system.state({letters}), or be a dict or a row of a run, got "
+            f"{shown(x0)}."
         )
     if hasattr(x0, "data_vars"):  # a row of a run, which has more than the state
         missing = [letter for letter in model.system.space.letters if letter not in x0]

@@ -14,28 +14,13 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 from kreisel.kernels.layout import Floats
-from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
-from kreisel.runs.plan import Plan
-from kreisel.storage import checkpoint, manifest
-from kreisel.storage.replacing import (
-    agree,
-    agreed,
-    part_of,
-    remove,
-    require_replaceable,
-    stands,
-    take_name,
-)
-
-if TYPE_CHECKING:
-    pass
 from kreisel.runs.describing import (
     CORRECTION,
     TIME,
@@ -46,7 +31,19 @@ from kreisel.runs.describing import (
     saved_times,
     versions,
 )
+from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
+from kreisel.runs.plan import Plan
+from kreisel.storage import checkpoint, manifest
 from kreisel.storage.opening import _checkpoint, _march, _plan, _require_arrays, read_attributes, require_sound
+from kreisel.storage.replacing import (
+    agree,
+    agreed,
+    part_of,
+    remove,
+    require_replaceable,
+    stands,
+    take_name,
+)
 
 
 class Archive:

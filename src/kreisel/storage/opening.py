@@ -29,17 +29,17 @@ import numpy as np
 
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
-from kreisel.runs.describing import FORMAT, in_memory, is_own, saved_times
+from kreisel.runs.describing import (
+    FORMAT,
+    in_memory,
+    is_own,
+    model_of,
+    saved_times,
+)
 from kreisel.runs.march import March, Snapshot
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.storage import checkpoint
 from kreisel.storage.reading import order_of
-
-if TYPE_CHECKING:
-    pass
-from kreisel.runs.describing import (
-    model_of,
-)
 
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),

@@ -20,7 +20,7 @@ from kreisel.kernels.projection.text import GAIN, TAU
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 
-FLAT = 2.0**-4  # as in `kreisel.kernels.projection.compiled`, where values have more digits
+FLAT = 2.0**-4  # as in `kreisel.kernels.projection.text`, where values have more digits
 MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
 STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
 SAMPLES = 8  # states by which the size of an invariant's terms is told

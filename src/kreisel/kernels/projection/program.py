@@ -278,7 +278,8 @@ def _enough(program: Program) -> list[str]:
     x[: SAMPLES // 2] *= rng.random((SAMPLES // 2, 1)) < rng.random((SAMPLES // 2, x.shape[1]))
     x[: SAMPLES // 4] = np.sign(x[: SAMPLES // 4])
     J = _gradients(program, x)
-    J = J[np.isfinite(J).all((1, 2))]
+    there = np.isfinite(J).all((1, 2))
+    generic, J = there[there].cumsum() > there[: SAMPLES // 4].sum(), J[there]
     length = np.sqrt((J * J).sum(-1, keepdims=True))
     J = np.where(length > INDEPENDENT, J / np.maximum(length, INDEPENDENT), 0)  # or 0 but for rounding
     spanned = np.zeros((len(J), J.shape[-1], J.shape[-1]))
@@ -295,8 +296,8 @@ def _enough(program: Program) -> list[str]:
             u = np.where(new[:, None], rest / np.where(new, size, 1)[:, None], 0)
             spanned += u[:, :, None] * u[:, None, :]
     left = [j for j in range(len(lengths)) if j not in chosen]
-    while left:  # those that the others determine to few digits only
-        weights = J[SAMPLES // 4 :, left] @ np.linalg.pinv(J[SAMPLES // 4 :, chosen], rcond=INDEPENDENT)
+    while left and generic.any():  # those that the others determine to few digits only
+        weights = J[generic][:, left] @ np.linalg.pinv(J[generic][:, chosen], rcond=INDEPENDENT)
         sizes = np.median(np.sqrt((weights * weights).sum(-1)), 0)
         if sizes.max() < MOST_WEIGHT:
             break

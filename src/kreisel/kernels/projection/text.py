@@ -144,15 +144,19 @@ def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst
         flat = times(get(room, T + 5 * j + 2), times(unit, FLAT))
         total = sqrt(fma(flat, flat, total))
         scale = where_less(nothing, total, 1.0 / total, nothing)
+        scale = where_less(total, HUGE, scale, nothing)  # of what is not finite here too
         for i in range(d):
-            put(room, J + j * d + i, times(scale, get(room, J + j * d + i)))
+            put(room, J + j * d + i, where_less(nothing, scale, times(scale, get(room, J + j * d + i)), nothing))
         lack = get(room, whole(outs, j)) - get(room, T + 5 * j)
         lack = lack + (get(room, count + whole(outs, j)) - get(room, T + 5 * j + 1))
+        lack = where_less(size(lack), HUGE, lack, nothing)
         lead = get(room, T + 5 * j + 3)
         lead = fma(GAIN, fma(0.5, lack + lead, -lead), lead)
         distance = times(scale, times(unit, 1.0 / EPS))
         farthest = max(get(room, T + 5 * j + 4), times(size(lack), distance))
         lead = where_less(farthest, times(size(lead), distance), nothing, lead)
+        if free > 0:  # what binds an orientation has no frequency
+            lead = nothing
         put(room, T + 5 * j + 3, lead)
         put(room, T + 5 * j + 4, farthest)
         put(room, R + j, times(lack + lead, scale))
@@ -199,7 +203,7 @@ from kreisel.kernels._numba.pointers import double_at as number
 from kreisel.kernels._numba.pointers import integer_at as whole
 from kreisel.kernels._numba.pointers import long_at, put_double as set_number
 {reading}
-TAU, FLAT, EPS, GAIN = {tau!r}, {flat!r}, {eps!r}, {gain!r}
+TAU, FLAT, EPS, GAIN, HUGE = {tau!r}, {flat!r}, {eps!r}, {gain!r}, 1e300
 
 
 @njit({exact})
