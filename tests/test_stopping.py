@@ -143,8 +143,10 @@ main()
 
 def test_a_run_in_memory_obeys_ctrl_c(tmp_path: Path) -> None:
     code = f"""
+import signal
 import kreisel as kr
 from kreisel.kernels import ode
+signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs of a shell ignore it
 ode._bound, bound = lambda *args: print(flush=True) or bound(*args), ode._bound  # at work: imports may lose a signal
 top = kr.LagrangeTop(p=(0, 0, 1))
 x0 = top.state(m={SLOW}, a=(0.6, 0, 0.8))
