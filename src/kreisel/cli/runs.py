@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
 from kreisel.cli.output import (
@@ -55,14 +56,7 @@ def run(
         result = simulate(
             model,
             model.state(**asked.state),
-            dt=asked.run.dt,
-            steps=asked.run.steps,
-            every=asked.run.every,
-            method=asked.run.method,
-            order=asked.run.order,
-            tol=asked.run.tol,
-            engine=asked.run.engine,
-            project=asked.run.project and project,
+            **msgspec.structs.asdict(asked.run.but(project=asked.run.project and project)),
             orientation=asked.orientation,
             path=asked.path,
             overwrite=overwrite,

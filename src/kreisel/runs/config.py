@@ -11,25 +11,13 @@ from typing import Any
 import msgspec
 
 from kreisel.errors import InputError, nearest, shown
+from kreisel.runs.settings import Settings
 from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
 LARGEST_FILE = 16 << 20
 FIGURES = (".png", ".pdf", ".svg")
-
-
-class Run(msgspec.Struct, forbid_unknown_fields=True):
-    """[run]: how to simulate."""
-
-    dt: float
-    steps: int
-    every: int = 1
-    method: str | None = None
-    order: int | str | None = None
-    tol: float | None = None
-    engine: str | None = None
-    project: bool = True
 
 
 class Output(msgspec.Struct, forbid_unknown_fields=True):
@@ -51,7 +39,7 @@ class Config:
     parameters: dict[str, Any]
     state: dict[str, Any]
     orientation: Any
-    run: Run
+    run: Settings
     path: Path
     figure: Path
 
@@ -96,7 +84,7 @@ def parse_sweep(
     _check_sections(shallow(data, source), (*SECTIONS, "sweep"), source)
     tables = {section: _table(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
-    _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Run, "run", source)  # what is missing may vary
+    _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Settings, "run", source)  # what is missing may vary
     _, file, system = _system(tables["system"], source, folder)
     output = _convert(tables["output"], Output, "output", source)
     if output.figure is not None:
@@ -113,7 +101,7 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
-    run = _convert(tables["run"], Run, "run", source)
+    run = _convert(tables["run"], Settings, "run", source)
     output = _convert(tables["output"], Output, "output", source)
     path = _named(output.path, "path", source)
     figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)

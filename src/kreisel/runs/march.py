@@ -41,7 +41,7 @@ class Snapshot:
 def block_rows(plan: Plan) -> int:
     """Rows held at once, and rows in a shard of an archive."""
     numbers = max(
-        plan.engine.z.size, plan.lanes * sum(layout.size(k, plan.model.n) for k in plan.model.system.space.kinds)
+        plan.first.size, plan.lanes * sum(layout.size(k, plan.model.n) for k in plan.model.system.space.kinds)
     )
     rows = int(max(1, min(plan.rows, BLOCK_BYTES // (8 * numbers))))
     return rows if rows < SHARDED else rows + -rows % CHUNKS

@@ -1,8 +1,7 @@
-"""From a model, a state and a step to something that marches: checks, scheme, engine, layout."""
+"""From a model, a state and settings to a plan: checks, scheme, layout, and the engine that carries it out."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,18 +24,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.kernels.projection.corrections import Corrections
     from kreisel.method.auto import Choice
-from kreisel.runs.settings import (
-    _known_engine,
-    _order,
-    _orientation,
-    _whole_order,
-    check_model,
-    checked_state,
-    flag,
-    named,
-    positive,
-    whole,
-)
+from kreisel.runs.settings import Settings, _orientation, check_model, checked_state, named, whole_order
 
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
 LARGE = 9  # from here on the structured kernel, where there is one
@@ -68,19 +56,45 @@ class Marcher(Protocol):
 
 @dataclass
 class Plan:
-    """A run about to start."""
+    """A run about to start, as data; `engine` is what makes its steps."""
 
     model: Model
     scheme: Scheme
-    engine: Marcher
-    dt: float
-    steps: int
-    every: int
-    lanes: int
+    settings: Settings
+    first: Floats  # the start (lanes, d) in the method's own variables
     batched: bool
     start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
-    where: str = "cpu"  # the engine's name
-    made: Callable[[Scheme], Marcher] | None = None  # the engine of a scheme; None for a plan that is not resumed
+    printer: Printer | None = None  # of the kernel of engine="large"
+
+    @property
+    def dt(self) -> float:
+        """The step."""
+        return self.settings.dt
+
+    @property
+    def steps(self) -> int:
+        """The steps of the whole run."""
+        return self.settings.steps
+
+    @property
+    def every(self) -> int:
+        """The steps from one saved row to the next."""
+        return self.settings.every
+
+    @property
+    def lanes(self) -> int:
+        """The trajectories that are stepped together."""
+        return len(self.first)
+
+    @property
+    def where(self) -> str:
+        """The name of the engine."""
+        return self.settings.engine or ("cpu" if self.printer is None else "large")
+
+    @cached_property
+    def engine(self) -> Marcher:
+        """What makes the steps, at the start; compiled when it is first asked for.  Raises `InputError`."""
+        return _engine(self)
 
     @property
     def rows(self) -> int:
@@ -109,23 +123,31 @@ class Plan:
     def adopt(self, computed: Mapping[str, Floats]) -> None:
         """Go on with these values of `computed`, of the same names and shapes."""
         mine = self.computed
-        if self.made is None or all(mine[name].tobytes() == value.tobytes() for name, value in computed.items()):
+        if all(mine[name].tobytes() == value.tobytes() for name, value in computed.items()):
             return
         parts: dict[str, Any] = {part: dict(getattr(self.scheme, part)) for part in COMPUTED}
         for name, value in computed.items():
             part, letter = name.split("-", 1)
             parts[part][letter] = value
         self.scheme = replace(self.scheme, **parts)
-        self.engine = self.made(self.scheme)
-        self.__dict__.pop("_compiled", None)
+        for made in ("engine", "_compiled"):
+            self.__dict__.pop(made, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
-        if self._compiled is not None:
-            outputs = self._compiled(z)
-        else:
-            known = {**self.scheme.constants, **self.scheme.basis}
-            outputs = self._variables(layout.restore(z, self.kinds, self.model.n), **known)
+        return self._shaped(z, self._plainly(z) if self._compiled is None else self._compiled(z))
+
+    @cached_property
+    def example(self) -> dict[str, Array]:
+        """The outputs of the start, as `observe` shapes those of one row; nothing is compiled for them."""
+        with np.errstate(all="ignore"):
+            return self._shaped(self.first[None], self._plainly(self.first[None]))
+
+    def _plainly(self, z: Floats) -> dict[str, Array]:
+        known = {**self.scheme.constants, **self.scheme.basis}
+        return self._variables(layout.restore(z, self.kinds, self.model.n), **known)
+
+    def _shaped(self, z: Floats, outputs: Mapping[str, Array]) -> dict[str, Array]:
         out = {}
         for name, value in outputs.items():
             value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
@@ -146,120 +168,82 @@ class Plan:
             return None
         from kreisel.kernels.cpu import compiled_observe
 
-        return compiled_observe(self.scheme, self._variables, self.engine.z.shape[0])
+        return compiled_observe(self.scheme, self._variables, self.lanes)
 
 
-def make_plan(
-    model: Any,
-    x0: Any,
-    *,
-    dt: Any,
-    steps: Any,
-    every: Any,
-    method: str | None,
-    order: int | str | None,
-    orientation: Any,
-    tol: Any = None,
-    engine: str | None = None,
-    project: Any = None,
-) -> Plan:
-    """Check everything that can be checked before the first step.  Raises `InputError`."""
+def make_plan(model: Any, x0: Any, *, orientation: Any = None, **asked: Any) -> Plan:
+    """The plan of a run with these settings.  Raises `InputError`."""
     check_model(model)
-    dt, steps, every = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every")
-    method, order = named(method, "method"), _order(order)
-    if project is not None:
-        flag(project, "project")
-    project = project is None or bool(project)
-    if not math.isfinite(dt * steps):
-        raise InputError(f"{steps:,} steps of {dt:g} are out of reach: a finite time was expected.")
-    if every > steps:
-        raise InputError(f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps.")
+    return plan_of(model, x0, Settings.checked(**asked), orientation)
+
+
+def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) -> Plan:
+    """Check everything that can be checked before the first step.  Raises `InputError`."""
     state = checked_state(model, x0)
-    if order == "auto":
-        return _chosen(model, state, dt, steps, every, method, orientation, tol, engine, project)
-    order = _whole_order(order)
-    if tol is not None:
-        raise InputError(f"tol goes with order='auto', which chooses order and step for it, got order={shown(order)}.")
-    plan = scheme(model, method, dt, order, orientation is not None)
-    plan = replace(plan, held=held_by_orientation(model, plan.components))
-    parts = _parts(model, state, orientation)
-    engine = _known_engine(engine)
-    plan, start, printer = _lanes(model, plan, parts, engine)
-    where = engine or ("cpu" if printer is None else "large")
+    if settings.order == "auto":
+        return _chosen(model, state, settings, orientation)
+    made = scheme(model, settings.method, settings.dt, whole_order(settings.order), orientation is not None)
+    made = replace(made, held=held_by_orientation(model, made.components))
+    return _plan(model, made, settings, _parts(model, state, orientation), settings.engine)
 
-    def made(plan: Scheme) -> Marcher:
-        return _engine(plan, start.reshape(-1, start.shape[-1]), dt, steps, where, printer, project)
 
+def _plan(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
+    made, start, printer = _lanes(model, made, parts, engine)
     return Plan(
         model=model,
-        scheme=plan,
-        engine=made(plan),
-        dt=dt,
-        steps=steps,
-        every=every,
-        lanes=math.prod(start.shape[:-1]),
+        scheme=made,
+        settings=settings,
+        first=start.reshape(-1, start.shape[-1]),
         batched=start.ndim > 1,
         start=_named(model, parts),
-        where=where,
-        made=made,
+        printer=printer,
     )
 
 
-def _chosen(
-    model: Model,
-    state: State,
-    dt: float,
-    steps: int,
-    every: int,
-    method: str | None,
-    orientation: Any,
-    tol: Any,
-    engine: str | None,
-    project: bool,
-) -> Plan:
+def _chosen(model: Model, state: State, settings: Settings, orientation: Any) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.method.auto import choose
 
-    _require_choices(model, steps, every, method)
-    choice = choose(model, _parts(model, state, None), every * dt, steps * dt, tol)
-    told = {"orientation": orientation, "engine": engine, "project": project}
-    plan = make_plan(model, state, **settled(choice, dt, steps, every), **told)
-    told = {"tol": float(tol), "expected_error": choice.expected}
-    return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **told}))
+    _require_choices(model, settings)
+    spacing = settings.every * settings.dt
+    choice = choose(model, _parts(model, state, None), spacing, settings.time, settings.tol)
+    plan = plan_of(model, state, settled(choice, settings), orientation)
+    chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
+    return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **chosen}))
 
 
-def choices(model: Any, x0: Any, *, dt: Any, steps: Any, every: Any, method: str | None, tol: Any) -> list[Choice]:
+def choices(model: Model, x0: Any, settings: Settings) -> list[Choice]:
     """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
     from kreisel.method.auto import choose_each
 
-    dt, steps, every, state = positive(dt, "dt"), whole(steps, "steps"), whole(every, "every"), checked_state(model, x0)
-    method = named(method, "method")
-    _require_choices(model, steps, every, method)
-    return choose_each(model, _parts(model, state, None), every * dt, steps * dt, tol)
+    state = checked_state(model, x0)
+    _require_choices(model, settings)
+    spacing = settings.every * settings.dt
+    return choose_each(model, _parts(model, state, None), spacing, settings.time, settings.tol)
 
 
-def settled(choice: Choice, dt: float, steps: int, every: int) -> dict[str, Any]:
+def settled(choice: Choice, settings: Settings) -> Settings:
     """The settings of a run with this choice; rows are saved at the same times.  Raises `InputError`."""
+    every = settings.every
     if choice.steps > MOST_CHOSEN * every:
         raise InputError(
             f"order='auto': expected a motion that {MOST_CHOSEN:,} steps in a dt resolve, got one that needs "
             f"{choice.steps // every:,}. Usual cause: a state or parameters far larger than meant. If they are right, "
             "use a smaller dt and every=..., or say order and dt."
         )
-    return {
-        "dt": every * dt / choice.steps,
-        "steps": steps // every * choice.steps,
-        "every": choice.steps,
-        "method": "baecklund",
-        "order": choice.order,
-    }
+    return settings.but(
+        dt=every * settings.dt / choice.steps,
+        steps=settings.steps // every * choice.steps,
+        every=choice.steps,
+        method="baecklund",
+        order=choice.order,
+        tol=None,
+    )
 
 
-def _require_choices(model: Model, steps: int, every: int, method: str | None) -> None:
-    if (method or default_method(model.system)) != "baecklund":
+def _require_choices(model: Model, settings: Settings) -> None:
+    if (settings.method or default_method(model.system)) != "baecklund":
         raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
-    if steps % every:
-        raise InputError(f"order='auto' needs steps to be a multiple of every, got steps = {steps}, every = {every}.")
 
 
 def plan_of_times(
@@ -270,17 +254,17 @@ def plan_of_times(
 
     check_model(model)
     state = checked_state(model, x0)
-    plan = scheme(model, named(method, "method"), dt, _whole_order(order), orientation is not None)
-    if plan.orbit is None:
+    made = scheme(model, named(method, "method"), dt, whole_order(order), orientation is not None)
+    if made.orbit is None:
         raise InputError(
             f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
-    parts = _parts(model, state, orientation)
-    plan, start, _ = _lanes(model, plan, parts, "cpu")
-    engine = ClosedForm(plan, start.reshape(-1, start.shape[-1]), dt, reach)
-    lanes, told = math.prod(start.shape[:-1]), _named(model, parts)
-    return Plan(model, plan, engine, dt=dt, steps=0, every=1, lanes=lanes, batched=start.ndim > 1, start=told), engine
+    settings = Settings(dt=dt, steps=0, method=method, order=order)
+    plan = _plan(model, made, settings, _parts(model, state, orientation), "cpu")
+    engine = ClosedForm(plan.scheme, plan.first, dt, reach)
+    plan.engine = engine
+    return plan, engine
 
 
 def _parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
@@ -293,36 +277,35 @@ def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
     return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
 
 
-def _engine(
-    plan: Scheme, start: Floats, dt: float, steps: int, name: str, printer: Printer | None, project: bool
-) -> Marcher:
+def _engine(plan: Plan) -> Marcher:
+    made, name, settings, first = plan.scheme, plan.where, plan.settings, plan.first.copy()
     if name not in ("cpu", "large"):
-        if plan.numbers != "any" or plan.step is None:
+        if made.numbers != "any" or made.step is None:
             raise InputError(
-                f"engine={shown(name)} runs maps, not method={shown(plan.name)} for this system. Use engine='cpu'."
+                f"engine={shown(name)} runs maps, not method={shown(made.name)} for this system. Use engine='cpu'."
             )
-        if plan.guard is not None and name == "cuda-float32":
+        if made.guard is not None and name == "cuda-float32":
             raise InputError(
-                f"method={shown(plan.name)} is implicit and is solved to float64's round-off. Use engine='cuda'."
+                f"method={shown(made.name)} is implicit and is solved to float64's round-off. Use engine='cuda'."
             )
         from kreisel.kernels.cuda import Kernel as OnGpu
 
-        return OnGpu(plan, start, name, project)
-    if plan.numbers == "jax" and plan.step is not None:
+        return OnGpu(made, first, name, settings.project)
+    if made.numbers == "jax" and made.step is not None:
         from kreisel.kernels.jax import Compiled
 
-        return Compiled(plan, start, dt, project)
-    if plan.step is not None:
+        return Compiled(made, first, plan.dt, settings.project)
+    if made.step is not None:
         from kreisel.kernels.cpu import Kernel
 
-        return Kernel(plan, start, printer, project)
-    if plan.orbit is not None:
+        return Kernel(made, first, plan.printer, settings.project)
+    if made.orbit is not None:
         from kreisel.kernels.exact.engine import ClosedForm
 
-        return ClosedForm(plan, start, dt, steps * dt).ready()
+        return ClosedForm(made, first, plan.dt, settings.time).ready()
     from kreisel.kernels.ode import Reference
 
-    return Reference(plan, start, dt)
+    return Reference(made, first, plan.dt)
 
 
 def _lanes(

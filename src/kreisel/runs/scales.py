@@ -6,8 +6,7 @@ smaller states there than afterwards.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import KINDS, read
 from kreisel.runs.plan import Plan
+from kreisel.runs.settings import Settings
 from kreisel.storage.reading import order_of
 
 if TYPE_CHECKING:
@@ -50,11 +50,8 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     plan = Plan(
         model=model,
         scheme=made,
-        engine=cast(Any, SimpleNamespace(z=np.zeros((len(lanes), width)))),
-        dt=attrs["dt"],
-        steps=len(rows),
-        every=1,
-        lanes=len(lanes),
+        settings=Settings(dt=attrs["dt"], steps=len(rows)),
+        first=np.zeros((len(lanes), width)),
         batched="lane" in run.dims,
         start={},
     )

@@ -1,4 +1,4 @@
-"""What a user may ask of a run, checked: each value, states and orientations."""
+"""What a user may ask of a run, checked: its settings, states and orientations."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kreisel import algebra
@@ -17,6 +18,66 @@ ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How a run is made: the section [run] of a TOML file, and the keywords of `kr.simulate` of the same names."""
+
+    dt: float
+    steps: int
+    every: int = 1
+    method: str | None = None
+    order: int | str | None = None
+    tol: float | None = None
+    engine: str | None = None
+    project: bool = True
+
+    @classmethod
+    def checked(cls, **asked: Any) -> Settings:
+        """The settings that were asked for, each of its type and those that go together.  Raises `InputError`."""
+        wanted = {"every": 1, "project": True, **{k: v for k, v in asked.items() if v is not None}}
+        dt, steps, every = (
+            positive(wanted.get("dt"), "dt"),
+            whole(wanted.get("steps"), "steps"),
+            whole(wanted["every"], "every"),
+        )
+        flag(wanted["project"], "project")
+        order, tol = _order(wanted.get("order")), wanted.get("tol")
+        if not math.isfinite(dt * steps):
+            raise InputError(f"{steps:,} steps of {dt:g} are out of reach: a finite time was expected.")
+        if every > steps:
+            raise InputError(
+                f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps."
+            )
+        if isinstance(order, str) and order != "auto":
+            raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
+        if tol is not None and order != "auto":
+            raise InputError(
+                f"tol goes with order='auto', which chooses order and step for it, got order={shown(order)}."
+            )
+        if order == "auto" and steps % every:
+            raise InputError(
+                f"order='auto' needs steps to be a multiple of every, got steps = {steps}, every = {every}."
+            )
+        return cls(
+            dt=dt,
+            steps=steps,
+            every=every,
+            method=named(wanted.get("method"), "method"),
+            order=order,
+            tol=tol,
+            engine=_known_engine(wanted.get("engine")),
+            project=bool(wanted["project"]),
+        )
+
+    @property
+    def time(self) -> float:
+        """At the end of the run."""
+        return self.steps * self.dt
+
+    def but(self, **changes: Any) -> Settings:
+        """The same with changes, which are not checked."""
+        return msgspec.structs.replace(self, **changes)
 
 
 def check_model(model: Any) -> None:
@@ -79,7 +140,7 @@ def _order(value: Any) -> int | str | None:
     return int(value)
 
 
-def _whole_order(value: Any) -> int | None:
+def whole_order(value: Any) -> int | None:
     """The same where nothing is chosen.  Raises `InputError`."""
     order = _order(value)
     if isinstance(order, str):

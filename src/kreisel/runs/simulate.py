@@ -77,10 +77,10 @@ def simulate(
         every=every,
         method=method,
         order=order,
-        orientation=orientation,
         tol=tol,
         engine=engine,
         project=project,
+        orientation=orientation,
     )
     from kreisel.runs.describing import in_memory
     from kreisel.storage.archive import Archive
@@ -148,7 +148,7 @@ def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:
 
 
 def _check_memory(plan: Plan) -> None:
-    need = plan.rows * plan.engine.z.size * 8 * 4
+    need = plan.rows * plan.first.size * 8 * 4
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if need > 0.7 * have:
         raise InputError(

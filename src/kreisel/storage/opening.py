@@ -37,7 +37,8 @@ from kreisel.runs.describing import (
     saved_times,
 )
 from kreisel.runs.march import March, Snapshot
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.settings import Settings
 from kreisel.storage import checkpoint
 from kreisel.storage.reading import order_of
 
@@ -290,7 +291,7 @@ def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[s
 
 
 def _march(plan: Plan, rows_in_block: int) -> March:
-    if rows_in_block * plan.engine.z.nbytes > LARGEST_CHUNK:
+    if rows_in_block * plan.first.nbytes > LARGEST_CHUNK:
         raise InputError(f"The attribute rows_in_block = {rows_in_block:,} is damaged: no run has such blocks.")
     return March(plan, rows_in_block=rows_in_block)
 
@@ -298,7 +299,7 @@ def _march(plan: Plan, rows_in_block: int) -> March:
 def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: manifest.Listed) -> None:
     """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
     run = opened(store, known)
-    outputs = {"time": np.zeros(1), **plan.observe(plan.engine.z[None])}
+    outputs = {"time": np.zeros(1), **plan.example}
     for name, value in outputs.items():
         variable = run.variables.get(name)
         good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
@@ -318,15 +319,14 @@ READING: dict[str, Any] = {
 
 def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
     """The plan of a run from its attributes and its start."""
-    return make_plan(
-        model_of(attrs),
-        {letter: value for letter, value in start.items() if letter != ORIENTATION},
+    asked = Settings.checked(
         dt=attrs["dt"],
         steps=steps,
         every=attrs["every"],
         method=attrs["method"],
         order=order_of(attrs),
-        orientation=start.get(ORIENTATION),
         engine=attrs.get("engine", "cpu"),
         project=attrs["projection"] > 0,
     )
+    state = {letter: value for letter, value in start.items() if letter != ORIENTATION}
+    return plan_of(model_of(attrs), state, asked, start.get(ORIENTATION))

@@ -13,7 +13,8 @@ from kreisel.errors import InputError, RunError
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.describing import is_own, model_of, versions
 from kreisel.runs.march import March
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.settings import Settings
 from kreisel.storage.reading import order_of, parsed
 from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of
 
@@ -65,18 +66,17 @@ def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, nudge: float)
 def _plan(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
     start = saved.isel(time=0)
     model = model_of(attrs)
-    return make_plan(
-        model,
-        {letter: start[letter].values for letter in model.system.space.letters},
+    asked = Settings(
         dt=attrs["dt"],
         steps=steps,
         every=steps,
         method=attrs["method"],
         order=order_of(attrs),
-        orientation=start[ORIENTATION].values if ORIENTATION in saved else None,
         engine="cpu",
         project=False,
     )
+    state = {letter: start[letter].values for letter in model.system.space.letters}
+    return plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)
 
 
 def _apart(one: Array, two: Array, name: str) -> float:

@@ -26,7 +26,8 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.march import March
 from kreisel.runs.own import load
-from kreisel.runs.plan import Plan, choices, make_plan, settled
+from kreisel.runs.plan import Plan, choices, plan_of, settled
+from kreisel.runs.settings import Settings
 from kreisel.storage import manifest
 from kreisel.storage.reading import parsed
 from kreisel.sweeps.design import Lanes, Quantity
@@ -67,8 +68,8 @@ class Sweep:
         """
         model, start, orientation, settings = self._asked(sections, ids, varied)
         if choice is not None:
-            settings |= {"tol": None, **settled(choice, settings["dt"], settings["steps"], settings["every"])}
-        plan = make_plan(model, model.state(**start), orientation=orientation, **settings)
+            settings = settled(choice, settings)
+        plan = plan_of(model, model.state(**start), settings, orientation)
         if plan.lanes != len(ids):
             raise InputError(
                 "expected one lane in [system] and [state], got a batch axis; what varies stands in [sweep.list]."
@@ -83,11 +84,10 @@ class Sweep:
         Each lane has its own, that of a single run: it depends on no other lane and on no block.
         """
         model, start, _, settings = self._asked(sections, ids, varied)
-        if settings["order"] != "auto":
+        if settings.order != "auto":
             return [(ids, None)]
-        told = {k: settings[k] for k in ("dt", "steps", "every", "method")}
         found: dict[tuple[int, int], tuple[list[int], Choice]] = {}
-        each = choices(model, model.state(**start), tol=settings.get("tol"), **told)
+        each = choices(model, model.state(**start), settings)
         if len(each) != len(ids):
             return [(ids, None)]  # `plan` says what is wrong
         for lane, choice in zip(ids.tolist(), each, strict=True):
@@ -96,7 +96,7 @@ class Sweep:
 
     def _asked(
         self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]
-    ) -> tuple[Model, dict[str, Any], Any, dict[str, Any]]:
+    ) -> tuple[Model, dict[str, Any], Any, Settings]:
         """Model, start, orientation and settings of an ensemble.  Raises `InputError`."""
 
         def chosen(section: str, letter: str) -> Any:
@@ -121,7 +121,7 @@ class Sweep:
         missing = [k for k in ("dt", "steps") if run.get(k) is None]
         if missing:
             raise InputError(f"[run] needs {' and '.join(missing)}, or vary it in [sweep.grid] or [sweep.list].")
-        return model, start, orientation, {"every": 1, "method": None, "order": None, **run}
+        return model, start, orientation, Settings.checked(**run)
 
     @property
     def automatic(self) -> bool:

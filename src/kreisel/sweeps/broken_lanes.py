@@ -88,9 +88,9 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
     from kreisel.runs.describing import in_memory
 
     try:
-        plan, steps = _begun(sweep, lane), 0
-        steps, plan.steps = plan.steps, min(plan.steps, BEGUN)
-        plan.every = max(1, plan.steps // ROWS)
+        plan = _begun(sweep, lane)
+        steps, few = plan.steps, min(plan.steps, BEGUN)
+        plan.settings = plan.settings.but(steps=few, every=max(1, few // ROWS))
         run = in_memory(plan, list(March(plan).blocks()))
     except TROUBLES:
         return []
