@@ -26,6 +26,7 @@ _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "cite": "kreisel.runs.citing",
+    "propagator": "kreisel.runs.propagator",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",
     "open_run": "kreisel.storage.opening",

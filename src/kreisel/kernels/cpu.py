@@ -14,23 +14,24 @@ import hashlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.kernels import dense, simd
 from kreisel.kernels.cache import module
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import Projection, Weave, plain
+from kreisel.kernels.projection.compiled import Projection, Weave, Woven, plain, room_of
 from kreisel.kernels.projection.corrections import Corrections, interval
-from kreisel.kernels.projection.program import MOST_N, program_of, program_of_orientation, recordable
+from kreisel.kernels.projection.program import MOST_N, Program, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.recording import (
     Recording,
@@ -38,6 +39,7 @@ from kreisel.kernels.recording import (
     flat_stages,
     indented,
     recorded_outputs,
+    special_constants,
 )
 from kreisel.kernels.tape import TooLong
 from kreisel.method.scheme import Scheme
@@ -124,6 +126,49 @@ def load(source: str) -> ModuleType:
     )
 
 
+@dataclass(frozen=True)
+class Code:
+    """A step compiled, `work` operations a stage, and the program of a projection that its kernel calls, if it does.
+
+    `tried`: whether such a program was looked for.
+    """
+
+    source: str
+    kernel: Any
+    work: int
+    program: Program | None = None
+    also: Program | None = None  # of the orientation
+    every: int = 0  # steps between two projections
+    width: int = 1  # lanes that are projected at once
+    tried: bool = False
+
+
+def code_of(
+    scheme: Scheme, constants: Floats, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], project: bool
+) -> Code:
+    """The code of a scheme's step for the lanes of `constants` (lanes, count)."""
+    special = tuple(special_constants(constants).items())  # which are folded into the code
+    key = None if scheme.key is None else (Code, scheme.key, len(constants), special, project)
+
+    def make() -> Code:
+        record = Recording(scheme, constants, columns, stage_columns)
+        in_vectors, woven = len(constants) > 1 and record.straight, project and scheme.n <= MOST_N
+        try:
+            program = recordable(lambda: program_of(scheme, columns)) if woven else None
+        except TooLong:
+            woven, program = False, None
+        also = program_of_orientation(scheme) if program else None
+        width, every, weave = (WIDE if in_vectors else 1), 0, plain
+        if program is not None:
+            every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
+            weave = Woven(room_of(program, also, width))
+        text = simd.source(record, EXACT, weave, len(constants)) if in_vectors else _one_by_one(record, weave)
+        source = _head(scheme, record) + weave.head + text
+        return Code(source, load(source).kernel, record.work, program, also, every, width, woven)
+
+    return reused(key, make)
+
+
 class Kernel:
     """A compiled step, its state in rows (lanes, d), and its constants.
 
@@ -133,35 +178,25 @@ class Kernel:
 
     def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
         self._scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
+        self._key = scheme.key, len(self.z)
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
         self.projection: Corrections | None = None
         self._woven: Projection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
-        woven = project and printer is None and scheme.n <= MOST_N
         if printer is not None:
-            head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
-            self.source = printer(columns, stage_columns, head, EXACT)
+            source = printer(columns, stage_columns, HEAD.format(name=f"{scheme.name}, n = {scheme.n}"), EXACT)
+            code = Code(source, load(source).kernel, _large_work(scheme))
         else:
-            record = Recording(scheme, self.constants, columns, stage_columns)
-            in_vectors = len(self.z) > 1 and record.straight
-            try:
-                program = recordable(lambda: program_of(scheme, columns)) if woven else None
-            except TooLong:
-                woven, program = False, None
-            also = program_of_orientation(scheme) if program else None
-            width, weave = (WIDE if in_vectors else 1), plain
-            if program is not None:
-                every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
-                self.projection = self._woven = Projection(program, also, every, self.z, self.constants, width)
-                weave = self._woven.weave
-            text = simd.source(record, EXACT, weave, len(self.z)) if in_vectors else _one_by_one(record, weave)
-            self.source = _head(scheme, record) + weave.head + text
-        if project and not woven:
-            work = scheme.stage_count * (_large_work(scheme) if printer is not None else record.work)
+            code = code_of(scheme, self.constants, columns, stage_columns, project)
+        self.source, self._kernel = code.source, code.kernel
+        if code.program is not None:
+            parts = code.program, code.also, code.every, self.z, self.constants, code.width
+            self.projection = self._woven = Projection(*parts)
+        elif project and not code.tried:
+            work = scheme.stage_count * code.work
             self._between = recordable(lambda: between(scheme, self.z, work, arrays_only=printer is None))
             self.projection = self._between
-        self._kernel = load(self.source).kernel
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self._between is not None:
@@ -191,6 +226,20 @@ class Kernel:
                 work = [pool.submit(work_on, part) for part in parts]
             for done in work:
                 done.result()
+
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        if self._between is not None or self._key != (scheme.key, len(z)) or scheme.key is None:
+            return False
+        if scheme.constants is not self._scheme.constants:
+            constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
+            if special_constants(constants) != special_constants(self.constants):
+                return False  # other code
+            self.constants[:], self.stages[:] = constants, stages
+            self._scheme = scheme
+        self.z[:] = z
+        if self._woven is not None:
+            self._woven.begin(steps)
+        return True
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
@@ -255,15 +304,53 @@ def _one_by_one(record: Recording, weave: Weave) -> str:
 
 
 def compiled_observe(
-    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int
+    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, chosen: tuple[str, ...] | None = None
 ) -> Callable[[Floats], dict[str, Floats]] | None:
     """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None where that would take too long.
 
+    `chosen`: names of what it gives beside the state, where that is not all that the scheme observes.
     The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.
+    """
+    found = compiled_rows(scheme, function, lanes, ("observe", chosen))
+    if found is None:
+        return None
+    rows, places = found
+
+    def observe(z: Floats) -> dict[str, Floats]:
+        out = rows(np.ascontiguousarray(z))
+        return {name: out[..., place].reshape(*z.shape[:2], *shape) for name, (place, shape) in places.items()}
+
+    return observe
+
+
+def compiled_rows(
+    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, name: tuple[Any, ...]
+) -> tuple[Callable[[Floats], Floats], Mapping[str, tuple[slice, tuple[int, ...]]]] | None:
+    """The same as rows of numbers (rows, lanes, count), and where those of each output are.
+
+    `name` tells the functions of a scheme apart.
     """
     if scheme.n > OBSERVED_N or scheme.numbers != "any":
         return None
     constants, columns = flat_constants(scheme, lanes)
+    key = None if scheme.key is None else (*name, scheme.key)
+    found = reused(key, lambda: _observing(scheme, function, columns))
+    if found is None:
+        return None
+    kernel, count, places = found
+
+    def rows(z: Floats) -> Floats:
+        out = np.empty((*z.shape[:2], count))
+        kernel(z, constants, out)
+        return out
+
+    return rows, places
+
+
+def _observing(
+    scheme: Scheme, function: Callable[..., Mapping[str, Array]], columns: Mapping[str, slice]
+) -> tuple[Any, int, Mapping[str, tuple[slice, tuple[int, ...]]]] | None:
+    """The kernel of `compiled_observe`, how many numbers it gives, and where those of each output are."""
     try:
         found = recorded_outputs(scheme, function, columns)
     except (TypeError, AttributeError, ValueError):  # an integral of a user's own
@@ -280,14 +367,7 @@ def compiled_observe(
         body=indented([line.text for line in found.lines], 12),
         save=indented([f"out[row, lane, {j}] = {value}" for j, value in enumerate(found.values)], 12),
     )
-    kernel = load(source).kernel
-
-    def observe(z: Floats) -> dict[str, Floats]:
-        out = np.empty((*z.shape[:2], len(found.values)))
-        kernel(np.ascontiguousarray(z), constants, out)
-        return {name: out[..., place].reshape(*z.shape[:2], *shape) for name, (place, shape) in found.places.items()}
-
-    return observe
+    return load(source).kernel, len(found.values), found.places
 
 
 def _head(scheme: Scheme, record: Recording) -> str:

@@ -319,6 +319,9 @@ class Kernel:
         out[:] = rows.copy_to_host().transpose(0, 2, 1)
         self.z[:] = out[-1]
 
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
 

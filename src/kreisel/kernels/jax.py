@@ -169,6 +169,9 @@ class Compiled:
                 self._fail(int(np.argmin(alive)), int(count[np.argmin(alive)]), len(alive))
             self._done += rows * every
 
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
     def snapshot(self) -> dict[str, Floats]:
         steps = np.asarray(self._done, dtype=np.float64)
         return {"z": self.z, "steps": steps, **(self.projection.snapshot() if self.projection else {})}

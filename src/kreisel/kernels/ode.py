@@ -63,6 +63,9 @@ class Reference:
                     row[lane] = self._to(solver, lane, self._steps * self._dt, look)
                 self.z[:] = row
 
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
     def snapshot(self) -> dict[str, Floats]:
         out = {"steps": np.asarray(self._steps, dtype=np.float64), "z": self.z}
         for name in SOLVER:

@@ -117,7 +117,7 @@ class Recording:
         self.state = [f"z{i}" for i in range(count)]
         self.pieces: list[Piece] = []
         self.words: set[str] = set()
-        numbers = _special(constants)
+        numbers = special_constants(constants)
         for k, function in enumerate(functions):
             mark = "e" * k
             tape = Tape(mark)
@@ -291,7 +291,7 @@ def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:
     return array[()]
 
 
-def _special(constants: Floats) -> dict[str, float]:
+def special_constants(constants: Floats) -> dict[str, float]:
     """The constants that are 0, 1 or -1 in every lane."""
     firsts = constants[0] if len(constants) else constants.sum(0)
     return {

@@ -122,7 +122,7 @@ class Scalar:
             return self
         if value is None and other.name == self.name and other.negative != self.negative:
             return 0.0
-        b, b_negative = (other.name, other.negative) if value is None else (repr(abs(value)), value < 0)
+        b, b_negative = (other.name, other.negative) if value is None else (literal(abs(value)), value < 0)
         a, needs = self.name, (self.name,) + ((b,) if value is None else ())
         if self.negative == b_negative:
             first, second = sorted((a, b))
@@ -230,11 +230,18 @@ def _is_number(x: Any) -> bool:
     return isinstance(x, Scalar | int | float | Fraction | np.integer | np.floating)
 
 
+def literal(x: float) -> str:
+    """A number as source: infinity has no name there, and a step of 1e300 makes it."""
+    if math.isfinite(x):
+        return repr(x)
+    return "(1e999 - 1e999)" if math.isnan(x) else f"{'-' * (x < 0)}1e999"
+
+
 def text(x: Any) -> str:
     """A recorded or plain number, or a recorded array, as source."""
     if isinstance(x, Matrix):
         return x.name
-    return x.signed if isinstance(x, Scalar) else repr(float(x))
+    return x.signed if isinstance(x, Scalar) else literal(float(x))
 
 
 class Matrix:
@@ -276,7 +283,7 @@ class Matrix:
         if isinstance(other, Matrix):
             return other.name, other.shape, (other.name,)
         if np.ndim(other) == 0:
-            return repr(float(other)), (), ()
+            return literal(float(other)), (), ()
         if isinstance(other, np.ndarray) and other.ndim == 2 and (other == np.eye(len(other))).all():
             return f"eye({len(other)})", other.shape, ()
         return None

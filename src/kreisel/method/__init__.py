@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError, nearest, shown
 from kreisel.method.record import Method
 from kreisel.method.scheme import Outcome, Scheme
@@ -56,4 +58,6 @@ def scheme(model: Model, method: str | None, dt: float, order: int | None, orien
     """The scheme of that name.  Raises `InputError` for a wrong name or order, and where the method does not apply."""
     record = find(default_method(model.system) if method is None else method)
     record.check(model)
-    return record.make(model, dt, record.order(order), oriented)
+    order = record.order(order)
+    key = (Scheme, model.key, record.name, dt, order, oriented)
+    return reused(key, lambda: replace(record.make(model, dt, order, oriented), key=key))

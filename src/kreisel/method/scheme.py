@@ -122,6 +122,7 @@ class Scheme:
     conserved: Callable[..., dict[str, Array]] | None = None
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
+    key: tuple[Any, ...] | None = None  # schemes with the same one differ in constants of the trajectory alone
 
     @property
     def stage_count(self) -> int:

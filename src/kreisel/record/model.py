@@ -15,6 +15,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, nearest, shown
 from kreisel.record.contract import (
@@ -135,6 +136,11 @@ class Model:
                 f"which {', '.join(lost)} is not finite. Use other units."
             )
         return found
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """The same for models of the same record with the same parameters, bit for bit."""
+        return Identity(self.system), tuple((k, v.dtype.str, v.shape, v.tobytes()) for k, v in self.params.items())
 
     def lanes(self, ids: Array) -> Model:
         """The model of some lanes of a batch; itself where it has no batch axes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ def at(
     dt: float | None = None,
     order: int | None = None,
     orientation: Any = None,
+    observe: Sequence[str] | None = None,
 ) -> xr.Dataset:
     """The states at the given times, in any order, negative ones too, each to full double precision.
 
@@ -32,6 +34,7 @@ def at(
     method       "exact": the flow.  "suris": the iterates of the paper's map with step dt and its order, 1 or 2 as in
                  `kr.simulate`, for `kr.LagrangeTop` and `kr.SymmetricTop`; `times` then count steps, whole numbers
     orientation  g at time 0, as for `kr.simulate`, carried along as the variable g; for the flow
+    observe      Casimirs and integrals to compute beside the state, by name; default: all
 
     No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  Up to
     10^4 times of the flow, without orientation, are compiled jumps of some microseconds, set-up and all, off by 3e-16,
@@ -58,6 +61,7 @@ def at(
         dt=step,
         order=order,
         orientation=orientation,
+        observe=observe,
     )
     from kreisel.runs.describing import in_memory
 

@@ -38,7 +38,7 @@ MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Dimension names of an output of that shape."""
     lead = ("time", "lane") if plan.batched else ("time",)
-    outcome = plan.scheme.outcomes[name]
+    outcome = plan.outcomes[name]
     rest = len(shape) - len(lead)
     if outcome.axes == "quaternion":
         return (*lead, "quaternion")
@@ -71,7 +71,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     return {
         "Conventions": "CF-1.11",
         "title": f"{system.title}: {plan.scheme.name}",
-        "source": f"kreisel {importlib.metadata.version('kreisel')}",
+        "source": f"kreisel {versions()['kreisel']}",
         "references": system.source + (f"; {system.map.source}" if system.map else ""),
         "kreisel_format": FORMAT,
         "system": system.name,
@@ -84,6 +84,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "start_sha256": checkpoint.hash_of_start(plan.start),
         "method": plan.scheme.name,
         "options": json.dumps(dict(plan.scheme.options or {})),
+        **({} if plan.settings.observe is None else {"observe": json.dumps(plan.settings.observe)}),
         "engine": plan.where,
         "projection": plan.engine.projection.every if plan.engine.projection else 0,
         "dt": plan.dt,
@@ -112,7 +113,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)
     a_bit_up, a_bit_down = _moved(plan, z, HAIR * directions), _moved(plan, z, -HAIR * directions)
     out = {}
-    for name, outcome in plan.scheme.outcomes.items():
+    for name, outcome in plan.outcomes.items():
         if outcome.kind in KINDS:
             felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
             noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
@@ -151,7 +152,7 @@ def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
     count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
     rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, count).astype(int))
     parts = []
-    for letter, outcome in plan.scheme.outcomes.items():
+    for letter, outcome in plan.outcomes.items():
         if outcome.kind not in ("state", "orientation"):
             continue
         value = np.asarray(first[letter])[rows].astype(np.float64)
@@ -165,7 +166,7 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     """Attributes of every variable, from the plan and the first block of a run."""
     scales = roundoff_scales(plan, first)
     out: dict[str, dict[str, Any]] = {}
-    for name, outcome in plan.scheme.outcomes.items():
+    for name, outcome in plan.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
         if name in scales:
             out[name] |= {"conserved": int(outcome.conserved), **scales[name]}
@@ -196,7 +197,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     for name, largest in _corrections(plan).items():
         attrs[name][CORRECTION] = largest
     data = {}
-    for name in plan.scheme.outcomes:
+    for name in plan.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
         data[name] = (dimensions(plan, name, value.shape), value, attrs[name])
     coords: dict[str, Any] = {"time": ("time", saved_times(plan) if times is None else times, TIME)}
@@ -209,7 +210,8 @@ CORRECTION = "largest_correction"  # of the state, by the projection, in units o
 
 
 def _corrections(plan: Plan) -> dict[str, float]:
-    return plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
+    found = plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
+    return {name: largest for name, largest in found.items() if name in plan.outcomes}
 
 
 def is_own(attrs: Mapping[str, Any]) -> bool:

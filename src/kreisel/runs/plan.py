@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.method import Scheme, default_method, scheme
+from kreisel.method import Outcome, Scheme, default_method, find, scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation
 from kreisel.record.contract import component_axes
 from kreisel.record.model import Model, State
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.kernels.projection.corrections import Corrections
     from kreisel.method.auto import Choice
-from kreisel.runs.settings import Settings, _orientation, check_model, checked_state, named, whole_order
+from kreisel.runs.settings import Settings, _orientation, check_model, checked_state, named, observed, whole_order
 
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
 LARGE = 9  # from here on the structured kernel, where there is one
@@ -46,6 +46,12 @@ class Marcher(Protocol):
     @property
     def projection(self) -> Corrections | None:
         """What puts the state back on its invariants, if anything does."""
+
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        """Start again, for so many steps at most, from z, as many lanes, by a scheme of the same key.
+
+        False where that takes a new engine.
+        """
 
     def snapshot(self) -> dict[str, Floats]:
         """All that the next step depends on."""
@@ -80,6 +86,16 @@ class Plan:
     def every(self) -> int:
         """The steps from one saved row to the next."""
         return self.settings.every
+
+    @cached_property
+    def outcomes(self) -> dict[str, Outcome]:
+        """The variables that are computed, and what each is."""
+        chosen = self.settings.observe
+        return {
+            name: outcome
+            for name, outcome in self.scheme.outcomes.items()
+            if chosen is None or name in chosen or outcome.kind in ("state", "orientation")
+        }
 
     @property
     def lanes(self) -> int:
@@ -117,7 +133,7 @@ class Plan:
             f"{part}-{name}": np.array(value, dtype=np.float64)
             for part in COMPUTED
             for name, value in getattr(self.scheme, part).items()
-            if name not in given or value is not self.model.constants.get(name)
+            if name not in given or not np.array_equal(value, self.model.constants[name])
         }
 
     def adopt(self, computed: Mapping[str, Floats]) -> None:
@@ -145,7 +161,7 @@ class Plan:
 
     def _plainly(self, z: Floats) -> dict[str, Array]:
         known = {**self.scheme.constants, **self.scheme.basis}
-        return self._variables(layout.restore(z, self.kinds, self.model.n), **known)
+        return self.variables(layout.restore(z, self.kinds, self.model.n), **known)
 
     def _shaped(self, z: Floats, outputs: Mapping[str, Array]) -> dict[str, Array]:
         out = {}
@@ -154,21 +170,22 @@ class Plan:
             out[name] = value if self.batched else value[:, 0]
         return out
 
-    def _variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+    def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+        """What is observed of a state in the method's own variables."""
         outputs = self.scheme.observe(parts, **constants)
         return {
-            name: algebra.axial(value) if self.scheme.outcomes[name].axes == "skew" and self.model.n == 3 else value
-            for name, value in outputs.items()
+            name: algebra.axial(outputs[name]) if outcome.axes == "skew" and self.model.n == 3 else outputs[name]
+            for name, outcome in self.outcomes.items()
         }
 
     @cached_property
     def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
-        """`_variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
+        """`variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
         if self.scheme.rate is not None or self.scheme.numbers != "any":
             return None
         from kreisel.kernels.cpu import compiled_observe
 
-        return compiled_observe(self.scheme, self._variables, self.lanes)
+        return compiled_observe(self.scheme, self.variables, self.lanes, self.settings.observe)
 
 
 def make_plan(model: Any, x0: Any, *, orientation: Any = None, **asked: Any) -> Plan:
@@ -184,6 +201,7 @@ def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) 
         return _chosen(model, state, settings, orientation)
     made = scheme(model, settings.method, settings.dt, whole_order(settings.order), orientation is not None)
     made = replace(made, held=held_by_orientation(model, made.components))
+    observed(settings.observe, made)
     return _plan(model, made, settings, _parts(model, state, orientation), settings.engine)
 
 
@@ -244,10 +262,19 @@ def settled(choice: Choice, settings: Settings) -> Settings:
 def _require_choices(model: Model, settings: Settings) -> None:
     if (settings.method or default_method(model.system)) != "baecklund":
         raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
+    find("baecklund").check(model)
 
 
 def plan_of_times(
-    model: Any, x0: Any, *, reach: float, method: str, dt: float, order: int | None, orientation: Any
+    model: Any,
+    x0: Any,
+    *,
+    reach: float,
+    method: str,
+    dt: float,
+    order: int | None,
+    orientation: Any,
+    observe: Any = None,
 ) -> tuple[Plan, ClosedForm]:
     """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
     from kreisel.kernels.exact.engine import ClosedForm
@@ -260,7 +287,7 @@ def plan_of_times(
             f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
-    settings = Settings(dt=dt, steps=0, method=method, order=order)
+    settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
     plan = _plan(model, made, settings, _parts(model, state, orientation), "cpu")
     engine = ClosedForm(plan.scheme, plan.first, dt, reach)
     plan.engine = engine

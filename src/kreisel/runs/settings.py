@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -12,6 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
+from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model, State
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
@@ -31,6 +32,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     tol: float | None = None
     engine: str | None = None
     project: bool = True
+    observe: tuple[str, ...] | None = None
 
     @classmethod
     def checked(cls, **asked: Any) -> Settings:
@@ -68,6 +70,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             tol=tol,
             engine=_known_engine(wanted.get("engine")),
             project=bool(wanted["project"]),
+            observe=_names(wanted.get("observe")),
         )
 
     @property
@@ -86,6 +89,28 @@ def check_model(model: Any) -> None:
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)), got {shown(model)}."
         )
+
+
+def _names(value: Any) -> tuple[str, ...] | None:
+    """Names of what is observed, or None for all.  Raises `InputError`."""
+    if value is None:
+        return None
+    if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(v, str) for v in value):
+        raise InputError(f"observe: expected a list of names of Casimirs and integrals, got {shown(value)}.")
+    return tuple(value)
+
+
+def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
+    """The same, of what this method observes.  Raises `InputError`."""
+    names = _names(value)
+    known = [k for k, outcome in made.outcomes.items() if outcome.kind not in ("state", "orientation")]
+    for name in names or ():
+        if name not in known:
+            raise InputError(
+                f"observe: expected some of {', '.join(known)}, got {shown(name)}.{nearest(name, known)} The state is "
+                "always there."
+            )
+    return names
 
 
 def _known_engine(name: Any) -> str | None:

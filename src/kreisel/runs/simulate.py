@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped
@@ -37,6 +38,7 @@ def simulate(
     orientation: Any = None,
     engine: str | None = None,
     project: bool = True,
+    observe: Sequence[str] | None = None,
     path: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     progress: bool | None = None,
@@ -59,6 +61,8 @@ def simulate(
                  "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
+    observe      Casimirs and integrals to compute and keep beside the state, by name; default: all.  They take most
+                 of the time where every step is kept
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
@@ -80,6 +84,7 @@ def simulate(
         tol=tol,
         engine=engine,
         project=project,
+        observe=observe,
         orientation=orientation,
     )
     from kreisel.runs.describing import in_memory

@@ -27,7 +27,7 @@ from kreisel.storage.opening import (
     require_sound,
     too_large,
 )
-from kreisel.storage.reading import order_of
+from kreisel.storage.reading import observe_of, order_of
 from kreisel.storage.recomputing import lanes_again, steps_again
 from kreisel.storage.replacing import require_replaceable, settled, stands
 from kreisel.storage.verified import Damaged
@@ -226,7 +226,9 @@ def _numbers(run: xr.Dataset) -> list[str]:
     missing: list[str] = []
     again = None if is_own(run.attrs) else _definition(run)
     if again is not None:
-        missing = [f"{name} is missing" for name in again.outcomes if name not in run]
+        wanted = observe_of(run.attrs)
+        chosen = [k for k, o in again.outcomes.items() if wanted is None or k in wanted or o.kind == "state"]
+        missing = [f"{name} is missing" for name in chosen if name not in run]
     faults = dict.fromkeys(missing)
     if "lane" in run.variables and (run["lane"].values != np.arange(run.sizes["lane"])).any():
         faults["lane does not count the lanes"] = None
@@ -270,7 +272,7 @@ def _recomputed(block: xr.Dataset, again: Scheme) -> Iterator[str]:
     state = tuple(algebra.hat(block[k].values) if axial and kinds[k] == "skew" else block[k].values for k in kinds)
     outputs: Mapping[str, Array] = again.observe(again.reopen(state))
     for name, value in outputs.items():
-        if again.outcomes[name].kind in KINDS:
+        if again.outcomes[name].kind in KINDS and name in block:
             off = abs(value - block[name].values)
             size = lane_scales(block[name], "evaluation_scale")
             scale = size.reshape(np.shape(value)[1:] if len(size) > 1 else (-1,)) + abs(value)

@@ -40,7 +40,7 @@ from kreisel.runs.march import March, Snapshot
 from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.settings import Settings
 from kreisel.storage import checkpoint
-from kreisel.storage.reading import order_of
+from kreisel.storage.reading import observe_of, order_of
 
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
@@ -327,6 +327,7 @@ def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> 
         order=order_of(attrs),
         engine=attrs.get("engine", "cpu"),
         project=attrs["projection"] > 0,
+        observe=observe_of(attrs),
     )
     state = {letter: value for letter, value in start.items() if letter != ORIENTATION}
     return plan_of(model_of(attrs), state, asked, start.get(ORIENTATION))

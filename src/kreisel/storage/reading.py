@@ -104,6 +104,16 @@ def order_of(attrs: Mapping[str, Any]) -> int | None:
     return order
 
 
+def observe_of(attrs: Mapping[str, Any]) -> list[str] | None:
+    """What a run observes beside its state, or None for all.  Raises `InputError`."""
+    if "observe" not in attrs:
+        return None
+    names = parsed(attrs["observe"], "The attribute observe")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"The attribute observe is damaged: expected a list of names, got {shown(names)}.")
+    return names
+
+
 def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
     """The Dataset of a run itself, with these attributes and, unless `rows` is false, its rows along time in front.
 

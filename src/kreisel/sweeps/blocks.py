@@ -180,9 +180,7 @@ class Sweep:
         failed: dict[int, str] = {}
         regular = plan.steps // plan.every + 1
         summaries: list[Summary] = [
-            SUMMARIES[kind](plan.scheme.outcomes, regular, plan.dt * plan.every)
-            for kind in self.save
-            if kind in SUMMARIES
+            SUMMARIES[kind](plan.outcomes, regular, plan.dt * plan.every) for kind in self.save if kind in SUMMARIES
         ]
         whole: dict[str, list[Array]] = {}
         for block in March(plan, faults=failed).blocks():

@@ -298,9 +298,7 @@ def _check_rows(sweep: Sweep, plan: Plan) -> None:
 def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
     """Numbers that a lane holds in memory at once, temporary ones included."""
     outputs = plan.example
-    states = sum(
-        v[0, 0].size for name, v in outputs.items() if plan.scheme.outcomes[name].kind in ("state", "orientation")
-    )
+    states = sum(v[0, 0].size for name, v in outputs.items() if plan.outcomes[name].kind in ("state", "orientation"))
     everything = sum(v[0, 0].size for v in outputs.values())
     held = 40 * everything  # a row, its outputs, what it takes to make them, the summaries
     if TRAJECTORIES in sweep.save:
@@ -342,7 +340,7 @@ def _input(quantity: Quantity, example: Array, sweep: Sweep) -> tuple[tuple[int,
 def _summaries(sweep: Sweep, plan: Plan) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]]:
     outputs, out = plan.example, {}
     for kind in sweep.save:
-        for name, (of, meaning) in PARTS[kind](plan.scheme.outcomes).items() if kind in PARTS else ():
+        for name, (of, meaning) in PARTS[kind](plan.outcomes).items() if kind in PARTS else ():
             dims = dimensions(plan, of, outputs[of].shape)[2:]
             out[name] = outputs[of].shape[2:], dims, {"long_name": meaning, "kind": kind, "units": "1"}
     return out
@@ -352,7 +350,7 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
     """Each variable of a run: a shard for each block, with chunks along time."""
     out = {}
     for name, value in plan.example.items():
-        rest, outcome = value.shape[2:], plan.scheme.outcomes[name]
+        rest, outcome = value.shape[2:], plan.outcomes[name]
         inner = max(1, min(plan.rows, CHUNK_BYTES // (8 * width * math.prod(rest))))
         out[name] = {
             "shape": (plan.rows, total, *rest),

@@ -167,6 +167,9 @@ class ClosedForm:
         self._done += every * len(out)
         self.z[:] = out[-1]
 
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
     def snapshot(self) -> dict[str, Floats]:
         return {"steps": np.asarray(self._done, dtype=np.float64), "z": self.z}
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import EXACT, HEAD, load, shares
@@ -173,7 +174,8 @@ class Jumps:
     def __init__(self, scheme: Scheme, z0: Floats):
         self._z = np.ascontiguousarray(z0)
         self._constants, columns = flat_constants(scheme, len(z0))
-        self._jump = load(_source(scheme, columns)).jump
+        key = None if scheme.key is None else (Jumps, scheme.key)
+        self._jump = reused(key, lambda: load(_source(scheme, columns)).jump)
 
     def at(self, times: Floats) -> tuple[Floats, Array]:
         """The states (times, lanes, d), and which of them are right (times, lanes)."""

@@ -158,6 +158,7 @@ class Form:
             conserved=self._conserved(scheme.observe) if basis else None,
             numbers="structured",
             basis=basis.arrays if basis else {},
+            key=None,
         )
 
     def _conserved(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:

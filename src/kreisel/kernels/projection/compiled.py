@@ -60,6 +60,11 @@ class Woven(Weave):
         ]
 
 
+def room_of(program: Program, also: Program | None, width: int) -> int:
+    """Numbers that projections of `width` lanes at once need as room."""
+    return LINE // 8 + width * max(program.rows, 0 if also is None else also.rows)
+
+
 class Projection(Corrections):
     """The compiled projection of rows z (lanes, d), which kernels call by its address."""
 
@@ -68,7 +73,7 @@ class Projection(Corrections):
 
         super().__init__(program.labels, every, len(z), 0 if also is None else len(also.outs))
         self._z, self._compiled = z, load(source(width)).project
-        self._room = LINE // 8 + width * max(program.rows, 0 if also is None else also.rows)
+        self._room = room_of(program, also, width)
         self._held: list[np.ndarray] = []  # as long as their addresses are used
         second = 0 if also is None else self._table(also, self.bound, np.zeros(self.bound.shape[:2]), z, constants, 0)
         self._first = self._table(program, self.targets, self.worst, z, constants, second)
@@ -85,11 +90,6 @@ class Projection(Corrections):
         return self._held[-1].ctypes.data
 
     @property
-    def weave(self) -> Woven:
-        """How it is written into a kernel."""
-        return Woven(self._room)
-
-    @property
     def arguments(self) -> tuple[int, ...]:
         """What a kernel takes for it."""
         return self.done, self.every, self._compiled.address, self._first
@@ -97,6 +97,14 @@ class Projection(Corrections):
     def _call(self, begin: int) -> None:
         room = np.zeros(self._room)
         self._compiled.ctypes(self._first, room.ctypes.data, 0, len(self._z), begin)
+
+    def begin(self, steps: int) -> None:
+        """Take the values at the start from the rows z as they are now, if that many steps are projected at all."""
+        self.done = 0
+        self.worst[:] = 0
+        if steps >= self.every:
+            self.targets[:] = self.bound[:] = 0
+            self._call(1)
 
     def apply(self) -> None:
         """Project the state, in place."""

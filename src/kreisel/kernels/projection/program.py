@@ -220,7 +220,7 @@ def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
         outs=np.array([place[name] for name in chosen], dtype=np.int32),
         cones=np.array([i for cone in cones for i in cone], dtype=np.int32),
         ends=np.cumsum([len(cone) for cone in cones], dtype=np.int32),
-        literals=np.array([float(w) for w in literals]),
+        literals=np.array([np.nan if w.startswith("(") else float(w) for w in literals]),
         columns=np.array([int(w[1:]) for w in constants], dtype=np.int32),
     )
 

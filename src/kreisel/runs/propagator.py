@@ -1,0 +1,301 @@
+"""kr.propagator: a motion checked and compiled once, then called with NumPy arrays, for loops that call it often."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError, shown
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import compiled_rows
+from kreisel.kernels.layout import Floats
+from kreisel.method import scheme
+from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
+from kreisel.method.scheme import Scheme
+from kreisel.record.model import Model
+from kreisel.runs.plan import Marcher, Plan
+from kreisel.runs.settings import (
+    MOST_STEPS,
+    Settings,
+    _orientation,
+    check_model,
+    flag,
+    named,
+    observed,
+    positive,
+    whole_order,
+    within,
+)
+
+Rows = Callable[[Floats], Floats]
+AT_REST = 16  # engines that are kept for the next call, for each number of lanes
+
+
+def propagator(
+    system: Any,
+    *,
+    method: str | None = None,
+    order: int | None = None,
+    dt: float | None = None,
+    orientation: bool = False,
+    observe: Sequence[str] = (),
+    project: bool = True,
+) -> Propagator:
+    """The motion of a system by one method, checked and compiled once, for loops that call it often.
+
+    system       a system with parameters, as for `kr.simulate`; method and order too
+    dt           the step; a flow in closed form (method="exact") needs none
+    orientation  whether the orientation g is part of the state
+    observe      Casimirs and integrals to compute beside the state, by name
+    project      as for `kr.simulate`
+
+    Raises `InputError` for bad input.
+    """
+    check_model(system)
+    flag(orientation, "orientation")
+    flag(project, "project")
+    step = 1.0 if dt is None else positive(dt, "dt")
+    made = scheme(system, named(method, "method"), step, whole_order(order), bool(orientation))
+    if dt is None and (made.step is not None or made.orbit is None):
+        raise InputError(f"method={made.name!r} needs a step dt, got none.")
+    made = replace(made, held=held_by_orientation(system, made.components))
+    settings = Settings(dt=step, steps=1, method=method, order=order, project=bool(project))
+    return Propagator(system, made, settings.but(observe=observed(observe, made)))
+
+
+class Propagator:
+    """Made by `kr.propagator`: the state `at` any times, or after `steps`.
+
+    A state is a mapping of its components, or one array of `size` numbers, (size,) or (lanes, size): the components in
+    the order of `letters`; axial vectors for n = 3, else the entries of a skew matrix above the diagonal, row by row;
+    the orientation as a unit quaternion (w, x, y, z) for n = 3, else as a matrix, row by row.  What comes back has the
+    same form; what is observed stands behind the state.  Of an array only shape and finiteness are checked.  Threads
+    may share a propagator.
+    """
+
+    def __init__(self, model: Model, made: Scheme, settings: Settings):
+        self.model, self.settings, self._scheme = model, settings, made
+        self._oriented = ORIENTATION in made.outcomes
+        components = with_orientation(model, self._oriented)
+        self.letters = tuple(letter for letter, _ in components)
+        self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
+        self._own_kinds = [kind for _, kind in made.components]
+        self._own_size = sum(layout.size(kind, model.n) for kind in self._own_kinds)
+        self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
+        self.size = sum(layout.size(kind, model.n) for kind in self._kinds)
+        self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
+        self._converters: dict[int, tuple[Rows, Rows]] = {}
+        self._at_rest: dict[int, deque[Marcher]] = {}
+
+    def __repr__(self) -> str:
+        return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
+
+    def steps(self, state: Any, n: int, every: int | None = None) -> Any:
+        """The state after n steps of dt; with `every`, rows along a first axis: the steps 0, every, 2 every, ... and n.
+
+        Raises `InputError` for what is no state or no number of steps, `RunError` where the state is no longer finite
+        or something that the method conserves is lost.
+        """
+        count = within(n, "n", 1, MOST_STEPS)
+        between = count if every is None else within(every, "every", 1, count)
+        x, batch = self._given(state)
+        into, out_of = self._conversions(len(x))
+        z = into(x[None])[0]
+        rows, rest = divmod(count, between)
+        out = np.empty((1 + rows + (rest > 0), *z.shape))
+        out[0] = z
+        engine = self._begun(z, count)
+        engine.advance(out[1 : 1 + rows], between)
+        if rest:
+            engine.advance(out[1 + rows :], rest)
+        self._require_sound(engine, x, out)
+        self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
+        found = out_of(out if every is not None else out[-1:])
+        return self._returned(found if every is not None else found[0], state, batch)
+
+    def at(self, state: Any, times: Any) -> Any:
+        """The state at a time, or at times (times,) along a first axis, negative ones too; of a map, so many steps on.
+
+        Raises `InputError` for bad input and where no closed form is known, `RunError` where numbers overflow.
+        """
+        if self._scheme.orbit is None:
+            raise InputError(
+                f"No closed form of method={self._scheme.name!r} for {self.model.system.name} is known here. "
+                "Use .steps(state, n), or kr.simulate."
+            )
+        when = np.array(times, dtype=np.float64, ndmin=1)
+        if when.ndim > 1 or not when.size or not np.isfinite(when).all():
+            raise InputError(f"times: expected a finite number or a list of them, at least one, got {shown(times)}.")
+        from kreisel.kernels.exact.engine import ClosedForm
+
+        x, batch = self._given(state)
+        into, out_of = self._conversions(len(x))
+        with np.errstate(all="ignore"):
+            out = ClosedForm(self._scheme, into(x[None])[0], self.settings.dt, float(abs(when).max())).at(when)
+        if not _finite(out):
+            _require_finite(x)
+            raise RunError("The state is not finite: its powers leave the range of doubles. Use other units.")
+        found = out_of(out)
+        return self._returned(found if np.ndim(times) else found[0], state, batch)
+
+    def _given(self, state: Any) -> tuple[Floats, bool]:
+        """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
+        x = self._flat(state) if isinstance(state, Mapping) else state
+        if not (isinstance(x, np.ndarray) and x.dtype == np.float64 and x.shape[-1:] == (self.size,) and x.ndim < 3):
+            x = _numbers(x, self)
+        batch = x.ndim > 1 or bool(self.model.batch)
+        x = x if x.ndim > 1 else x[None]
+        if self.model.batch and x.shape[0] != self.model.batch[0]:
+            x = np.broadcast_to(x, (self.model.batch[0], self.size))
+        return np.ascontiguousarray(x), batch
+
+    def _flat(self, state: Mapping[str, Any]) -> Floats:
+        """A mapping as one array, checked as the start of a run is."""
+        given = dict(state)
+        g = given.pop(ORIENTATION, None)
+        if (g is not None) != self._oriented:
+            had = "none" if g is None else "one"
+            raise InputError(
+                f"g: expected {'an' if self._oriented else 'no'} orientation in the state, got {had}. "
+                "kr.propagator(..., orientation=True) carries one along."
+            )
+        own = self.model.state(**given)
+        parts = [own[letter] for letter in self.model.system.space.letters]
+        parts += [] if g is None else [_orientation(g, self.model)]
+        natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
+        return np.asarray(layout.flatten(natural, self._kinds))
+
+    def _conversions(self, lanes: int) -> tuple[Rows, Rows]:
+        """From rows (rows, lanes, size) of states to those of the method's own variables, and back to what is returned.
+
+        Compiled where the functions can be recorded, else the definitions on arrays.
+        """
+        if lanes in self._converters:
+            return self._converters[lanes]
+        n, made, plan = self.model.n, self._scheme, self._plan(self._scheme, np.zeros((lanes, 0)))
+        natural = tuple(zip(self.letters, self._kinds, strict=True))
+
+        def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
+            own = tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
+            return {"z": layout.flatten(made.prepare(own), self._own_kinds)}
+
+        def returned(parts: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+            outputs = plan.variables(parts, **known)
+            return {name: self._line(name, value) for name, value in outputs.items()}
+
+        given = replace(made, components=natural)
+        into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
+        out_of = compiled_rows(made, returned, lanes, ("return", self.settings.observe))
+        found = (
+            into[0] if into else lambda x: np.asarray(prepared(layout.restore(x, self._kinds, n))["z"]),
+            out_of[0]
+            if out_of
+            else lambda z: np.concatenate(
+                [
+                    np.broadcast_to(v, (*z.shape[:2], v.shape[-1]))
+                    for v in returned(layout.restore(z, self._own_kinds, n), **made.constants).values()
+                ],
+                -1,
+            ),
+        )
+        self._converters[lanes] = found
+        return found
+
+    def _line(self, name: str, value: Array) -> Array:
+        """A variable as numbers along the last axis."""
+        kind = self._scheme.outcomes[name].axes
+        if kind in ("skew", "symmetric", "matrix") and name not in self._axial:
+            return layout.flatten([value], [kind])
+        return value if kind or np.ndim(value) > 2 else value[..., None]
+
+    def _begun(self, z: Floats, steps: int) -> Marcher:
+        """An engine at the start z: one that is at rest, or a new one."""
+        made = self._scheme
+        if made.trajectory is not None:
+            made = made.on(layout.restore(z, [kind for _, kind in made.components], made.n))
+        try:
+            engine = self._at_rest[len(z)].pop()
+        except (KeyError, IndexError):
+            return self._plan(made, z).engine
+        return engine if engine.begin(z, made, steps) else self._plan(made, z).engine
+
+    def _plan(self, made: Scheme, z: Floats) -> Plan:
+        return Plan(self.model, made, self.settings, z, True, {})
+
+    def _require_sound(self, engine: Marcher, x: Floats, out: Floats) -> None:
+        if not _finite(out):
+            _require_finite(x)
+            raise RunError(
+                "The state is no longer finite. Usual cause: a step far too long, or a state so large that its square "
+                "overflows. Use a smaller dt."
+            )
+        guard, projection = self._scheme.guard, engine.projection
+        if guard is not None:
+            place = [letter for letter, _ in self._scheme.components].index(guard.component)
+            if (layout.restore(out, self._own_kinds, self.model.n)[place] > guard.limit).any():
+                raise RunError(f"{guard.fault}. Usual cause: {guard.cause}")
+        if projection is not None and projection.worst.any():
+            beyond = projection.beyond(self.settings.dt * abs(engine.z).max(-1))
+            if beyond.any():
+                name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
+                raise RunError(
+                    f"{name} is not conserved, although the method conserves it. Usual cause: a step far too long for "
+                    "this state. Use a smaller dt; project=False shows the map as it is."
+                )
+
+    def _returned(self, x: Floats, state: Any, batch: bool) -> Any:
+        """Rows ([rows,] lanes, numbers) in the form that was given."""
+        x = x if batch else x[..., 0, :]
+        if not isinstance(state, Mapping):
+            return x
+        out = {}
+        for letter, kind in zip(self.letters, self._kinds, strict=True):
+            out[letter] = layout.restore(x[..., self._places[letter]], [kind], self.model.n)[0]
+        return out | {name: x[..., place] for name, place in self._beside.items()}
+
+    @cached_property
+    def _beside(self) -> dict[str, Any]:
+        """Where what is observed beside the state stands."""
+        plan = self._plan(self._scheme, np.ones((1, self._own_size)))
+        out, start = {}, self.size
+        for name, value in plan.example.items():
+            if name not in self.letters:
+                width = self._line(name, value).shape[-1]
+                out[name] = slice(start, start + width) if value.ndim > 2 else start
+                start += width
+        return out
+
+
+def _slices(kinds: Sequence[str], n: int) -> list[slice]:
+    ends = np.cumsum([layout.size(kind, n) for kind in kinds]).tolist()
+    return [slice(end - layout.size(kind, n), end) for end, kind in zip(ends, kinds, strict=True)]
+
+
+def _finite(x: Floats) -> bool:
+    return math.isfinite(x.sum()) or bool(np.isfinite(x).all())  # the sum alone may overflow
+
+
+def _require_finite(x: Floats) -> None:
+    if not np.isfinite(x).all():
+        raise InputError("The state: expected finite numbers, got NaN or infinity.")
+
+
+def _numbers(state: Any, of: Propagator) -> Floats:
+    try:
+        x = np.asarray(state, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        x = np.full(0, np.nan)
+    if not 1 <= x.ndim <= 2 or x.shape[-1] != of.size or not x.size:
+        raise InputError(
+            f"The state of {of.model.system.name}: expected a mapping of {', '.join(of.letters)}, or an array of these "
+            f"{of.size} numbers, ({of.size},) or (lanes, {of.size}), got {shown(state)}."
+        )
+    return x
