@@ -14,6 +14,7 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 import kreisel as kr
+from kreisel.algebra.reuse import forget
 from kreisel.system import REGISTRY
 
 Path(os.environ["KREISEL_CACHE"]).mkdir(mode=0o700, parents=True, exist_ok=True)  # code: nobody else's
@@ -28,6 +29,12 @@ def _exists(callspec: object) -> bool:
     params = getattr(callspec, "params", {})
     name, n = params.get("name"), params.get("n")
     return name not in REGISTRY or not isinstance(n, int) or REGISTRY[name].n in (None, n)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_reused() -> None:
+    """Each test records its steps itself: some change how."""
+    forget()
 
 
 @pytest.fixture

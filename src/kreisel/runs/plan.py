@@ -202,10 +202,11 @@ def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) 
     made = scheme(model, settings.method, settings.dt, whole_order(settings.order), orientation is not None)
     made = replace(made, held=held_by_orientation(model, made.components))
     observed(settings.observe, made)
-    return _plan(model, made, settings, _parts(model, state, orientation), settings.engine)
+    return planned(model, made, settings, _parts(model, state, orientation), settings.engine)
 
 
-def _plan(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
+def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
+    """The plan of a scheme from these components of the state, by an engine or the one that is chosen by n."""
     made, start, printer = _lanes(model, made, parts, engine)
     return Plan(
         model=model,
@@ -288,7 +289,7 @@ def plan_of_times(
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
     settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
-    plan = _plan(model, made, settings, _parts(model, state, orientation), "cpu")
+    plan = planned(model, made, settings, _parts(model, state, orientation), "cpu")
     engine = ClosedForm(plan.scheme, plan.first, dt, reach)
     plan.engine = engine
     return plan, engine

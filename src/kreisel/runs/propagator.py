@@ -21,7 +21,7 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model
-from kreisel.runs.plan import Marcher, Plan
+from kreisel.runs.plan import LARGE, Marcher, Plan, planned
 from kreisel.runs.settings import (
     MOST_STEPS,
     Settings,
@@ -107,19 +107,38 @@ class Propagator:
         count = within(n, "n", 1, MOST_STEPS)
         between = count if every is None else within(every, "every", 1, count)
         x, batch = self._given(state)
-        into, out_of = self._conversions(len(x))
-        z = into(x[None])[0]
-        rows, rest = divmod(count, between)
+        if self.model.n >= LARGE:
+            found = self._by_a_plan(x, count, between)
+        else:
+            into, out_of = self._conversions(len(x))
+            z = into(x[None])[0]
+            engine = self._begun(z, count)
+            found = out_of(self._rows(engine, x, z, count, between))
+            self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
+        return self._returned(found if every is not None else found[-1], state, batch)
+
+    def _rows(self, engine: Marcher, x: Floats, z: Floats, count: int, every: int) -> Floats:
+        rows, rest = divmod(count, every)
         out = np.empty((1 + rows + (rest > 0), *z.shape))
         out[0] = z
-        engine = self._begun(z, count)
-        engine.advance(out[1 : 1 + rows], between)
+        engine.advance(out[1 : 1 + rows], every)
         if rest:
             engine.advance(out[1 + rows :], rest)
         self._require_sound(engine, x, out)
-        self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
-        found = out_of(out if every is not None else out[-1:])
-        return self._returned(found if every is not None else found[0], state, batch)
+        return out
+
+    def _by_a_plan(self, x: Floats, count: int, every: int) -> Floats:
+        """As a run of that many dimensions is made, whose kernels depend on the state."""
+        plan = planned(self.model, self._scheme, self.settings, self._system(x), None)
+        out = self._rows(plan.engine, x, plan.first, count, every)
+        parts = [self._line(name, value) for name, value in plan.observe(out).items()]
+        found = np.concatenate(parts, -1)
+        return found if plan.batched else found[:, None]
+
+    def _system(self, x: Array) -> tuple[Array, ...]:
+        """The components of states as the system has them."""
+        parts = layout.restore(x, self._kinds, self.model.n)
+        return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
 
     def at(self, state: Any, times: Any) -> Any:
         """The state at a time, or at times (times,) along a first axis, negative ones too; of a map, so many steps on.
@@ -184,8 +203,8 @@ class Propagator:
         natural = tuple(zip(self.letters, self._kinds, strict=True))
 
         def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
-            own = tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
-            return {"z": layout.flatten(made.prepare(own), self._own_kinds)}
+            own = [algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
+            return {"z": layout.flatten(made.prepare(tuple(own)), self._own_kinds)}
 
         def returned(parts: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
             outputs = plan.variables(parts, **known)

@@ -1,0 +1,193 @@
+"""kr.propagator and observe=: the bits of a run, arrays in and out, threads, errors."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.algebra import reuse
+from kreisel.lab import exact
+from kreisel.storage.checking import check_archive
+from kreisel.system import REGISTRY
+
+CASES = [
+    ("lagrange-top", 3, "suris", 1),
+    ("lagrange-top", 3, "suris", 2),
+    ("lagrange-top", 3, "baecklund", 2),
+    ("lagrange-top", 4, "suris", 1),
+    ("lagrange-top", 10, "suris", 1),  # engine="large" in a run
+    ("lagrange-top-moving", 3, "suris", 1),
+    ("clebsch", 3, "baecklund", 4),
+    ("euler-top", 3, "veselov", 2),
+    ("heavy-top", 3, "variational", 2),
+    ("heavy-top", 3, "dop853", None),
+    ("neumann", 3, "suris", 1),
+]
+
+
+def case(name: str, n: int, seed: int = 1) -> tuple[Any, dict[str, np.ndarray]]:
+    draw = exact.float_random(np.random.default_rng(seed))
+    model = exact.random_model(REGISTRY[name], n, draw)
+    state = exact.random_state(model.system.space, n, draw)
+    return model, dict(zip(model.system.space.letters, state, strict=True))
+
+
+def flat(found: Any) -> np.ndarray:
+    return np.concatenate([np.ravel(v) for v in found.values()])
+
+
+@pytest.mark.parametrize(("name", "n", "method", "order"), CASES)
+@pytest.mark.parametrize("oriented", [False, True])
+def test_steps_are_those_of_a_run(name: str, n: int, method: str, order: int | None, oriented: bool) -> None:
+    if oriented and method == "dop853":
+        pytest.skip("an integrator of the library carries no orientation")
+    model, state = case(name, n)
+    dt = 0.02
+    p = kr.propagator(model, method=method, order=order, dt=dt, orientation=oriented)
+    start = {**state, **({"g": np.eye(n)} if oriented else {})}
+    run = kr.simulate(
+        model, state, dt=dt, steps=250, every=100, method=method, order=order, orientation=start.get("g"),
+        observe=[], progress=False,
+    )  # fmt: skip
+    rows = p.steps(start, 250, every=100)
+    assert set(rows) == set(p.letters) == set(run.data_vars)
+    for letter in p.letters:
+        assert rows[letter].shape == run[letter].shape
+        assert (rows[letter] == run[letter].values).all(), letter
+    last = p.steps(start, 250)
+    assert all((last[k] == rows[k][-1]).all() for k in p.letters)
+    x0 = p.steps(start, 1, every=1)  # the start as it comes back, as numbers
+    if n == 3:
+        x = np.concatenate([x0[k][0] for k in p.letters])
+        assert x.shape == (p.size,)
+        assert (p.steps(x, 250) == flat(last)).all()
+        lanes = p.steps(np.array([x, x + 1e-3, x]), 250)
+        assert lanes.shape == (3, p.size)
+        assert (lanes[0] == lanes[2]).all() and (lanes[0] != lanes[1]).any()
+        assert (p.steps(x, 250) == flat(last)).all()  # by an engine that was used before
+
+
+def test_times_are_those_of_kr_at(top: Any) -> None:
+    p = kr.propagator(top, method="exact", observe=["energy"])
+    x, times = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), [0.0, -3.7, 1e6]
+    run = kr.at(top, {"m": x[:3], "a": x[3:]}, times)
+    got = p.at(x, times)
+    assert got.shape == (3, 7)
+    assert (got[:, :3] == run.m.values).all() and (got[:, 3:6] == run.a.values).all()
+    assert (got[:, 6] == run.energy.values).all()
+    assert p.at(x, -3.7).shape == (7,)
+    mapped = p.at({"m": x[:3], "a": x[3:]}, -3.7)
+    assert set(mapped) == {"m", "a", "energy"} and mapped["energy"] == got[1, 6]
+    assert p.at(np.tile(x, (5, 1)), times).shape == (3, 5, 7)
+
+
+def test_threads_share_a_propagator(top: Any) -> None:
+    p = kr.propagator(top, method="baecklund", dt=0.05)
+    starts = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]) + 0.01 * np.arange(40)[:, None]
+    alone = [p.steps(x, 500) for x in starts]
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(lambda x: p.steps(x, 500), starts))
+    assert all((a == b).all() for a, b in zip(alone, together, strict=True))
+
+
+def test_a_projection_begins_anew_with_each_call(top: Any) -> None:
+    """An engine that kept the invariants of the state before would pull the next one to them."""
+    p = kr.propagator(top, method="suris", dt=0.05)
+    x, y = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), np.array([0.3, -0.2, 2.5, 0.0, 0.6, 0.8])
+    there = kr.propagator(top, method="suris", dt=0.05).steps(y, 10_000)
+    p.steps(x, 10_000)
+    assert (p.steps(y, 10_000) == there).all()
+
+
+def test_a_map_that_does_not_conserve_ends_with_an_error() -> None:
+    from dataclasses import replace
+
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    record = top.system
+    off = replace(record.map, step=lambda m, a, *, p, eps: record.map.step(m * (1 + 1e-9), a, p=p, eps=eps))
+    model = type(top)(replace(record, map=off), top.params)
+    with pytest.raises(kr.RunError, match="is not conserved, although the method conserves it"):
+        kr.propagator(model, method="suris", dt=0.05).steps(np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), 100_000)
+
+
+def heavy_top() -> Any:
+    return kr.HeavyTop(J=(1, 2, 3), p=(0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (lambda top, p: kr.propagator(top, method="suris"), "needs a step dt"),
+        (lambda top, p: kr.propagator(top, dt=0.1, observe=["enrgy"]), "Did you mean 'energy'"),
+        (lambda top, p: kr.propagator(top, dt=0.1, observe="energy"), "expected a list of names"),
+        (lambda top, p: kr.propagator(3, dt=0.1), "A system with its parameters was expected"),
+        (lambda top, p: p.steps(np.zeros(5), 1), "an array of these 6 numbers"),
+        (lambda top, p: p.steps(np.full(6, np.nan), 1), "expected finite numbers"),
+        (lambda top, p: p.steps({"m": (1, 2, 3)}, 1), "needs a"),
+        (lambda top, p: p.steps({"m": (1, 2, 3), "a": (0, 0, 1), "g": (1, 0, 0, 0)}, 1), "expected no orientation"),
+        (lambda top, p: p.steps(np.ones(6), 0), "expected a whole number from 1"),
+        (lambda top, p: p.steps(np.ones(6), 2, every=3), "expected a whole number from 1 to 2"),
+        (lambda top, p: kr.propagator(top, method="suris", dt=0.1).at(np.ones(6), [[1.0]]), "times: expected"),
+        (lambda top, p: kr.propagator(heavy_top(), dt=0.1).at(np.ones(6), 1), "No closed form"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused(use: Any, message: str, top: Any) -> None:
+    with pytest.raises(kr.InputError, match=message):
+        use(top, kr.propagator(top, method="suris", dt=0.05))
+
+
+def test_what_overflows_is_no_silent_nan(top: Any) -> None:
+    with pytest.raises(kr.RunError, match="no longer finite"):
+        kr.propagator(top, method="suris", dt=0.05).steps(np.full(6, 1e200), 10)
+
+
+def test_an_ensemble_of_parameters() -> None:
+    tops = kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 1.0, 2.0])
+    p = kr.propagator(tops, method="suris", dt=0.05)
+    x = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8])
+    got = p.steps(x, 20)
+    for lane, alpha in enumerate((0.5, 1.0, 2.0)):
+        one = kr.propagator(kr.LagrangeTop(p=(0, 0, 1), alpha=alpha), method="suris", dt=0.05)
+        assert abs(got[lane] - one.steps(x, 20)).max() < 1e-14  # other code: what is 1 is folded
+
+
+def test_a_run_keeps_what_is_observed(top: Any, x0: Any, tmp_path: Path) -> None:
+    whole = kr.simulate(top, x0, dt=0.05, steps=300, every=7, progress=False)
+    path = tmp_path / "run.zarr"
+    run = kr.simulate(top, x0, dt=0.05, steps=150, every=7, observe=["energy"], path=path, progress=False)
+    assert set(run.data_vars) == {"m", "a", "energy"}
+    assert check_archive(path)[1] == []
+    longer = kr.resume(path, extend=300, progress=False)
+    assert set(longer.data_vars) == {"m", "a", "energy"}
+    assert all((longer[k].values == whole[k].values).all() for k in longer.data_vars)
+    assert check_archive(path)[1] == []
+    assert list(kr.drift(longer).index) == ["energy"]
+    assert set(kr.at(top, x0, 1.0, observe=[]).data_vars) == {"m", "a"}
+
+
+def test_what_was_recorded_is_used_again(top: Any, x0: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a model with the same record and parameters, not of one whose parameters differ in a bit."""
+    from kreisel.kernels import cpu
+
+    options = {"dt": 0.05, "steps": 10, "method": "suris", "progress": False}
+    kr.simulate(top, x0, **options)
+    recorded = []
+    record = cpu.Recording
+    monkeypatch.setattr(cpu, "Recording", lambda *args: recorded.append(1) or record(*args))
+    kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), x0, **options)
+    assert not recorded
+    other = kr.simulate(kr.LagrangeTop(p=(0, 0, np.nextafter(1.0, 2))), x0, **options)
+    assert recorded and other.attrs["parameters"] != kr.simulate(top, x0, **options).attrs["parameters"]
+
+
+def test_what_is_kept_is_bounded() -> None:
+    for k in range(reuse.MOST + 10):
+        assert reuse.reused(("number", k), lambda k=k: k) == k
+    assert reuse.reused(("number", reuse.MOST), lambda: -1) == reuse.MOST
+    assert reuse.reused(("number", 0), lambda: -1) == -1
+    assert reuse.reused(None, lambda: 5) == 5
