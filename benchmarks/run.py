@@ -7,6 +7,7 @@ import sys
 
 import dimension
 import ensemble
+import propagator
 import roundoff
 import saving
 import single
@@ -30,6 +31,8 @@ def main() -> None:
     saving.main([])
     print("\n== dimension: time of a step against n, and round-off of large n (a quarter of an hour)")
     dimension.main([])
+    print("\n== propagator: what a call costs beside the steps (about a minute)")
+    propagator.main()
     print("\n== startup: import and first step, fresh processes (about a minute)")
     startup.main([])
     if options.all:

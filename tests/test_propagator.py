@@ -116,7 +116,7 @@ def test_a_map_that_does_not_conserve_ends_with_an_error() -> None:
 
 
 def heavy_top() -> Any:
-    return kr.HeavyTop(J=(1, 2, 3), p=(0, 0, 1))
+    return kr.HeavyTop(J=(1, 2, 3), A=(0, 0, 1))
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from kreisel.sweeps.sweep import failures as failures
 from kreisel.runs.figures import nutation as nutation
 from kreisel.storage.opening import open_run as open_run
 from kreisel.viewer.plots import plot as plot
+from kreisel.runs.propagator import propagator as propagator
 from kreisel.runs.simulate import resume as resume
 from kreisel.runs.simulate import simulate as simulate
 from kreisel.sweeps.sweep import sweep as sweep
