@@ -13,6 +13,7 @@ import xarray as xr
 import kreisel as kr
 from kreisel import algebra
 from kreisel.exact import motion as motions
+from kreisel.exact import parts
 from kreisel.exact.motion import Motion
 from kreisel.exact.nutation import Nutation
 from kreisel.kernels import layout
@@ -315,7 +316,7 @@ def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> No
 
     def gap(here: Motion, inside: bool) -> float:
         size = np.repeat([max(1.0, np.linalg.norm(m)), np.linalg.norm(b) + np.linalg.norm(p), 1.0], (3, 3, 4))
-        signs, worst = (-1.0) ** np.arange(motions.TERMS), 0.0
+        signs, worst = (-1.0) ** np.arange(parts.TERMS), 0.0
         for j in range(min(1 << here.places, 8)):
             end, begin = here.place(j, inside).sum(0), signs @ here.place(j + 1, inside)
             begin[6:] *= np.sign(begin[6:] @ end[6:])  # q and -q are one rotation

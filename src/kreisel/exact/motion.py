@@ -23,37 +23,27 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact.nutation import Integrals, Number, Nutation, darboux, number, rationals
+from kreisel.exact.parts import (
+    BINARY,
+    LEAST_PLACES,
+    ORDERS,
+    PHASE_BITS,
+    SETTLED,
+    TAIL,
+    convolved,
+    cos_sin,
+    economised,
+    left_out,
+    turns_of,
+)
 from kreisel.method.scheme import Orbit
 
-TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
-ORDERS = 28  # of the Taylor series that they come from
-TAIL = 2e-17  # what they leave out, relative to m, b and q
-BINARY = 100  # places of the numbers in which the series are made
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
-SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
 LARGEST = 1e150  # of an integral: products of two must not overflow
-PHASE_BITS = 64
-LEAST_PLACES, LEAPT = 3, 8  # as powers of two
+LEAPT = 8  # as a power of two
 
 State = tuple[Array, Array, Array]
 NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
-
-
-@cache
-def _economised() -> tuple[Array, Array]:
-    """The powers 0, ..., ORDERS - 1 on [-1, 1] as polynomials of TERMS terms, and what that costs.
-
-    By cutting off their Chebyshev series.
-    """
-    chebyshev, out, cost = np.polynomial.chebyshev, np.zeros((TERMS, ORDERS)), np.zeros(ORDERS)
-    for k in range(ORDERS):
-        series = chebyshev.poly2cheb(np.eye(ORDERS)[k, : k + 1])
-        kept = chebyshev.cheb2poly(series[:TERMS])
-        out[: len(kept), k], cost[k] = kept, abs(series[TERMS:]).sum()
-    cost[1:] += abs(out[0, 1:])
-    out[0, 1:] = 0  # what is known in the middle stays
-    cost[-1] = 1.0  # and what the Taylor series leaves out
-    return out, cost
 
 
 def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
@@ -71,11 +61,6 @@ def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Arra
     return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
 
 
-def _left_out(bounds: Array, h: float) -> float:
-    """What the polynomials leave out at most where half a part lasts h."""
-    return float((bounds * _economised()[1]) @ h ** np.arange(ORDERS))
-
-
 def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
     """The m, b and q as power series, (ORDERS, 10), from integers of BINARY binary places.
 
@@ -85,11 +70,9 @@ def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Ar
     for k in range(1, ORDERS):
         (now, b_now, (scalar, *u)), (q0, *qs) = ([x[-1] for x in v] for v in (w, b, q)), q
         forces = zip(_cross(p, b_now), _cross(turning, now), strict=True)
-        rates = _cross(w, b, _convolved)
-        lean = -sum(map(_convolved, w, qs)) - sum(map(mul, u, spinning))
-        leans = zip(
-            (_convolved(x, q0) for x in w), _cross(w, qs, _convolved), _cross(u, spinning), spinning, strict=True
-        )
+        rates = _cross(w, b, convolved)
+        lean = -sum(map(convolved, w, qs)) - sum(map(mul, u, spinning))
+        leans = zip((convolved(x, q0) for x in w), _cross(w, qs, convolved), _cross(u, spinning), spinning, strict=True)
         turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
         for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
             series.append((new >> BINARY) // k)
@@ -102,10 +85,6 @@ def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Ar
 
 def _cross(x: Sequence[Any], y: Sequence[Any], times: Callable[[Any, Any], int] = mul) -> list[int]:
     return [times(x[i], y[j]) - times(x[j], y[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
-
-
-def _convolved(f: list[int], g: list[int]) -> int:
-    return sum(map(mul, f, reversed(g)))
 
 
 def _pure(v: Array) -> Array:
@@ -195,7 +174,7 @@ class Motion:
         bounds = np.max([_majorants(m, w, other, float(bp / rate**2)) for m, w, other in scaled], 0)
         unit = 1 / rate if known.separatrix else nutation.half_period
         halvings = 0
-        while (h := float(unit * rate / 2**halvings)) > 1 or _left_out(bounds, h) > TAIL:
+        while (h := float(unit * rate / 2**halvings)) > 1 or left_out(bounds, h) > TAIL:
             halvings += 1
         if known.separatrix:
             self.part = 2 * unit / 2**halvings
@@ -243,7 +222,7 @@ class Motion:
         found = _taylor(*(np.array([int(ctx.ldexp(v, BINARY)) for v in w], dtype=object) for w in scaled))
         units = np.repeat(np.array([float(1 / half), float(size), 1.0]), (3, 3, 4))
         series = np.ldexp(found.astype(np.float64), -BINARY)
-        out = _economised()[0] @ series * units
+        out = economised()[0] @ series * units
         out[0] = [float(v) for v in (*m, *b, *q)]
         return out
 
@@ -328,7 +307,7 @@ class Motion:
         def phases(M: Array, e: Array) -> Array:
             low = int(e.min(initial=0))
             scaled = M << (e - low).astype(object)
-            return _fractions([scaled * rate for rate in rates], self.bits - low)
+            return turns_of([scaled * rate for rate in rates], self.bits - low)
 
         def phases_to_rest(M: Array, e: Array) -> Array:
             low = int(e.min(initial=0))
@@ -339,7 +318,7 @@ class Motion:
             asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part, self.bits)))
             beyond = ((at - kept) * asleep) >> self.bits
             turns = [scaled * left, scaled * right + beyond]
-            return _fractions([kept >> self.places, *([-t for t in turns[::-1]] if inside else turns)], bits)
+            return turns_of([kept >> self.places, *([-t for t in turns[::-1]] if inside else turns)], bits)
 
         return Orbit(
             phases=phases_to_rest if self.integrals.separatrix else phases,
@@ -359,7 +338,7 @@ def turned(
 
     `left` and `right`, (..., 3), are half-angles: cos, sin and what is left of the angle.  q follows on `start`.
     """
-    (cos, sin), (c, s), H = _cos_sin(left), _cos_sin(right), algebra.hat(up)
+    (cos, sin), (c, s), H = cos_sin(left), cos_sin(right), algebra.hat(up)
     R = algebra.identity(3) + algebra.mat(2 * sin * cos) * H + algebra.mat(2 * sin * sin) * (H @ H)
     turn = np.concatenate([algebra.vec(cos) + 0 * up[..., :1], algebra.vec(sin) * up], -1)
     first = algebra.vec(c) * start + algebra.vec(s) * algebra.quaternion_product(_pure(axis), start)
@@ -367,22 +346,9 @@ def turned(
     return algebra.act(R, place[..., :3]), algebra.act(R, place[..., 3:6]), q
 
 
-def _cos_sin(half: Array) -> tuple[Array, Array]:
-    """Of an angle in parts, the rest of it at most pi/512; as small changes of the first part, so rounded once."""
-    cos, sin, x = half[..., 0], half[..., 1], half[..., 2]
-    y = x * x
-    less, s = y * (0.5 - y * (1 / 24 - y * (1 / 720))), x * (1 - y * (1 / 6 - y * (1 / 120)))
-    return cos - (cos * less + sin * s), sin - (sin * less - cos * s)
-
-
 def half_turns(a: Array, b: Array) -> Array:
     """The turn R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
     return np.concatenate([(a * b).sum(-1, keepdims=True), algebra.cross(b, a - b)], -1)
-
-
-def _fractions(scaled: list[Array], bits: int) -> Array:
-    """Integers of `bits` binary places, mod 1, as 64-bit fractions (times, count)."""
-    return np.stack([((v >> (bits - 64)) & (2**64 - 1)).astype(np.uint64) for v in scaled], -1)
 
 
 def _unit(x: Array) -> Array:

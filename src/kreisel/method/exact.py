@@ -11,10 +11,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact.jacobi import jacobi
 from kreisel.exact.motion import UNTURNED, Motion
 from kreisel.exact.nutation import Number, number, rationals
 from kreisel.exact.pairs import exact_pair
+from kreisel.exact.rotor import Rotor
 from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Jump, Orbit, Scheme
@@ -88,29 +88,10 @@ def _jump(model: Model) -> Jump:
     return Jump(begin, finish)
 
 
-def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
-
-    The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
-    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
-    `InputError` for n > 3.
-    """
-    system, frame = model.system, model.system.frame
-    if model.n != 3:
-        raise InputError(
-            f"The exact flow is known for n = 3 only, got n = {model.n}. Use another method, such as method='suris'."
-        )
-    if system.moments is not None:
-        return jacobi(model, oriented)
-    if system.top is None:
-        return exact_pair(model, dt, oriented)
-    observe, outcomes = observer(model, None, None)
-    outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
+def _orbit_of_top(model: Model, oriented: bool) -> Callable[..., Orbit]:
+    inside = model.system.frame is Frame.MOVING
 
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
-        inside = frame is Frame.MOVING
         start = z0[2] if oriented else UNTURNED
 
         def finish(m: Array, b: Array, q: Array) -> tuple[Array, ...]:
@@ -119,6 +100,37 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
 
         known = motion(model, z0, constants, reach)
         return known.orbit(finish, {}, inside=inside, start=algebra.inverse_turn(start) if inside else start)
+
+    return orbit
+
+
+def _orbit_of_body(model: Model, oriented: bool) -> Callable[..., Orbit]:
+    def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
+        exactly = {p.letter: rationals(constants[p.letter]) for p in model.system.parameters}
+        moments = call(model.system.moments, (), exactly)
+        return Rotor(algebra.axial(z0[0]), moments, reach, z0[1] if oriented else None).orbit()
+
+    return orbit
+
+
+def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
+
+    The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
+    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
+    `InputError` for n > 3.
+    """
+    system = model.system
+    if model.n != 3:
+        raise InputError(
+            f"The exact flow is known for n = 3 only, got n = {model.n}. Use another method, such as method='suris'."
+        )
+    if system.moments is None and system.top is None:
+        return exact_pair(model, dt, oriented)
+    observe, outcomes = observer(model, None, None)
+    outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
 
     return Scheme(
         name="exact",
@@ -129,8 +141,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         prepare=tuple,
         observe=observe,
         reopen=tuple,
-        orbit=orbit,
-        jump=None if oriented else _jump(model),
+        orbit=_orbit_of_body(model, oriented) if system.top is None else _orbit_of_top(model, oriented),
+        jump=None if oriented or system.top is None else _jump(model),
         outcomes=outcomes,
     )
 

@@ -1,0 +1,312 @@
+"""The free body, n = 3, with its orientation at any times: set up once in extended digits, then cheap in doubles.
+
+M' = M x Omega, Omega_i = M_i/I_i, g' = g hat(Omega); m = g M is fixed in space.  L = |M|, 2T = sum M_i^2/I_i.  The axes
+are numbered so that the motion goes round the third: I_1 <= I_2 <= I_3 if L^2 > 2T I_2, else in the opposite order, and
+the third is turned so that M_3 > 0.  With D = 2T I_3 - L^2, E = L^2 - 2T I_1 and s = sign(I_3 - I_1)
+
+    M = (a_1 cn u, a_2 sn u, a_3 dn u),  u = u_0 + chi s lambda t,  k^2 = (I_2 - I_1) D/((I_3 - I_2) E),
+    a_1^2 = I_1 D/(I_3 - I_1),  a_2^2 = I_2 D/(I_3 - I_2),  a_3^2 = I_3 E/(I_3 - I_1),
+    lambda^2 = (I_3 - I_2) E/(I_1 I_2 I_3),
+
+chi = -1 where the new axes are left-handed.  The shortest turn p(M) of M onto the third axis, e, leaves one angle:
+
+    g = g_0 p(M_0)^-1 z(psi) p(M),   p = (L + M_3, M x e)/sqrt(2 L (L + M_3)),   z a turn about e,
+    psi' = (2T + L M_3/I_3)/(L + M_3) = L/I_3 + D/(I_3 (L + a_3 dn u)).
+
+By Gauss's transformation, u = (1 + k_1) v, k_1 = (1 - k')/(1 + k'), this is an integral without a difference:
+
+    psi = L t/I_3 + chi s B [v + 2 a_3 k_1/(L + a_3) Q(v)],  B = D (1 + k_1)/(I_3 lambda (L + a_3)),
+    Q = (1/3) sn^3 R_J(cn^2, dn^2, 1, 1 + beta sn^2) of (v, k_1),   beta = k_1 (L - a_3)/(L + a_3).
+
+[Jacobi 1849; Whittaker, Analytical Dynamics, section 69; van Zon and Schofield, J. Comput. Phys. 225 (2007) 145 for the
+shortest turn; Carlson 1995 for R_F and R_J]
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.exact.nutation import Number, number, rationals
+from kreisel.exact.parts import (
+    BINARY,
+    LEAST_PLACES,
+    ORDERS,
+    PHASE_BITS,
+    SETTLED,
+    TAIL,
+    TERMS,
+    convolved,
+    cos_sin,
+    economised,
+    left_out,
+    turns_of,
+)
+from kreisel.method.scheme import Orbit
+
+DIGITS = 32  # of the set-up, beyond those that turns and a small k' use up
+STILL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Axes i = (i_1, i_2, i_3) of the body in the order of the closed form; e = side e_(i_3), chi = -1: left-handed."""
+
+    i: tuple[int, ...]
+    side: int
+    chi: int
+
+    @classmethod
+    def of(cls, mu: Array, moments: Array, L2: Fraction, T2: Fraction) -> Axes:
+        """From rationals."""
+        i = sorted(range(3), key=lambda k: moments[k])
+        if L2 < T2 * moments[i[1]]:
+            i.reverse()
+        side = 1 if mu[i[2]] >= 0 else -1
+        return cls(tuple(i), side, side if i in ([0, 1, 2], [1, 2, 0], [2, 0, 1]) else -side)
+
+    def back(self, N: Array, turns: bool = False) -> Array:
+        """Vectors (..., 3), or vector parts of turns, in the order of the body."""
+        out = np.empty_like(N)
+        out[..., self.i] = N * (np.array([1, 1, self.side]) * (self.chi if turns else 1))
+        return out
+
+    def turn(self, q: Array) -> Array:
+        """A quaternion (..., 4) in the order of the body."""
+        return np.concatenate([q[..., :1], self.back(q[..., 1:], turns=True)], -1)
+
+
+class Rotor:
+    """The motion through mu (3,) of a body with the moments (3,), taken as exact; `reach`: the largest |time| asked.
+
+    `start`: the orientation at time 0, a unit quaternion, or None where it is not asked for.
+    """
+
+    def __init__(self, mu: Array, moments: Array, reach: float, start: Array | None = None):
+        import mpmath
+
+        self.ctx = mpmath.MPContext()
+        mu, given = rationals(mu), rationals(moments)
+        self.L2, self.T2 = (mu * mu).sum(), (mu * mu / given).sum()
+        self.axes = Axes.of(mu, given, self.L2, self.T2)
+        self.I, self.start = [Fraction(given[k]) for k in self.axes.i], start
+        self.N = [mu[k] for k in self.axes.i]
+        self.N[2] *= self.axes.side
+        rates = [mu[j] * mu[k] * (1 / given[j] - 1 / given[k]) for j, k in ((1, 2), (2, 0), (0, 1))]
+        self.steady = not any(rates)
+        self.ctx.dps = DIGITS
+        self._constants()
+        fastest = max(self.L / min(self._numbers(self.I)), self.lam)
+        spread = max(0, int(self.ctx.mag(self.ctx.mpf(reach) * fastest))) if reach and fastest else 0
+        self.bits = 64 + PHASE_BITS + 53 + spread
+        self.ctx.dps = DIGITS + int(spread * math.log10(2)) + self._lost + 1
+        self._constants()
+        self._clock()
+
+    def _numbers(self, values: list[Fraction]) -> list[Number]:
+        return [number(self.ctx, v) for v in values]
+
+    def _constants(self) -> None:
+        """What the integrals determine."""
+        ctx, (I1, I2, I3) = self.ctx, self.I
+        self.L = ctx.sqrt(number(ctx, self.L2))
+        self.lam, self._lost = ctx.zero, 0
+        if self.steady:
+            self.mean = number(ctx, self.T2) / self.L if self.L else ctx.zero
+            return
+        D, E, gap = self.T2 * I3 - self.L2, self.L2 - self.T2 * I1, self.L2 - self.T2 * I2
+        squares = I1 * D / (I3 - I1), I2 * D / (I3 - I2), I3 * E / (I3 - I1), (I3 - I2) * E / (I1 * I2 * I3)
+        *self.a, self.lam = (ctx.sqrt(v) for v in self._numbers(list(squares)))
+        self.s = 1 if I3 > I1 else -1
+        self.k2 = (I2 - I1) * D / ((I3 - I2) * E)
+        self.k_prime = ctx.sqrt(number(ctx, (I3 - I1) * gap / ((I3 - I2) * E)))
+        a3, total = self.a[2], self.L + self.a[2]
+        B = number(ctx, D / I3) / (self.lam * total)
+        self.separatrix = gap == 0
+        if self.separatrix:  # the same half-plane of M_1 stays
+            self.a[:2] = [a if self.N[0] > 0 else -a for a in self.a[:2]]
+            self.slope = B * total / self.L  # psi' tends to L/I_2
+        else:
+            self._lost = max(0, -int(ctx.log10(self.k_prime)))
+            self.k1 = number(ctx, self.k2) / (1 + self.k_prime) ** 2
+            self.k1_prime = 2 * ctx.sqrt(self.k_prime) / (1 + self.k_prime)
+            self.K1 = ctx.pi / (2 * ctx.agm(1, self.k1_prime))
+            self.beta = self.k1 * self.a[0] ** 2 / total**2
+            self.whole = ctx.elliprj(0, self.k1_prime**2, 1, 1 + self.beta) / 3
+            ripple = 2 * a3 * self.k1 / total
+            self.slope = B * (1 + ripple * self.whole / self.K1)
+            self.ripple = B * (1 + self.k1) * ripple
+        self.mean = self.L / number(ctx, I3) + self.lam * self.slope
+
+    def _clock(self) -> None:
+        """u_0, the length of a part in u, and how many parts there are."""
+        ctx = self.ctx
+        self.places, self.settled = LEAST_PLACES, 0
+        if self.steady:
+            return
+        cn, sn, dn = (n / a for n, a in zip(self._numbers(self.N), self.a, strict=True))
+        self._inverse = [1 / i - 1 / self.I[2] for i in self.I]
+        if self.separatrix:
+            unit, self.u0 = ctx.one, ctx.asinh(sn / cn)
+        else:
+            unit = 2 * (1 + self.k1) * self.K1
+            self.u0 = sn * ctx.elliprf(cn**2, dn**2, 1)
+            if cn < 0:
+                self.u0 = (1 if sn >= 0 else -1) * unit - self.u0
+        self.psi0 = self._psi(self.u0)[1]
+        bounds = abs(self._series(ctx.zero, ctx.one).astype(np.float64)).sum(1) * 2.0**-BINARY
+        halvings = 0
+        while left_out(bounds, float(unit / 2**halvings)) > TAIL:  # at u = 0, next to the poles
+            halvings += 1
+        if self.separatrix:
+            self.part = 2 * unit / 2**halvings
+            self.settled = int(ctx.ceil((SETTLED + abs(self.u0)) / self.part))
+            halvings = (2 * self.settled + 1).bit_length()
+        self.places = max(LEAST_PLACES, halvings)
+        if not self.separatrix:
+            self.part = 2 * unit / 2**self.places
+
+    def _psi(self, u: Number) -> tuple[list[Number], Number]:
+        """(cn, sn, dn) at u, and s (psi - mean t) from u = 0 on, which has the period 2 K."""
+        ctx = self.ctx
+        if self.separatrix:
+            sech, tanh = ctx.sech(u), ctx.tanh(u)
+            a1, a3 = abs(self.a[0]), self.a[2]
+            factor = -2 * number(ctx, (self.T2 * self.I[2] - self.L2) / self.I[2]) * a3 / (self.lam * self.L * a1)
+            return [sech, tanh, sech], factor * ctx.atan(a1 / (self.L + a3) * ctx.tanh(u / 2))
+        v = u / (1 + self.k1)
+        turns = ctx.nint(v / (2 * self.K1))
+        v, sign = v - 2 * self.K1 * turns, -1 if int(turns) % 2 else 1
+        s, c, d = (ctx.ellipfun(name, v, m=self.k1**2) for name in ("sn", "cn", "dn"))
+        both = 1 + self.k1 * s**2
+        place = [sign * c * d / both, sign * (1 + self.k1) * s / both, (1 - self.k1 * s**2) / both]
+        if self.start is None:
+            return place, ctx.zero
+        third = s**3 * ctx.elliprj(c**2, d**2, 1, 1 + self.beta * s**2) / 3
+        return place, self.ripple * (third - v / self.K1 * self.whole)
+
+    # -- parts ---------------------------------------------------------------------------------------------
+
+    def _series(self, u: Number, h: Number) -> Array:
+        """cn, sn, dn, and the quaternion z p of the closed form freed of the mean turn, as power series, (ORDERS, 7).
+
+        In (u' - u)/h, integers of BINARY binary places; without an orientation the first three.
+
+            cn' = -sn dn,  sn' = cn dn,  dn' = -k^2 cn sn,   2 q' = q w,   w = s (1/I - mean/L) M/lambda
+        """
+        ctx = self.ctx
+        place, psi = self._psi(u)
+        fixed = lambda x: int(ctx.ldexp(x, BINARY))  # noqa: E731
+        X, step, k2 = [[fixed(x)] for x in place], fixed(h), fixed(h * number(ctx, self.k2))
+        if self.start is not None:
+            half, lift = self.s * (psi - self.psi0) / 2, self._lift([a * x for a, x in zip(self.a, place, strict=True)])
+            turn = np.array([ctx.cos(half), 0, 0, ctx.sin(half)], dtype=object)
+            q = [[fixed(x)] for x in algebra.quaternion_product(turn, lift)]
+            inverse = (v / self.lam for v in self._numbers(self._inverse))
+            weights = (v - self.slope / self.L for v in inverse)
+            w = [fixed(self.s * h * a * v / 2) for a, v in zip(self.a, weights, strict=True)]
+        for k in range(1, ORDERS):
+            cn, sn, dn = X
+            rates = [-step * (convolved(sn, dn) >> BINARY), step * (convolved(cn, dn) >> BINARY)]
+            rates.append(-k2 * (convolved(cn, sn) >> BINARY))
+            if self.start is not None:
+                turned = _turned(q, [[(f * x) >> BINARY for x in of] for f, of in zip(w, X, strict=True)])
+                for of, rate in zip(q, turned, strict=True):
+                    of.append((rate >> BINARY) // k)
+            for of, rate in zip(X, rates, strict=True):
+                of.append((rate >> BINARY) // k)
+        return np.array(X if self.start is None else [*X, *q], dtype=object).T
+
+    def _lift(self, N: list[Number]) -> Array:
+        """The turn p of M onto the third axis, in right-handed axes."""
+        q = np.array([self.L + N[2], N[1], -N[0], self.ctx.zero], dtype=object)
+        return q / self.ctx.sqrt(2 * self.L * (self.L + N[2]))
+
+    def place(self, j: int) -> Array:
+        """The polynomials (TERMS, 7) of part j in x, -1 ... 1: M, and the orientation freed of the mean turn."""
+        out = np.zeros((TERMS, 3 if self.start is None else 7))
+        if self.steady:
+            out[0, :3] = self.axes.back(np.array(self.N, dtype=object)).astype(np.float64)
+            out[0, 3:] = STILL[: out.shape[1] - 3]
+            return out
+        j = (j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1))
+        found = self._series(self.u0 + j * self.part, self.part / 2)
+        series = np.ldexp(found.astype(np.float64), -BINARY)
+        out[:] = economised()[0] @ series
+        out[0] = [float(self.ctx.ldexp(self.ctx.mpf(int(v)), -BINARY)) for v in found[0]]
+        out[:, :3] = self.axes.back(out[:, :3] * np.array([float(a) for a in self.a]))
+        if not j:
+            out[0, :3] = self.axes.back(np.array(self.N, dtype=object)).astype(np.float64)
+        if self.start is not None:
+            out[:, 3:] = self.axes.turn(out[:, 3:])
+        return out
+
+    # -- phases --------------------------------------------------------------------------------------------
+
+    def orbit(self) -> Orbit:
+        """The states (M,) or (M, g).  The second phase is a quarter of psi, so that g is continuous in time."""
+        ctx, direction = self.ctx, 0 if self.steady else self.axes.chi * self.s
+        parts = direction * self.lam / self.part if direction else ctx.zero
+        moving, turning = (int(ctx.floor(ctx.ldexp(v, self.bits))) for v in (parts, self.mean / (4 * ctx.pi)))
+        rates = (moving >> self.places, turning, 0)
+        apart = not self.steady and self.separatrix
+
+        def phases(M: Array, e: Array) -> Array:
+            low = int(e.min(initial=0))
+            scaled, bits = M << (e - low).astype(object), self.bits - low
+            most = self.settled << bits
+            at = scaled * moving
+            first = np.minimum(np.maximum(at, -most), most) >> self.places if apart else scaled * rates[0]
+            return turns_of([first, scaled * turning, 0 * scaled], bits)
+
+        return Orbit(
+            phases=phases,
+            rates=None if apart else rates,
+            bits=self.bits,
+            places=self.places,
+            place=cache(self.place),
+            row=_state if self.start is None else _oriented,
+            constants={} if self.start is None else self._starts(),
+        )
+
+    def _starts(self) -> dict[str, Array]:
+        """The orientation before the first turn, and the same times the axis of the mean turn."""
+        ctx, axis = self.ctx, np.zeros(4)
+        start = np.array([ctx.mpf(float(v)) for v in self.start], dtype=object)  # type: ignore[union-attr]
+        if self.steady:
+            M = self.axes.back(np.array(self._numbers(self.N), dtype=object))
+            along = np.array([ctx.zero, *(M / self.L if self.L else M)], dtype=object)
+        else:
+            first = self.axes.turn(self._lift(self._numbers(self.N)))
+            start = algebra.quaternion_product(start, algebra.inverse_turn(first))
+            axis[1 + self.axes.i[2]] = self.axes.side
+            along = axis.astype(object)
+        turned = algebra.quaternion_product(start, along)
+        return {"start": start.astype(np.float64), "turned": turned.astype(np.float64)}
+
+
+def _turned(q: list[list[int]], w: list[list[int]]) -> list[int]:
+    """The last coefficient of the product of quaternions q w, w a vector."""
+    (s, x, y, z), (a, b, c), of = q, w, convolved
+    return [
+        -of(x, a) - of(y, b) - of(z, c),
+        of(s, a) + of(y, c) - of(z, b),
+        of(s, b) + of(z, a) - of(x, c),
+        of(s, c) + of(x, b) - of(y, a),
+    ]
+
+
+def _state(place: Array, left: Array, right: Array) -> tuple[Array, ...]:
+    return (algebra.hat(place[..., :3]),)
+
+
+def _oriented(place: Array, left: Array, right: Array, *, start: Array, turned: Array) -> tuple[Array, ...]:
+    cos, sin = cos_sin(left)
+    before = algebra.vec((cos - sin) * (cos + sin)) * start + algebra.vec(2 * sin * cos) * turned
+    return algebra.hat(place[..., :3]), algebra.quaternion_product(before, place[..., 3:])
