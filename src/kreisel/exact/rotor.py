@@ -50,7 +50,7 @@ from kreisel.exact.parts import (
 )
 from kreisel.method.scheme import Orbit
 
-DIGITS = 32  # of the set-up, beyond those that turns and a small k' use up
+DIGITS = 32  # of the set-up, beyond those that turns, a small k' and a small a_3 use up
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -104,7 +104,7 @@ class Rotor:
         self._constants()
         fastest = max(self.L / min(self._numbers(self.I)), self.lam)
         spread = max(0, int(self.ctx.mag(self.ctx.mpf(reach) * fastest))) if reach and fastest else 0
-        self.bits = 64 + PHASE_BITS + 53 + spread
+        self.bits = 64 + PHASE_BITS + 53 + max(0, math.frexp(reach)[1])
         self.ctx.dps = DIGITS + int(spread * math.log10(2)) + self._lost + 1
         self._constants()
         self._clock()
@@ -133,7 +133,7 @@ class Rotor:
             self.a[:2] = [a if self.N[0] > 0 else -a for a in self.a[:2]]
             self.slope = B * total / self.L  # psi' tends to L/I_2
         else:
-            self._lost = max(0, -int(ctx.log10(self.k_prime)))
+            self._lost = max(0, -int(ctx.log10(self.k_prime))) - int(ctx.log10(a3 / self.L))
             self.k1 = number(ctx, self.k2) / (1 + self.k_prime) ** 2
             self.k1_prime = 2 * ctx.sqrt(self.k_prime) / (1 + self.k_prime)
             self.K1 = ctx.pi / (2 * ctx.agm(1, self.k1_prime))

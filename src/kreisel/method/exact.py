@@ -17,7 +17,7 @@ from kreisel.exact.pairs import exact_pair
 from kreisel.exact.rotor import Rotor
 from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Jump, Orbit, Scheme
+from kreisel.method.scheme import Jump, Orbit, Scheme, Spin
 from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
 
@@ -88,6 +88,16 @@ def _jump(model: Model) -> Jump:
     return Jump(begin, finish)
 
 
+def _spin(model: Model) -> Spin:
+    def begin(M: Array, *g: Array) -> tuple[Array, ...]:
+        return algebra.axial(M), *g
+
+    def moments(**constants: Array) -> Array:
+        return np.asarray(call(model.system.moments, (), constants))
+
+    return Spin(begin, moments, lambda M, *g: (algebra.hat(M), *g))
+
+
 def _orbit_of_top(model: Model, oriented: bool) -> Callable[..., Orbit]:
     inside = model.system.frame is Frame.MOVING
 
@@ -121,11 +131,12 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     `InputError` for n > 3.
     """
     system = model.system
+    free = system.moments is not None
     if model.n != 3:
         raise InputError(
             f"The exact flow is known for n = 3 only, got n = {model.n}. Use another method, such as method='suris'."
         )
-    if system.moments is None and system.top is None:
+    if not free and system.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
@@ -141,8 +152,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         prepare=tuple,
         observe=observe,
         reopen=tuple,
-        orbit=_orbit_of_body(model, oriented) if system.top is None else _orbit_of_top(model, oriented),
-        jump=None if oriented or system.top is None else _jump(model),
+        orbit=_orbit_of_body(model, oriented) if free else _orbit_of_top(model, oriented),
+        jump=_spin(model) if free else None if oriented else _jump(model),
         outcomes=outcomes,
     )
 

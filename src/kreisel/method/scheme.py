@@ -67,6 +67,22 @@ class Jump:
 
 
 @dataclass(frozen=True)
+class Spin:
+    """A flow as that of a free body, n = 3: M' = M x Omega, Omega_i = M_i/I_i, g' = g hat(Omega); g may be absent.
+
+    begin(*z)            -> M, an axial vector, and g where there is one, a unit quaternion
+    moments(**constants) -> I (3,), recorded for double-doubles
+    finish(M, g)         -> z
+
+    Recorded and compiled by an engine.
+    """
+
+    begin: Callable[..., tuple[Array, ...]]
+    moments: Callable[..., Array]
+    finish: Callable[..., tuple[Array, ...]]
+
+
+@dataclass(frozen=True)
 class Guard:
     """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
 
@@ -88,7 +104,8 @@ class Scheme:
     rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
     orbit(z0, consts, reach) -> Orbit or States: the states at any |time| <= reach in closed form, for one lane; a map,
                                         which also states its step, has whole times and counts steps
-    jump                                the same as the flow of a top, which an engine knows at any time; or None
+    jump                                the same as the flow of a top or a free body, which an engine knows at any time;
+                                        or None
     observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; also takes `basis`
     conserved(z, **consts) -> outputs   as `observe`, in the form of an engine, of what the form does not keep by itself
     reopen(x)              -> z         from an observed state back to the method's own variables
@@ -111,7 +128,7 @@ class Scheme:
     step: Callable[..., tuple[Array, ...]] | None = None
     rate: Callable[..., tuple[Array, ...]] | None = None
     orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit | States] | None = None
-    jump: Jump | None = None
+    jump: Jump | Spin | None = None
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     close: Callable[..., tuple[Array, ...]] | None = None
     options: Mapping[str, Any] | None = None

@@ -77,17 +77,20 @@ def _descended(level: Any, a: Any, mean: Any, g: Any) -> Any:
 
 @inlined
 def cs(a: Any, g: Any, angle: Any) -> Any:
-    """Jacobi's function of that name, times a, at u = a angle/M(a, g), 0 < angle <= pi/4, where k' = g/a.
+    """Jacobi's function of that name, times a, at u = a angle/M(a, g), 0 < angle <= pi/4, where k' = g/a."""
+    cos, sin = cos_sin(angle)
+    return cs_of(a, g, cos, sin)
 
-    By descending Landen transformations.
-    """
+
+@inlined
+def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
+    """The same from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
     a1, g1 = 0.5 * (a + g), sqrt(a * g)
     a2, g2 = 0.5 * (a1 + g1), sqrt(a1 * g1)
     a3, g3 = 0.5 * (a2 + g2), sqrt(a2 * g2)
     a4, g4 = 0.5 * (a3 + g3), sqrt(a3 * g3)
     a5, g5 = 0.5 * (a4 + g4), sqrt(a4 * g4)
     a6 = 0.5 * (a5 + g5)
-    cos, sin = cos_sin(angle)
     level = (a6 * cos / sin, a / a)
     level = _descended(level, a5, a6, g5)
     level = _descended(level, a4, a5, g4)

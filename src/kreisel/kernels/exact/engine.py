@@ -230,7 +230,7 @@ class Rows:
     def __init__(self, orbit: Orbit, used: list[int], kernel: Any):
         self.orbit, self._used = orbit, used
         values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
-        self._constants = np.concatenate([v.ravel() for v in values])
+        self._constants = np.concatenate([np.empty(0), *(v.ravel() for v in values)])
         dense = orbit.places <= MOST_PLACES
         self._table = _in_lines((1 << orbit.places if dense else 0, *self._numbers(0).shape))
         self._known = np.zeros(len(self._table), dtype=bool)

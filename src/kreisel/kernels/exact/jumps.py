@@ -1,8 +1,9 @@
-"""The flow of the Lagrange top, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops.
+"""Flows, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops or free bodies.
 
-Over the period of nutation the flow is a turn about p; over what is left of the time it is `count` times D_eps, less
-the turn of D_eps.  The formulas of `kreisel.exact.nutation` are recorded here, for doubles and double-doubles alike;
-`kreisel.kernels.exact.nutating` puts them together.  Each lane tells what it may be off; some need more digits.
+Of the free body: `kreisel.kernels.exact.rotating`.  Over the period of nutation the flow of the Lagrange top is a turn
+about p; over what is left of the time it is `count` times D_eps, less the turn of D_eps.  The formulas of
+`kreisel.exact.nutation` are recorded here, for doubles and double-doubles alike; `kreisel.kernels.exact.nutating` puts
+them together.  Each lane tells what it may be off; some need more digits.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import arranged
 from kreisel.kernels.recording import flat_constants, indented
 from kreisel.kernels.tape import Scalar, Tape, text
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
 WORK = 200  # a jump is worth so many steps of a map in an ensemble
 # What the kernel imports beside the operations of all kernels.
-TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py")
+TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py", "rotating.py")
 
 FUNCTION = """
 @njit(error_model="numpy", forceinline=True)
@@ -54,11 +55,18 @@ def jump(z, c, times):
     for k in range(rows):
         states[k], constants[k], when[k, 0] = z[k % lanes], c[k % lanes], times[k // lanes]
     for row in range(0, rows, {width}):
-        start = begin(*gather(states, {state}, row, rows, {width}), *gather(constants, {constants}, row, rows, {width}))
-        m0, m1, m2, b0, b1, b2, p0, p1, p2, alpha = start
         (t,) = gather(when, 1, row, rows, {width})
-        known = integrals({pairs})
-        count, eps, r, cos, sin, unit, error = leap(known, alpha, t, turning, length)
+        now, known = gather(states, {state}, row, rows, {width}), gather(constants, {constants}, row, rows, {width})
+{body}
+    for k in range(rows):
+        right[k // lanes, k % lanes] = off[k, 0] <= {tolerance!r}
+    return out.reshape((len(times), lanes, {state})), right
+"""
+
+TOP = """
+        m0, m1, m2, b0, b1, b2, p0, p1, p2, alpha = begin(*now, *known)
+        conserved = integrals({pairs})
+        count, eps, r, cos, sin, unit, error = leap(conserved, alpha, t, turning, length)
         most = MOST
         if largest(count) < MOST:
             most = int(largest(count))
@@ -69,9 +77,20 @@ def jump(z, c, times):
         new = finish(m0, m1, m2, b0, b1, b2, p0 * unit, p1 * unit, p2 * unit, cos, sin)
         scatter(out, (), row, rows, new)
         scatter(off, (), row, rows, (error + where_less(float(MOST), count, 1.0, 0.0),))
-    for k in range(rows):
-        right[k // lanes, k % lanes] = off[k, 0] <= {tolerance!r}
-    return out.reshape((len(times), lanes, {state})), right
+"""
+
+BODY = """
+        new = rotated(moments({pairs}), begin(*now), t)
+        scatter(out, (), row, rows, finish(*now, *new[:7]))
+        scatter(off, (), row, rows, (new[7],))
+"""
+
+IMPORTS = """from kreisel.kernels._numba.double_double import pair
+from kreisel.kernels._numba.fused import largest, where_less
+from kreisel.kernels._numba.vector_type import gather, scatter
+from kreisel.kernels.exact.nutating import leap
+from kreisel.kernels.exact.rotating import rotated
+
 """
 
 
@@ -122,16 +141,39 @@ def _formulas() -> str:
 def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     from kreisel.kernels._numba.vector_type import register_width
 
-    kinds, n = [kind for _, kind in scheme.components], scheme.n
     jump = scheme.jump
     if jump is None:
         raise TypeError(f"the scheme {scheme.name} states no jump")
-    state = sum(layout.size(kind, n) for kind in kinds)
+    state = sum(layout.size(kind, scheme.n) for _, kind in scheme.components)
+    constants = max(place.stop for place in columns.values())
+    functions, body = (_of_top if isinstance(jump, Jump) else _of_body)(scheme, jump, state, columns)  # type: ignore[operator]
+    return (
+        HEAD.format(name=f"{scheme.name} of {[kind for _, kind in scheme.components]}, jumps")
+        + IMPORTS
+        + f"# {_operations()}\n"
+        + functions
+        + KERNEL.format(
+            options=EXACT,
+            tolerance=TOLERANCE,
+            width=register_width(),
+            state=state,
+            constants=constants,
+            body=body.strip("\n"),
+        )
+    )
+
+
+def _named(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -> dict[str, Array]:
+    return {name: c[place].reshape((scheme.n,) * scheme.axes[name])[()] for name, place in columns.items()}
+
+
+def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]) -> tuple[str, str]:
+    """The functions of a top, and what the kernel does with them."""
+    kinds, n = [kind for _, kind in scheme.components], scheme.n
     constants = max(place.stop for place in columns.values())
 
     def begin(z: Array, c: Array) -> list[Any]:
-        known = {name: c[place].reshape((n,) * scheme.axes[name])[()] for name, place in columns.items()}
-        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **known)
+        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **_named(c, scheme, columns))
         return [*m, *b, *p, alpha]
 
     def finish(m: Array, b: Array, axis: Array, cos: Any, sin: Any) -> list[Any]:
@@ -139,25 +181,34 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
         new = [v + sin * algebra.act(H, v) + (1 - cos) * algebra.act(H, algebra.act(H, v)) for v in (m, b)]
         return list(layout.flatten(jump.finish(*new), kinds))
 
-    width = register_width()
     return (
-        HEAD.format(name=f"{scheme.name} of {kinds}, jumps")
-        + "from kreisel.kernels._numba.double_double import pair\n"
-        + "from kreisel.kernels._numba.fused import largest, where_less\n"
-        + "from kreisel.kernels.exact.nutating import leap\n"
-        + "from kreisel.kernels._numba.vector_type import gather, scatter\n\n"
-        + f"# {_operations()}\n"
-        + _function("begin", begin, (state,), (constants,))
+        _function("begin", begin, (state,), (constants,))
         + _function("finish", finish, *[(3,)] * 3, (), ())
-        + _formulas()
-        + KERNEL.format(
-            options=EXACT,
-            tolerance=TOLERANCE,
-            width=width,
-            state=state,
-            constants=constants,
-            pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3)),
-        )
+        + _formulas(),
+        TOP.format(pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3))),
+    )
+
+
+def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice]) -> tuple[str, str]:
+    """The same of a free body."""
+    kinds, n = [kind for _, kind in scheme.components], scheme.n
+    constants = max(place.stop for place in columns.values())
+
+    def begin(z: Array) -> list[Any]:
+        return list(jump.begin(*layout.restore(z, kinds, n))[0])
+
+    def moments(c: Array) -> list[Any]:
+        return list(jump.moments(**_named(c, scheme, columns)))
+
+    def finish(z: Array, m: Array, turn: Array) -> list[Any]:
+        before = jump.begin(*layout.restore(z, kinds, n))[1:]
+        return list(layout.flatten(jump.finish(m, *(algebra.quaternion_product(g, turn) for g in before)), kinds))
+
+    return (
+        _function("begin", begin, (state,))
+        + _function("moments", moments, (constants,), fuse=False)
+        + _function("finish", finish, (state,), (3,), (4,)),
+        BODY.format(pairs=", ".join(f"pair(known[{k}], 0.0)" for k in range(constants))),
     )
 
 
@@ -169,7 +220,7 @@ def _operations() -> str:
 
 
 class Jumps:
-    """The states of tops z0 (lanes, d) at any times."""
+    """The states of tops or bodies z0 (lanes, d) at any times."""
 
     def __init__(self, scheme: Scheme, z0: Floats):
         self._z = np.ascontiguousarray(z0)
