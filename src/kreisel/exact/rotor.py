@@ -202,7 +202,10 @@ class Rotor:
         """
         ctx = self.ctx
         place, psi = self._psi(u)
-        fixed = lambda x: int(ctx.ldexp(x, BINARY))  # noqa: E731
+
+        def fixed(x: Number) -> int:
+            return int(ctx.ldexp(x, BINARY))
+
         X, step, k2 = [[fixed(x)] for x in place], fixed(h), fixed(h * number(ctx, self.k2))
         if self.start is not None:
             half, lift = self.s * (psi - self.psi0) / 2, self._lift([a * x for a, x in zip(self.a, place, strict=True)])
@@ -278,7 +281,7 @@ class Rotor:
     def _starts(self) -> dict[str, Array]:
         """The orientation before the first turn, and the same times the axis of the mean turn."""
         ctx, axis = self.ctx, np.zeros(4)
-        start = np.array([ctx.mpf(float(v)) for v in self.start], dtype=object)  # type: ignore[union-attr]
+        start: Array = np.array([ctx.mpf(float(v)) for v in np.asarray(self.start)], dtype=object)
         if self.steady:
             M = self.axes.back(np.array(self._numbers(self.N), dtype=object))
             along = np.array([ctx.zero, *(M / self.L if self.L else M)], dtype=object)

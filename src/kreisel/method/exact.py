@@ -1,4 +1,4 @@
-"""method="exact": the flow of the Lagrange top for n = 3, in closed form at any time; others by their modules."""
+"""method="exact": the flow of the Lagrange top and of free bodies, n = 3, in closed form; others by their modules."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _orbit_of_body(model: Model, oriented: bool) -> Callable[..., Orbit]:
 
 
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for the Euler top.
+    """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for free bodies.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
     all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
@@ -138,10 +138,10 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         )
     if not free and system.top is None:
         return exact_pair(model, dt, oriented)
-    observe, outcomes = observer(model, None, None)
+    observe, outcomes = observer(model, None, None, continuous=free)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
+        outcomes[ORIENTATION] = orientation_outcome(model, continuous=free)
 
     return Scheme(
         name="exact",

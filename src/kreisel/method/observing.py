@@ -83,8 +83,12 @@ def observer(
     to_user: Callable[..., tuple[Array, ...]] | None,
     conserved: Collection[str] = (),
     told: Mapping[str, str] | None = None,
+    continuous: bool = False,
 ) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
-    """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's."""
+    """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's.
+
+    `continuous`: the method carries of q and -q the one that is continuous in time, which stays.
+    """
     space = model.system.space
     table = functions(model, eps, 1 if to_user is None else 2, conserved, told)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
@@ -100,7 +104,8 @@ def observer(
             value = function(*(own if takes_own else user), **known)
             out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
         if len(z) > count:
-            out[ORIENTATION] = _one_of_two(z[count]) if model.n == 3 and z[count].shape[-1] == 4 else z[count]
+            either = not continuous and model.n == 3 and z[count].shape[-1] == 4
+            out[ORIENTATION] = _one_of_two(z[count]) if either else z[count]
         return out
 
     return observe, outcomes
@@ -140,8 +145,9 @@ def held_by_orientation(model: Model, components: Components) -> Callable[[tuple
     return held
 
 
-def orientation_outcome(model: Model) -> Outcome:
-    """What g means in the frame of the system."""
+def orientation_outcome(model: Model, continuous: bool = False) -> Outcome:
+    """What g means in the frame of the system; `continuous` as in `observer`."""
     carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
-    form = "unit quaternion (w, x, y, z), w >= 0" if model.n == 3 else "orthogonal matrix"
+    sign = "continuous in time" if continuous else "w >= 0"
+    form = f"unit quaternion (w, x, y, z), {sign}" if model.n == 3 else "orthogonal matrix"
     return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])
