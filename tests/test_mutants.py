@@ -33,6 +33,7 @@ from kreisel.system import (
     ratiu_bitop,
     rosochatius,
     steklov,
+    zhukovsky_volterra,
 )
 
 VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
@@ -40,6 +41,7 @@ GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
 BITOP = ratiu_bitop.SYSTEM
 BODY = clebsch_body.SYSTEM
+GYROSTAT = zhukovsky_volterra.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
 
@@ -88,6 +90,18 @@ def rough_kick(M, P, *, b, eps):  # a Clebsch step without its denominator
 def not_poisson(m, a, *, p, eps):
     m = m + eps * wedge(a, p)
     return m, cayley_act(eps / 2 * m * mat(1 + eps * dot(a, p)), a)
+
+
+def wheel_at_rest(M, *, w):  # a Zhukovsky-Volterra gyrostat without h
+    return zhukovsky_volterra.flow(M, h=np.zeros(3, dtype=np.int8), w=w)
+
+
+def wheel_turned_round(M, *, h, w, lam):
+    return zhukovsky_volterra.lax(M, h=-h, w=w, lam=lam)
+
+
+def body_alone(M, *, h, w):  # T(M), without the wheel
+    return zhukovsky_volterra.energy(M, h=0 * h, w=w)
 
 
 def without_curvature(x0, x, *, b, eps):
@@ -365,6 +379,9 @@ MUTANTS = [
     ("integrals-of-the-flow", wrong_space(GORYACHEV, draw=None), 3),  # off <M, P> = 0
     ("integrals-of-the-flow", replace(STEKLOV, integrals={"lyapunov": opposite}), 3),
     ("lax-equation", replace(STEKLOV, lax=lyapunov.lax), 3),
+    ("lax-equation", replace(GYROSTAT, lax=wheel_turned_round), 3),
+    ("hamiltonian-flow", replace(GYROSTAT, flow=wheel_at_rest), 3),
+    ("integrals-of-the-flow", replace(GYROSTAT, energy=body_alone), 3),
     ("relations", replace(LYAPUNOV, derive=steklov.coefficients), 3),
     ("integrals-of-the-map", mapped(BITOP, step=cayley_turn), 4),
     ("discrete-lax-equation", mapped(BITOP, lax=lambda M, G, *, C, lam: lam * lam * C + lam * M + G), 4),

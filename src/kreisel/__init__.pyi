@@ -397,3 +397,17 @@ class _SymmetricTop(System):
         A: from the fixed point to the centre of mass, in the body"""
 
 SymmetricTop: _SymmetricTop
+
+class _ZhukovskyVolterra(System):
+    def __call__(
+        self,
+        *,
+        J: ArrayLike,
+        h: ArrayLike,
+    ) -> Model:
+        r"""Zhukovsky-Volterra gyrostat.
+
+        J: diagonal of the mass tensor of body and wheel (I_1 = J_2 + J_3, ...)
+        h: momentum of the wheel relative to the body"""
+
+ZhukovskyVolterra: _ZhukovskyVolterra

@@ -1,0 +1,74 @@
+"""Zhukovsky-Volterra's gyrostat, n = 3: a free body with a wheel.  State M in so(3)*: M (..., 3, 3) skew, body frame.
+
+M is the momentum of body and wheel together and h the constant momentum of the wheel relative to the body, along the
+body axes.  With axial vectors and the principal moments I_i of the body, the wheel at rest in it,
+
+    M' = M x Omega,   Omega_i = (M_i - h_i)/I_i,   H = sum (M_i - h_i)^2/(2 I_i).
+
+A wheel that turns freely has its momentum in space along its axis in h, and is without moment about that axis in I_i.
+H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair, with S = lambda - diag(1/I_i), is
+
+    L = S (lambda M - Omega),   U = S M,   -tr L^2/2 = det S sum (lambda M_i - Omega_i)^2/S_i.
+
+[Zhukovsky 1885; Volterra, Acta Mathematica 22 (1899); Basak, Regular and Chaotic Dynamics 14 (2009)]
+"""
+
+from kreisel.algebra import axial, dot, hat, identity
+from kreisel.algebra.matrices import diagonal
+from kreisel.record.checks import positive
+from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System
+from kreisel.system.fluid import around
+
+
+def inverse_moments(*, J):
+    """The 1/I_i, where I_i = J_j + J_k."""
+    second, third = around(J)
+    return {"w": 1 / (second + third)}
+
+
+def velocity(M, *, h, w):  # Omega_i = (M_i - h_i)/I_i
+    return hat(w * (axial(M) - h))
+
+
+def flow(M, *, h, w):  # M' = M x Omega
+    Omega = velocity(M, h=h, w=w)
+    return (M @ Omega - Omega @ M,)
+
+
+def energy(M, *, h, w):
+    u = axial(M) - h
+    return dot(u, w * u) / 2
+
+
+def lax(M, *, h, w, lam):  # L = S (lambda M - Omega),   U = S M,   S = lambda - diag(1/I_i)
+    S = lam * identity(3) - diagonal(w)
+    return S @ (lam * M - velocity(M, h=h, w=w)), S @ M
+
+
+SYSTEM = System(
+    name="zhukovsky-volterra",
+    title="Zhukovsky-Volterra gyrostat",
+    equations="M' = M x Omega,  Omega_i = (M_i - h_i)/I_i",
+    source="Zhukovsky 1885, Volterra 1899; Basak 2009",
+    frame=Frame.MOVING,
+    space=FREE_SPACE,
+    parameters=(
+        Parameter(
+            "J",
+            "vector",
+            "diagonal of the mass tensor of body and wheel (I_1 = J_2 + J_3, ...)",
+            check=positive,
+            positive=True,
+        ),
+        Parameter("h", "vector", "momentum of the wheel relative to the body"),
+    ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    derive=inverse_moments,
+    scaling="Any consistent units.",
+    lax=lax,
+    n=3,
+    notes="No map that keeps both integrals is built here; its solution in elliptic functions is known [Basak 2009]. "
+    "h = 0 is the Euler top.",
+)
