@@ -4,8 +4,9 @@
     run = kr.simulate(wheel.model(), wheel.state(tilt=1.2, spin=20.0), dt=0.01, steps=1000)
     seconds, motion = run.time * wheel.time_unit, wheel.motion(run.m, run.a)
 
-`Gyroscope` is the heavy symmetric top on a fixed point, `HeavyBody` any body on a fixed point, `Ellipsoid` a body in an
-ideal fluid.  The third axis of the rest frame points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.
+`Gyroscope` is the heavy symmetric top on a fixed point, `HeavyBody` any body on a fixed point, `FreeBody` any body
+without torque, `Ellipsoid` a body in an ideal fluid.  The third axis of the rest frame points up, gravity along
+-p = (0, 0, -1); hat(v) x = v x x.
 
 Arguments are numbers in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
 """
@@ -13,8 +14,21 @@ Arguments are numbers in SI units, or quantities: mass="3 kg", spin="180 rpm" (`
 from __future__ import annotations
 
 from kreisel.physical.ellipsoid import Ellipsoid
+from kreisel.physical.free_body import AxisStability, FreeBody
+from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 
-__all__ = ["SI", "STANDARD_GRAVITY", "Ellipsoid", "Gyroscope", "HeavyBody", "Motion", "Units"]
+__all__ = [
+    "SI",
+    "STANDARD_GRAVITY",
+    "AxisStability",
+    "Ellipsoid",
+    "FreeBody",
+    "FreeRotation",
+    "Gyroscope",
+    "HeavyBody",
+    "Motion",
+    "Units",
+]

@@ -10,7 +10,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
+from kreisel.physical.inertia import inertia_tensor, mass_tensor
+from kreisel.physical.measures import RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
 from kreisel.record.model import Model, State
 from kreisel.system.heavy_top import SYSTEM as HeavyTop
 from kreisel.units import Scales
@@ -39,20 +40,8 @@ class HeavyBody:
         settle(self, gravity="m/s^2")
         if self.gravity < 0:
             raise InputError(f"gravity must not be negative: it points down, along -e3, got {self.gravity!r}.")
-        for name, unit, shapes in (("inertia", MOMENT, ((3,), (3, 3))), ("arm", "m", ((3,),))):
-            object.__setattr__(self, name, numbers(getattr(self, name), unit, name, shapes))
-        if self.inertia.ndim == 1:
-            object.__setattr__(self, "inertia", np.diag(self.inertia))
-        if abs(self.inertia - self.inertia.T).max() > 1e-12 * abs(self.inertia).max():
-            raise InputError(f"inertia must be symmetric, got {self.inertia.tolist()}.")
-        in_range("The inertia tensor", lambda: self.mass_tensor)
-        least = np.linalg.eigvalsh(self.mass_tensor).min()
-        if least < -1e-12 * np.trace(self.inertia) or self.unit_moment <= 0:
-            told = np.linalg.eigvalsh(self.inertia)
-            raise InputError(
-                f"No body has the principal moments {told.tolist()}: each must be at most the sum of the other two. "
-                "Usual cause: moments about different points, or a mass tensor for an inertia tensor."
-            )
+        object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
+        object.__setattr__(self, "arm", numbers(self.arm, "m", "arm", ((3,),)))
         for name in ("torque", "time_unit", "momentum_unit"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
@@ -66,7 +55,7 @@ class HeavyBody:
     @property
     def mass_tensor(self) -> Array:
         """J = sum m x x^T = tr(I)/2 - I, (3, 3), kg m^2."""
-        return np.trace(self.inertia) / 2 * np.eye(3) - self.inertia
+        return mass_tensor(self.inertia)
 
     @property
     def unit_moment(self) -> float:

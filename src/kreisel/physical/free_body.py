@@ -1,0 +1,215 @@
+"""The free rigid body, in SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.physical.free_rotation import FreeRotation
+from kreisel.physical.inertia import CLOSE, Principal, inertia_tensor, principal
+from kreisel.physical.measures import RATE, in_range, number, numbers, scales_of, settle, three
+from kreisel.record.model import Model, State
+from kreisel.system.euler_top import SYSTEM as EulerTop
+from kreisel.units import Scales
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+class AxisStability(NamedTuple):
+    """What a small disturbance of the rotation about a principal axis does."""
+
+    axis: Array  # (3,), along the body axes
+    moment: float  # kg m^2
+    kind: str  # "stable", "unstable", or "neutral": its moment is that of another axis
+    growth: float  # rad/s: the disturbance grows as exp(growth t); 0 unless unstable
+    period: float  # s, of the disturbance in the body; inf unless stable
+
+
+@dataclass(frozen=True, eq=False)
+class FreeBody:
+    """A rigid body without torque, in SI units.
+
+    inertia     classical inertia tensor I about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
+    mass        kg, not needed for the rotation
+    time_unit   the unit of time of the scaled system, s
+
+    Scaled as `EulerTop` in the principal axes: J = (I_j + I_k - I_i)/(2 I0) with I0 = tr(I)/3, time in `time_unit`,
+    momentum in I0/time_unit.  A spin is a vector along the body axes, or a rate and an axis: ("300 rpm", (0, 0, 1)).
+    Raises `InputError` for moments that no body has.  [Landau, Lifshitz, Mechanics, section 37]
+    """
+
+    inertia: Any
+    mass: float | None = None
+    time_unit: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.mass is not None:
+            settle(self, positive=True, mass="kg")
+        settle(self, positive=True, time_unit="s")
+        object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
+        in_range("momentum_unit", lambda: self.momentum_unit)
+        number(self.momentum_unit, "kg m^2/s", "inertia/time_unit", positive=True)
+
+    @classmethod
+    def box(cls, mass: float, sides: Any, time_unit: float = 1.0) -> FreeBody:
+        """A homogeneous box with these sides, m.  Raises `InputError`."""
+        return _homogeneous(cls, mass, three(sides, "m", "sides"), 12.0, time_unit)
+
+    @classmethod
+    def ellipsoid(cls, mass: float, diameters: Any, time_unit: float = 1.0) -> FreeBody:
+        """A homogeneous ellipsoid with these principal diameters, m.  Raises `InputError`."""
+        return _homogeneous(cls, mass, three(diameters, "m", "diameters"), 20.0, time_unit)
+
+    @cached_property
+    def principal(self) -> Principal:
+        """The principal moments, kg m^2, and axes: columns in body axes.  A diagonal tensor keeps its order."""
+        return principal(self.inertia)
+
+    @property
+    def unit_moment(self) -> float:
+        """I0 = tr(I)/3, kg m^2."""
+        return float(np.trace(self.inertia)) / 3
+
+    @property
+    def momentum_unit(self) -> float:
+        """I0/time_unit, kg m^2/s."""
+        return self.unit_moment / self.time_unit
+
+    def model(self) -> Model:
+        """The scaled system `EulerTop(J)`, in principal axes.  Raises `InputError` for a flat body, J_i = 0."""
+        i = self.principal.moments
+        J = (i[[1, 2, 0]] + i[[2, 0, 1]] - i) / (2 * self.unit_moment)
+        J[abs(J) < CLOSE] = 0
+        try:
+            return EulerTop(J=J)
+        except InputError:
+            raise InputError(
+                f"The system euler-top: expected a body of some thickness, got the principal moments {i.tolist()}, one "
+                "of which is the sum of the others. Usual cause: a flat body. Give it its thickness, or use "
+                "HeavyBody(mass, inertia, arm=(0, 0, 0))."
+            ) from None
+
+    def state(self, spin: Any, axis: Any = None) -> State:
+        """The scaled state M = I Omega, in principal axes.
+
+        Spin Omega (..., 3) in rad/s along the body axes; or a rate, with `axis` (3,) in the body.  Raises `InputError`.
+        """
+        Omega = angular_velocity_of(spin, axis)
+        M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
+        return self.model().state(M=M)
+
+    def orientation(self, attitude: Any = UPRIGHT) -> Array:
+        """The `orientation` for `kr.simulate`: that of the principal axes, from the attitude of the body axes.
+
+        Both are unit quaternions (..., 4) = (w, x, y, z), body to space.  Raises `InputError`.
+        """
+        return algebra.quaternion_product(_quaternion(attitude, "attitude"), self._turn)
+
+    def attitude(self, g: Any) -> Array:
+        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run."""
+        return algebra.quaternion_product(_quaternion(g, "g"), algebra.inverse_turn(self._turn))
+
+    @cached_property
+    def _turn(self) -> Array:
+        """The quaternion of the principal axes in the body."""
+        return algebra.unit_quaternion(self.principal.axes)
+
+    def angular_velocity(self, M: Any) -> Array:
+        """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
+
+        Raises `InputError`, also where a moment of inertia is 0.
+        """
+        momentum = numbers(M, "1", "M")
+        moments = self._moments("The angular velocity")
+        return in_range("Omega", lambda: (momentum / moments * self.momentum_unit) @ self.principal.axes.T)
+
+    def _moments(self, what: str) -> Array:
+        """The principal moments.  Raises `InputError` where one is 0."""
+        moments = self.principal.moments
+        if moments.min() <= CLOSE * moments.max():
+            raise InputError(
+                f"{what} is not determined by the momentum: expected three moments > 0, got {moments.tolist()}. Usual "
+                "cause: a rod without thickness. Give it its thickness."
+            )
+        return moments
+
+    def rotation(self, spin: Any, axis: Any = None) -> FreeRotation:
+        """The motion that begins with this spin, in closed form: periods, precession, polhode.  Raises `InputError`."""
+        Omega = angular_velocity_of(spin, axis)
+        self._moments("The rotation")
+        if Omega.shape != (3,) or not Omega.any():
+            raise InputError(
+                f"spin: expected one angular velocity that is not zero, got {shown(spin)}. Usual cause: several at a "
+                "time; take them one by one."
+            )
+        return FreeRotation(self.inertia, self.principal, Omega)
+
+    def stability(self, spin: float) -> tuple[AxisStability, ...]:
+        """The rotation at this rate, rad/s, about each principal axis, as `principal` orders them.
+
+        About the axis 1 a disturbance goes as exp(s t), s^2 = spin^2 (I1 - I2)(I3 - I1)/(I2 I3).  Raises `InputError`.
+        """
+        rate = abs(number(spin, RATE, "spin"))
+        moments, axes = self._moments("The stability"), self.principal.axes
+        found = []
+        for i in range(3):
+            a, b, c = moments[[i, (i + 1) % 3, (i + 2) % 3]]
+            square = (a / b - 1) * (1 - a / c)
+            s = rate * math.sqrt(abs(square))
+            kind = "neutral" if square == 0 else "unstable" if square > 0 else "stable"
+            period = 2 * math.pi / s if kind == "stable" and s else math.inf
+            found.append(AxisStability(axes[:, i].copy(), float(a), kind, s if kind == "unstable" else 0.0, period))
+        return tuple(found)
+
+    def dt(self, duration: float) -> float:
+        """A duration, s, in the system's unit of time.  Raises `InputError`."""
+        seconds = number(duration, "s", "dt")
+        return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
+
+    def scales(self) -> Scales:
+        """The units of the variables of a run, for `kreisel.units.measured`; M is along the principal axes."""
+        momentum = self.momentum_unit
+        return scales_of(self.time_unit, M=("kg m^2/s", momentum), energy=("J", momentum / self.time_unit))
+
+
+def angular_velocity_of(spin: Any, axis: Any) -> Array:
+    """(..., 3) in rad/s along the body axes, from a vector, or from a rate and an axis.  Raises `InputError`."""
+    if axis is not None:
+        rate, direction = number(spin, RATE, "spin"), numbers(axis, "1", "axis", ((3,),))
+        length = in_range("The length of axis", lambda: np.linalg.norm(direction))
+        if length == 0:
+            raise InputError("axis: expected a direction in the body, got the zero vector.")
+        return np.asarray(rate * direction / length)
+    if isinstance(spin, str) or np.ndim(spin) == 0:
+        raise InputError(
+            f"spin: expected three components along the body axes, got {shown(spin)}. Usual cause: a rate without its "
+            "axis; say axis=(0, 0, 1)."
+        )
+    return numbers(spin, RATE, "spin")
+
+
+def _quaternion(value: Any, name: str) -> Array:
+    """Unit quaternions (..., 4).  Raises `InputError`."""
+    try:
+        q = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        q = np.full(0, np.nan)
+    if q.shape[-1:] != (4,) or not (abs((q * q).sum(-1) - 1) < 1e-6).all():
+        raise InputError(f"{name}: expected unit quaternions (..., 4) = (w, x, y, z), got {shown(value)}.")
+    return algebra.unit(q)
+
+
+def _homogeneous(kind: type[FreeBody], mass: Any, sizes: tuple[float, ...], part: float, time_unit: float) -> FreeBody:
+    """I_1 = mass (b^2 + c^2)/part."""
+    mass = number(mass, "kg", "mass", positive=True)
+    if min(sizes) < 0:
+        raise InputError(f"expected lengths of at least 0, got {shown(sizes)}.")
+    squares = in_range("The moments", lambda: mass * np.array(sizes) ** 2 / part)
+    return kind(squares.sum() - squares, mass, time_unit)

@@ -1,0 +1,53 @@
+"""Inertia tensors, checked, and those of homogeneous bodies."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.physical.measures import MOMENT, in_range, numbers
+
+CLOSE = 1e-12  # of the trace: what rounding may do to a flat body
+
+
+def inertia_tensor(value: Any) -> Array:
+    """A classical inertia tensor (3, 3) from itself or its diagonal (3,), in SI or with units.
+
+    Raises `InputError` unless it is symmetric and no principal moment is above the sum of the other two.
+    """
+    inertia = numbers(value, MOMENT, "inertia", ((3,), (3, 3)))
+    inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
+    if abs(inertia - inertia.T).max() > CLOSE * abs(inertia).max():
+        raise InputError(f"inertia must be symmetric, got {inertia.tolist()}.")
+    least = np.linalg.eigvalsh(in_range("The inertia tensor", lambda: mass_tensor(inertia))).min()
+    if least < -CLOSE * np.trace(inertia) or np.trace(inertia) <= 0:
+        moments = np.linalg.eigvalsh(inertia)
+        raise InputError(
+            f"No body has the principal moments {moments.tolist()}: each must be at most the sum of the other two. "
+            "Usual cause: moments about different points, or a mass tensor for an inertia tensor."
+        )
+    return inertia
+
+
+def mass_tensor(inertia: Array) -> Array:
+    """J = sum m x x^T = tr(I)/2 - I, (3, 3), kg m^2."""
+    return np.trace(inertia) / 2 * np.eye(3) - inertia
+
+
+class Principal(NamedTuple):
+    """I = axes diag(moments) axes^T, det(axes) = 1: the axes are the columns."""
+
+    moments: Array
+    axes: Array
+
+
+def principal(inertia: Array) -> Principal:
+    """Those of a tensor: as they stand if it is diagonal, else in increasing order."""
+    if not (inertia - np.diag(np.diag(inertia))).any():
+        return Principal(np.diag(inertia).copy(), np.eye(3))
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 1] *= np.sign(np.linalg.det(axes))
+    return Principal(np.maximum(moments, 0.0), axes)
