@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -32,6 +33,9 @@ from kreisel.physical.measures import in_range, number
 from kreisel.units import si
 
 LEAST_POINTS = 2
+NEAR, LEAST = 1e-8, 1e-150  # k' so near the separatrix that K = log(4/k'), and the least whose square is a double
+SHORT = 0.5  # u - u0 below which psi is a quadrature of its rate: differences of elliptic integrals lose digits
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 class Form(NamedTuple):
@@ -77,7 +81,7 @@ class FreeRotation:
 
     @cached_property
     def _form(self) -> Form:
-        return _relabelled(self.principal, self.momentum, np.trace(self.inertia) / 3)
+        return _relabelled(self.principal, self.spin, float(np.trace(self.inertia)) / 3)
 
     @property
     def kind(self) -> str:
@@ -106,9 +110,7 @@ class FreeRotation:
     @cached_property
     def _quarter(self) -> float:
         """K(k), from k'."""
-        from scipy.special import ellipkm1
-
-        return float(ellipkm1(self._form.kc**2))
+        return _complete(self._form.kc)
 
     @property
     def period(self) -> float:
@@ -131,13 +133,13 @@ class FreeRotation:
 
         With Pi = Pi(nu | k^2) it is L (1/I3 + (1/I1 - 1/I3) Pi/K), and L/I2 on the separatrix.
         """
-        i1, i2, i3 = self._form.moments
-        if math.isinf(self._quarter):
-            return self._rate / i2
-        share = _excess(self._form.nu, self._form.kc**2, self._quarter)
+        (i1, i2, i3), nu = self._form.moments, self._form.nu
+        if self._form.kc == 0:
+            return float(self._rate / i2)
+        kc = max(self._form.kc, LEAST)
         if i3 < i1:
-            return self._rate * (1 / i1 + (1 / i3 - 1 / i1) * share)
-        return self._rate * (1 / i3 + (1 / i1 - 1 / i3) * _ratio(self._form.nu, self._form.kc**2, self._quarter))
+            return float(self._rate * (1 / i1 + (1 / i3 - 1 / i1) * _excess(nu, kc * kc, _complete(kc))))
+        return float(self._rate * (1 / i3 + (1 / i1 - 1 / i3) * _ratio(nu, kc * kc, _complete(kc))))
 
     @property
     def precession_period(self) -> float:
@@ -235,41 +237,65 @@ class FreeRotation:
         c = math.sqrt(i2 * (i3 - i1) / (i1 * (i3 - i2)))
         third = _third(phi, form.nu, form.kc) - _third(np.array(start), form.nu, form.kc)
         angle = _stretched(phi, c) - _stretched(np.array(start), c)
-        return self._momentum(phi), t / i3 + (i3 - i1) / (i1 * i3 * form.lam) * third - form.side * angle
+        psi = t / i3 + (i3 - i1) / (i1 * i3 * form.lam) * third - form.side * angle
+        return self._momentum(phi), np.where(abs(form.lam * t) < SHORT, self._short(t), psi)
+
+    def _short(self, t: Array) -> Array:
+        """The angle psi, of psi' = (2T + M_3/I3)/(1 + M_3), over a part of a period."""
+        form = self._form
+        nodes = np.clip(t, -SHORT / form.lam, SHORT / form.lam)[..., None] * (1 + NODES) / 2
+        z = self._momentum(_amplitude(self._start[1] + form.lam * nodes, form.kc, self._quarter))[..., 2]
+        rates = (form.twice_energy + z / form.moments[2]) / (1 + z)
+        return np.asarray(t * (rates @ WEIGHTS) / 2)
 
 
-def _relabelled(body: Principal, momentum: Array, unit: float) -> Form:
-    """The `Form` of a momentum along the body axes."""
-    moments, M = body.moments / unit, body.axes.T @ (momentum / abs(momentum).max())
-    M = M / np.linalg.norm(M)
+def _relabelled(body: Principal, spin: Array, unit: float) -> Form:
+    """The `Form` of a spin along the body axes: exact in the given moments and spin, so that k' has all its digits."""
+    moments = np.array([Fraction(float(v)) / Fraction(unit) for v in body.moments])
+    M = moments * [Fraction(float(v)) for v in body.axes.T @ np.ldexp(spin, -math.frexp(abs(spin).max())[1])]
     order = np.argsort(moments, kind="stable")
-    excess = float((M * M * (1 - moments[order[1]] / moments)).sum())  # 1 - 2T I2
+    excess = (M * M * (1 - moments[order[1]] / moments)).sum()  # L^2 - 2T I2
     if excess < 0 or (excess == 0 and moments[order[1]] == moments[order[2]]):
         order = order[::-1]
     turn = np.eye(3)[order]
     turn[1] *= round(np.linalg.det(turn))
-    if turn[2] @ M < 0:
+    if M[order[2]] < 0:
         turn[1:] *= -1
-    (i1, i2, i3), M = moments[order], turn @ M
+    (i1, i2, i3), M = moments[order], M[order] * turn.sum(1).astype(int)
     x, y, z = M * M
     D, E = x * (i3 - i1) / i1 + y * (i3 - i2) / i2, y * (i2 - i1) / i2 + z * (i3 - i1) / i3
-    steady = not (np.roll(M, 1) * M * (moments[order] - np.roll(moments[order], 1))).any()
-    with np.errstate(all="ignore"):
-        squares = np.array([i1 * D / (i3 - i1), i2 * D / (i3 - i2), i3 * E / (i3 - i1)])
-        kc = (i3 - i1) * excess / ((i3 - i2) * E) if E * (i3 - i2) else 1.0
-        nu = -i3 * (i2 - i1) / (i1 * (i3 - i2)) if i2 != i1 else 0.0
+    L2, slow = x + y + z, E * (i3 - i2) == 0
     return Form(
         turn=turn @ body.axes.T,
-        moments=moments[order],
-        M=M,
-        twice_energy=float((M * M / moments[order]).sum()),
-        amplitudes=np.sqrt(np.abs(squares)),
+        moments=moments[order].astype(float),
+        M=np.array([math.copysign(_root(v * v / L2), v) for v in M]),
+        twice_energy=float((M * M / moments[order]).sum() / L2),
+        amplitudes=np.array(
+            [_root(i1 * D / (i3 - i1) / L2), _root(i2 * D / (i3 - i2) / L2), _root(i3 * E / (i3 - i1) / L2)]
+            if not slow
+            else [1.0, 1.0, 1.0]
+        ),
         side=1.0 if i3 > i1 else -1.0,
-        lam=math.sqrt((i3 - i2) * E / (i1 * i2 * i3)),
-        kc=math.sqrt(min(max(kc, 0.0), 1.0)),
-        nu=nu,
-        steady=steady,
+        lam=_root((i3 - i2) * E / (i1 * i2 * i3) / L2),
+        kc=1.0 if slow else _root((i3 - i1) * excess / ((i3 - i2) * E)),
+        nu=0.0 if i2 == i1 else float(-i3 * (i2 - i1) / (i1 * (i3 - i2))),
+        steady=not (np.roll(M, 1) * M * (moments[order] - np.roll(moments[order], 1))).any(),
     )
+
+
+def _root(x: Fraction) -> float:
+    """The root of x >= 0, also where x leaves the range of doubles."""
+    e = (x.numerator.bit_length() - x.denominator.bit_length()) // 2 if x else 0
+    return math.ldexp(math.sqrt(x / Fraction(4) ** e), e)
+
+
+def _complete(kc: float) -> float:
+    """The complete integral K from k'; log(4/k') where the next term is below rounding."""
+    from scipy.special import ellipkm1
+
+    if kc == 0:
+        return math.inf
+    return math.log(4 / kc) if kc < NEAR else float(ellipkm1(kc * kc))
 
 
 def _excess(nu: float, kc2: float, quarter: float) -> float:
