@@ -92,6 +92,12 @@ def _body(name: str) -> Function:
     return lambda here: getattr(physical.HeavyBody(1.0, (1.0, 2.0, 2.5), (0.0, 0.1, 0.2)), name)
 
 
+def _free_body(name: str) -> Function:
+    from kreisel import physical
+
+    return lambda here: getattr(physical.FreeBody((1.0, 2.0, 2.5)), name)
+
+
 def _ellipsoid(name: str) -> Function:
     from kreisel import physical
 
@@ -225,6 +231,13 @@ def calls() -> list[Call]:
         call("physical.HeavyBody.about_centre", "mass", "vector", "vector", then_=_numbers_of, weight_=2),
         call("physical.body.state", "vector", "vector", function_=_body("state"), weight_=3),
         call("physical.body.angular_velocity", "vector", function_=_body("angular_velocity"), weight_=2),
+        call("physical.FreeBody", "vector", "mass", "rate", then_=_numbers_of, weight_=4),
+        call("physical.FreeBody.box", "mass", "vector", then_=_numbers_of, weight_=2),
+        call("physical.free_body.state", "vector", function_=_free_body("state"), weight_=3),
+        call("physical.free_body.angular_velocity", "vector", function_=_free_body("angular_velocity"), weight_=2),
+        call("physical.free_body.stability", "rate", function_=_free_body("stability"), then_=ignored, weight_=2),
+        call("physical.free_body.rotation", "vector", function_=_free_body("rotation"),
+             then_=lambda motion: [motion.momentum, motion.energy, motion.precession, motion.polhode(9)], weight_=3),
         call("physical.Ellipsoid", "vector", "mass", "density", then_=_numbers_of, weight_=4),
         call("physical.Ellipsoid.of_density", "vector", "density", "density", then_=_numbers_of, weight_=3),
         call("physical.ellipsoid.state", "vector", "vector", function_=_ellipsoid("state"), weight_=3),

@@ -54,8 +54,8 @@ class FreeBody:
             settle(self, positive=True, mass="kg")
         settle(self, positive=True, time_unit="s")
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
-        in_range("momentum_unit", lambda: self.momentum_unit)
-        number(self.momentum_unit, "kg m^2/s", "inertia/time_unit", positive=True)
+        for name in ("momentum_unit", "energy_unit"):
+            number(in_range(name, lambda name=name: getattr(self, name)), "J", name, positive=True)  # type: ignore[misc]
 
     @classmethod
     def box(cls, mass: float, sides: Any, time_unit: float = 1.0) -> FreeBody:
@@ -81,6 +81,11 @@ class FreeBody:
     def momentum_unit(self) -> float:
         """I0/time_unit, kg m^2/s."""
         return self.unit_moment / self.time_unit
+
+    @property
+    def energy_unit(self) -> float:
+        """I0/time_unit^2, J."""
+        return self.momentum_unit / self.time_unit
 
     def model(self) -> Model:
         """The scaled system `EulerTop(J)`, in principal axes.  Raises `InputError` for a flat body, J_i = 0."""
@@ -149,7 +154,9 @@ class FreeBody:
                 f"spin: expected one angular velocity that is not zero, got {shown(spin)}. Usual cause: several at a "
                 "time; take them one by one."
             )
-        return FreeRotation(self.inertia, self.principal, Omega)
+        motion = FreeRotation(self.inertia, self.principal, Omega)
+        in_range("The precession", lambda: motion.precession)
+        return motion
 
     def stability(self, spin: float) -> tuple[AxisStability, ...]:
         """The rotation at this rate, rad/s, about each principal axis, as `principal` orders them.
@@ -175,8 +182,7 @@ class FreeBody:
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`; M is along the principal axes."""
-        momentum = self.momentum_unit
-        return scales_of(self.time_unit, M=("kg m^2/s", momentum), energy=("J", momentum / self.time_unit))
+        return scales_of(self.time_unit, M=("kg m^2/s", self.momentum_unit), energy=("J", self.energy_unit))
 
 
 def angular_velocity_of(spin: Any, axis: Any) -> Array:

@@ -28,12 +28,21 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
+from kreisel.physical.elliptic import (
+    LEAST,
+    amplitude,
+    complete,
+    first,
+    stretched,
+    third,
+    third_below_first,
+    third_over_first,
+)
 from kreisel.physical.inertia import Principal
 from kreisel.physical.measures import in_range, number
 from kreisel.units import si
 
 LEAST_POINTS = 2
-NEAR, LEAST = 1e-8, 1e-150  # k' so near the separatrix that K = log(4/k'), and the least whose square is a double
 SHORT = 0.5  # u - u0 below which psi is a quadrature of its rate: differences of elliptic integrals lose digits
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
@@ -44,6 +53,7 @@ class Form(NamedTuple):
     turn: Array  # (3, 3), from the body axes to the relabelled axes
     moments: Array  # I1, I2, I3
     M: Array  # (3,) at time 0
+    gap: float  # 1/I1 - 1/I3
     twice_energy: float
     amplitudes: Array  # a1, a2, a3
     side: float  # s
@@ -77,7 +87,16 @@ class FreeRotation:
     @cached_property
     def _rate(self) -> float:
         """|M|/(tr(I)/3), rad/s: the inverse of the unit of time of `Form`."""
-        return float(in_range("The rate", lambda: np.linalg.norm(self.momentum) / (np.trace(self.inertia) / 3)))
+        scale = float(abs(self.momentum).max())
+        length = in_range("|M|", lambda: scale * np.linalg.norm(self.momentum / scale))
+        return number(
+            in_range("3 |M|/tr(I)", lambda: length / (np.trace(self.inertia) / 3)), "rad/s", "rate", positive=True
+        )
+
+    @property
+    def _pace(self) -> float:
+        """The rate of u, rad/s."""
+        return self._form.lam * self._rate
 
     @cached_property
     def _form(self) -> Form:
@@ -110,7 +129,7 @@ class FreeRotation:
     @cached_property
     def _quarter(self) -> float:
         """K(k), from k'."""
-        return _complete(self._form.kc)
+        return complete(self._form.kc)
 
     @property
     def period(self) -> float:
@@ -119,8 +138,7 @@ class FreeRotation:
         Of a rotation about a stable axis: that of a small disturbance.  Inf on the separatrix, about the middle axis
         and where nothing brings the momentum back.
         """
-        form = self._form
-        return 4 * self._quarter / (form.lam * self._rate) if form.lam and form.kc else math.inf
+        return 4 * self._quarter / self._pace if self._pace and self._form.kc else math.inf
 
     @property
     def nutation_period(self) -> float:
@@ -133,13 +151,13 @@ class FreeRotation:
 
         With Pi = Pi(nu | k^2) it is L (1/I3 + (1/I1 - 1/I3) Pi/K), and L/I2 on the separatrix.
         """
-        (i1, i2, i3), nu = self._form.moments, self._form.nu
-        if self._form.kc == 0:
+        form, (i1, i2, i3) = self._form, self._form.moments
+        if form.kc == 0:
             return float(self._rate / i2)
-        kc = max(self._form.kc, LEAST)
-        if i3 < i1:
-            return float(self._rate * (1 / i1 + (1 / i3 - 1 / i1) * _excess(nu, kc * kc, _complete(kc))))
-        return float(self._rate * (1 / i3 + (1 / i1 - 1 / i3) * _ratio(nu, kc * kc, _complete(kc))))
+        k = max(form.kc, LEAST)
+        if form.gap < 0:
+            return float(self._rate * (1 / i1 - form.gap * third_below_first(form.nu, k)))
+        return float(self._rate * (1 / i3 + form.gap * third_over_first(form.nu, k)))
 
     @property
     def precession_period(self) -> float:
@@ -163,11 +181,13 @@ class FreeRotation:
         Raises `InputError`.
         """
         reach = number(duration, "s", "duration", positive=True)
-        form, step = self._form, self.nutation_period
-        if form.steady or math.isinf(step):
-            through = -self._start[1] / (form.lam * self._rate) if form.lam and not form.steady else -1.0
-            return np.array([through]) if 0 < through <= reach else np.empty(0)
-        first = -self._start[1] / (form.lam * self._rate) % step
+        step = self.nutation_period
+        if self._form.steady or not self._pace:
+            return np.empty(0)
+        first = -self._start[1] / self._pace
+        if math.isinf(step):
+            return np.array([first]) if 0 < first <= reach else np.empty(0)
+        first %= step
         count = in_range("The number of flips", lambda: math.floor((reach - first) / step) + 1)
         return first + step * np.arange(max(0, count))
 
@@ -177,7 +197,7 @@ class FreeRotation:
         a, M = self._form.amplitudes, self._form.M
         phi = math.atan2(self._form.side * M[1] * a[0], M[0] * a[1])
         whole = round(phi / math.pi)
-        part = float(_first(np.array(phi - whole * math.pi), self._form.kc))
+        part = float(first(np.array(phi - whole * math.pi), self._form.kc))
         return phi, part + (2 * whole * self._quarter if whole else 0.0)
 
     def at(self, seconds: Any, attitude: Any = (1.0, 0.0, 0.0, 0.0)) -> tuple[Array, Array]:
@@ -189,7 +209,7 @@ class FreeRotation:
         times, g0 = _floats(si(seconds, "s", "seconds"), "seconds"), _floats(attitude, "attitude")
         if g0.shape != (4,) or not abs(g0 @ g0 - 1) < 1e-6:
             raise InputError(f"attitude: expected a unit quaternion (w, x, y, z), got {shown(attitude)}.")
-        M, psi = self._motion(times)
+        M, psi = in_range("The motion at these times", lambda: self._motion(times))
         turn = algebra.unit_quaternion(self._form.turn)
         onto = algebra.quaternion_product(_about_third(psi), _onto_third(M))
         back = algebra.quaternion_product(algebra.inverse_turn(turn), algebra.inverse_turn(_onto_third(self._form.M)))
@@ -228,23 +248,23 @@ class FreeRotation:
     def _motion(self, seconds: Array) -> tuple[Array, Array]:
         """M (..., 3) of length 1 and psi (...)."""
         form, t = self._form, seconds * self._rate
-        i1, i2, i3 = form.moments
         if form.steady:
-            turning = (form.twice_energy + form.M[2] / i3) / (1 + form.M[2])
+            turning = (form.twice_energy + form.M[2] / form.moments[2]) / (1 + form.M[2])
             return np.broadcast_to(form.M, (*t.shape, 3)), turning * t
         start, u0 = self._start
-        phi = _amplitude(u0 + form.lam * t, form.kc, self._quarter)
-        c = math.sqrt(i2 * (i3 - i1) / (i1 * (i3 - i2)))
-        third = _third(phi, form.nu, form.kc) - _third(np.array(start), form.nu, form.kc)
-        angle = _stretched(phi, c) - _stretched(np.array(start), c)
-        psi = t / i3 + (i3 - i1) / (i1 * i3 * form.lam) * third - form.side * angle
+        phi = amplitude(u0 + form.lam * t, form.kc, self._quarter)
+        c = math.sqrt(1 - form.nu)
+        whole = third(phi, form.nu, form.kc) - third(np.array(start), form.nu, form.kc)
+        angle = stretched(phi, c) - stretched(np.array(start), c)
+        with np.errstate(all="ignore"):  # of a lambda so small that only the quadrature counts
+            psi = t / form.moments[2] + form.gap / form.lam * whole - form.side * angle
         return self._momentum(phi), np.where(abs(form.lam * t) < SHORT, self._short(t), psi)
 
     def _short(self, t: Array) -> Array:
         """The angle psi, of psi' = (2T + M_3/I3)/(1 + M_3), over a part of a period."""
         form = self._form
         nodes = np.clip(t, -SHORT / form.lam, SHORT / form.lam)[..., None] * (1 + NODES) / 2
-        z = self._momentum(_amplitude(self._start[1] + form.lam * nodes, form.kc, self._quarter))[..., 2]
+        z = self._momentum(amplitude(self._start[1] + form.lam * nodes, form.kc, self._quarter))[..., 2]
         rates = (form.twice_energy + z / form.moments[2]) / (1 + z)
         return np.asarray(t * (rates @ WEIGHTS) / 2)
 
@@ -269,6 +289,7 @@ def _relabelled(body: Principal, spin: Array, unit: float) -> Form:
         turn=turn @ body.axes.T,
         moments=moments[order].astype(float),
         M=np.array([math.copysign(_root(v * v / L2), v) for v in M]),
+        gap=float(1 / i1 - 1 / i3),
         twice_energy=float((M * M / moments[order]).sum() / L2),
         amplitudes=np.array(
             [_root(i1 * D / (i3 - i1) / L2), _root(i2 * D / (i3 - i2) / L2), _root(i3 * E / (i3 - i1) / L2)]
@@ -287,81 +308,6 @@ def _root(x: Fraction) -> float:
     """The root of x >= 0, also where x leaves the range of doubles."""
     e = (x.numerator.bit_length() - x.denominator.bit_length()) // 2 if x else 0
     return math.ldexp(math.sqrt(x / Fraction(4) ** e), e)
-
-
-def _complete(kc: float) -> float:
-    """The complete integral K from k'; log(4/k') where the next term is below rounding."""
-    from scipy.special import ellipkm1
-
-    if kc == 0:
-        return math.inf
-    return math.log(4 / kc) if kc < NEAR else float(ellipkm1(kc * kc))
-
-
-def _excess(nu: float, kc2: float, quarter: float) -> float:
-    """1 - Pi(nu | k^2)/K for nu <= 0, without cancellation: -nu R_J(0, k'^2, 1, 1 - nu)/(3 K)."""
-    from scipy.special import elliprj
-
-    return float(-nu * elliprj(0.0, kc2, 1.0, 1 - nu) / (3 * quarter))
-
-
-def _ratio(nu: float, kc2: float, quarter: float) -> float:
-    """Pi(nu | k^2)/K for nu <= 0, as a sum of positive numbers by the parameter N = (k^2 - nu)/(1 - nu) > 0."""
-    if nu == 0:
-        return 1.0
-    k2, N = 1 - kc2, (1 - kc2 - nu) / (1 - nu)
-    from scipy.special import elliprj
-
-    raised = 1 + N * float(elliprj(0.0, kc2, 1.0, kc2 / (1 - nu))) / (3 * quarter)
-    return (-nu * kc2 / (1 - nu) * raised + k2) / (k2 - nu)
-
-
-def _split(phi: Array) -> tuple[Array, Array]:
-    """(n, phi - n pi), the latter in [-pi/2, pi/2]."""
-    whole = np.round(phi / math.pi)
-    return whole, phi - whole * math.pi
-
-
-def _first(phi: Array, kc: float) -> Array:
-    """F(phi | k) for |phi| <= pi/2."""
-    from scipy.special import elliprf
-
-    cos, sin = np.cos(phi), np.sin(phi)
-    return np.asarray(sin * elliprf(cos * cos, cos * cos + (kc * sin) ** 2, 1.0))
-
-
-def _third(phi: Array, nu: float, kc: float) -> Array:
-    """Pi(nu; phi | k), continuous in phi."""
-    from scipy.special import elliprf, elliprj
-
-    whole, part = _split(phi)
-    cos2, sin, kc2 = np.cos(part) ** 2, np.sin(part), kc * kc
-    delta = cos2 + kc2 * sin * sin
-    rest = sin * elliprf(cos2, delta, 1.0) + nu / 3 * sin**3 * elliprj(cos2, delta, 1.0, 1 - nu * sin * sin)
-    if not whole.any():
-        return np.asarray(rest)
-    return np.asarray(rest + 2 * whole * (elliprf(0.0, kc2, 1.0) + nu / 3 * elliprj(0.0, kc2, 1.0, 1 - nu)))
-
-
-def _stretched(phi: Array, c: float) -> Array:
-    """The angle atan(c tan phi), continuous in phi."""
-    whole, part = _split(phi)
-    return np.asarray(np.arctan2(c * np.sin(part), np.cos(part)) + whole * math.pi)
-
-
-def _amplitude(u: Array, kc: float, quarter: float) -> Array:
-    """The amplitude am u from k', by descending Landen transformations: Abramowitz and Stegun, section 16.4."""
-    if kc == 0:
-        return np.asarray(np.arctan(np.sinh(np.clip(u, -700, 700))))
-    whole = np.round(u / (4 * quarter))
-    a, b, ratios = 1.0, kc, [1.0]
-    while ratios[-1] > 1e-8:  # what the last one leaves out is of the order of its square
-        a, b, c = (a + b) / 2, math.sqrt(a * b), (a - b) / 2
-        ratios.append(c / a)
-    phi = 2.0 ** (len(ratios) - 1) * a * (u - 4 * quarter * whole)
-    for ratio in ratios[:0:-1]:
-        phi = (phi + np.arcsin(np.clip(ratio * np.sin(phi), -1, 1))) / 2
-    return np.asarray(phi + 2 * math.pi * whole)
 
 
 def _onto_third(M: Array) -> Array:

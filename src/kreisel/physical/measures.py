@@ -70,7 +70,7 @@ def in_range(what: str, value: Callable[[], Any]) -> Any:
             got = value()
     except (OverflowError, ZeroDivisionError):
         got = math.nan
-    if not np.isfinite(got).all():
+    if not all(np.isfinite(part).all() for part in (got if isinstance(got, tuple) else (got,))):
         raise InputError(
             f"{what} leaves the range of doubles: expected data whose products lie between 1e-300 and 1e300 in SI "
             "units, got smaller or larger ones. Usual cause: a wrong unit."
