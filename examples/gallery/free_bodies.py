@@ -76,7 +76,7 @@ assert middle.kind == "unstable"
 # -- Apophis
 HOUR = 3600.0
 apophis, tumbling, energy = asteroid((0.64, 0.97, 1.0), 264.178 * HOUR, 27.38547 * HOUR)
-turns = 1.2 if SMALL else 4.2
+turns = 1.6 if SMALL else 4.2
 path = kr.simulate(
     apophis.model(),
     apophis.state(tumbling.spin),

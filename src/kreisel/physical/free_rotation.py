@@ -76,7 +76,7 @@ class FreeRotation:
 
     @cached_property
     def momentum(self) -> Array:
-        """M = I Omega at time 0, (3,), kg m^2/s, along the body axes."""
+        """The vector M = I Omega at time 0, (3,), kg m^2/s, along the body axes."""
         return np.asarray(in_range("The momentum", lambda: self.inertia @ self.spin))
 
     @cached_property
