@@ -35,6 +35,7 @@ PART = (
     "test_exact_pair.py",
     "test_jumps.py",
     "test_jacobi.py",
+    "test_free_body.py",
     "test_laws.py",
     "test_reduction.py",
     "test_analysis.py",

@@ -171,7 +171,8 @@ def _components(system: System) -> list[str]:
 def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
-    out = ["## Lax pair", "$L' = [L, U]$; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$."]
+    told = "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$" if "spectrum" in system.integrals else ""
+    out = ["## Lax pair", f"$L' = [L, U]${told}."]
     if system.numbers == "any":
         try:
             L, U = typeset(system).lax()

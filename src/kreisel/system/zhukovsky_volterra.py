@@ -48,7 +48,7 @@ def lax(M, *, h, w, lam):  # L = S (lambda M - Omega),   U = S M,   S = lambda -
 SYSTEM = System(
     name="zhukovsky-volterra",
     title="Zhukovsky-Volterra gyrostat",
-    equations="M' = M x Omega,  Omega_i = (M_i - h_i)/I_i",
+    equations="M' = [M, Omega],  Omega_i = (M_i - h_i)/I_i",
     source="Zhukovsky 1885, Volterra 1899; Basak 2009",
     frame=Frame.MOVING,
     space=FREE_SPACE,
