@@ -12,7 +12,7 @@ from kreisel.algebra import skew
 from kreisel.kernels import layout
 from kreisel.lab.lax import lax
 from kreisel.lab.paper.clebsch import printed_pencil
-from kreisel.lab.paper.tops import printed_conjugator
+from kreisel.lab.paper.top_moving_frame import printed_conjugator
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.contract import call
 

@@ -1,0 +1,314 @@
+"""Section 6.1 and its Lemma: the discrete time Lagrange top, rest frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array, act, cayley, dot, identity, log, pairing, wedge
+from kreisel.algebra.matrices import border
+from kreisel.lab import laws
+from kreisel.lab.jets import coefficient, generator
+from kreisel.lab.law import Sides
+from kreisel.lab.paper.rows import Setting, by_law, gradient, law_row, left_derivative, printed, right_derivative, row
+from kreisel.lab.paper.shared import HALF_LEAF, SPECTRAL_RANK, half, leaf_rank, trace_log_of
+from kreisel.system import lagrange_top
+
+TOP = lagrange_top.SYSTEM
+
+# -- section 6, the Lemma -----------------------------------------------------------------------------
+
+
+def _curve(s: Setting, order: int) -> tuple[Array, Array, Any]:
+    """A curve w(e) = cay(e omega/2 + e^2 u/2) in SO(n), its omega, and e, a step with e^(order + 1) = 0."""
+    one = 1 + 0 * s.scalar()
+    e = sum(generator(i, one) for i in range(order))
+    omega, u = s.skew(), s.skew()
+    return cayley(0 * omega + omega * (e / 2) + u * (e * e / 2)), omega, e
+
+
+def _power(x: Any, k: int) -> Any:
+    """The coefficient of e^k, e = x1 + x2 + ...: e^k = k! x1...xk + ..."""
+    factorial = int(np.prod(range(1, k + 1)))
+    return coefficient(x, (1 << k) - 1) / factorial if k else coefficient(x, 0)
+
+
+@row(
+    "lemma-6.1",
+    "Section 6.1, Lemma 6.1, (tr as)",
+    "tr log(2I + w + w^-1) = const - (eps^2/2) <omega, omega> + O(eps^3) for w = I + eps omega + O(eps^2)",
+)
+def lemma_trace(s: Setting) -> Sides:
+    w, omega, _ = _curve(s, 2)
+    value = trace_log_of(w)
+    yield np.asarray(_power(value, 1)), np.asarray(0 * s.scalar())
+    yield np.asarray(_power(value, 2)), np.asarray(-pairing(omega, omega) / 2)
+
+
+@row("lemma-6.1-product", "Section 6.1, Lemma 6.1, (scalpr as)", "<a, wa> = <a, a> - (eps^2/2) |omega a|^2 + O(eps^3)")
+def lemma_product(s: Setting) -> Sides:
+    w, omega, _ = _curve(s, 2)
+    a = s.vector()
+    value = dot(a, act(w, a))
+    yield np.asarray(_power(value, 0)), dot(a, a)
+    yield np.asarray(_power(value, 1)), np.asarray(0 * s.scalar())
+    yield np.asarray(_power(value, 2)), -dot(act(omega, a), act(omega, a)) / 2
+
+
+@row(
+    "lemma-6.1-proof",
+    "Section 6.1, (lemma aux)",
+    "w = I + eps omega + eps^2 v: v + v^T + omega omega^T = 0; 2I + w + w^T = 4I + eps^2 omega^2 + O(eps^3)",
+)
+def lemma_proof(s: Setting) -> Sides:
+    w, omega, _ = _curve(s, 2)
+    v = _power(w, 2)
+    yield v + v.T + omega @ omega.T, 0 * omega
+    even = 2 * identity(s.n) + w + w.T
+    yield _power(even, 0), 4 * identity(s.n) + 0 * omega
+    yield _power(even, 1), 0 * omega
+    yield _power(even, 2), omega @ omega
+
+
+# -- section 6.1 --------------------------------------------------------------------------------------
+
+
+def _rest_data(s: Setting) -> tuple[Any, ...]:
+    """w, a_k, a_(k+1) = w a_k with |a| = 1, p, alpha, and m_(k+1) of (dLT m expr)."""
+    w, a, p, alpha = s.rotation(), s.unit(), s.vector(), abs(s.scalar())
+    a1 = act(w, a)
+    m1 = 2 * alpha / s.eps * half(w) - 2 * (1 - alpha) / s.eps * wedge(a, a1) / (1 + dot(a, a1))
+    return w, a, a1, p, alpha, m1
+
+
+def _continuous_limit(s: Setting, constant: bool) -> Sides:
+    w, omega, e = _curve(s, 2)
+    a, p, alpha = s.unit(), s.vector(), abs(s.scalar())
+
+    def kinetic_of(w: Array) -> Any:
+        return -alpha * trace_log_of(w) - 2 * (1 - alpha) * log(1 + dot(a, act(w, a)))
+
+    kinetic, start = kinetic_of(w), kinetic_of(identity(s.n) + 0 * omega + 0 * omega * e)
+    times_eps = kinetic - e * e * dot(p, a) - (start if constant else 0)
+    limit = alpha * pairing(omega, omega) / 2 + (1 - alpha) * dot(act(omega, a), act(omega, a)) / 2 - dot(p, a)
+    yield np.asarray(_power(times_eps, 0)), np.asarray(0 * s.scalar())
+    yield np.asarray(_power(times_eps, 1)), np.asarray(0 * s.scalar())
+    yield np.asarray(_power(times_eps, 2)), np.asarray(limit)
+
+
+@row(
+    "continuous-limit",
+    "Section 3, end, and section 6.1, (dmLT Lagr 1)",
+    "eps (discrete Lagrangian - constant) = eps^2 (mLT Lagr 4) + O(eps^3), |a| = 1 (E15: the constant is not 0)",
+    "E15",
+)
+def continuous_limit(s: Setting) -> Sides:
+    yield from _continuous_limit(s, constant=True)
+
+
+@printed("continuous-limit")
+def continuous_limit_printed(s: Setting) -> Sides:
+    yield from _continuous_limit(s, constant=False)
+
+
+@row(
+    "deriv-aux1",
+    "Section 6.1, (deriv aux1)",
+    "d_w tr log(2I + w + w^-1) = -2 (w - I)/(w + I); the middle of its proof with (2I + w + w^-1)^-1 (E4)",
+    "E4",
+)
+def deriv_aux1(s: Setting) -> Sides:
+    w, eta = s.rotation(), s.skew()
+    yield left_derivative(trace_log_of, w), -2 * half(w)
+    yield right_derivative(trace_log_of, w), -2 * half(w)
+    inner = algebra.solve(2 * identity(s.n) + w + w.T, w - w.T)
+    yield np.trace(inner @ eta), -2 * pairing(half(w), eta)
+
+
+@printed("deriv-aux1")
+def deriv_aux1_printed(s: Setting) -> Sides:
+    w, eta = s.rotation(), s.skew()
+    inner = (2 * identity(s.n) + w + w.T) @ (w - w.T)
+    yield np.trace(inner @ eta), -2 * pairing(half(w), eta)
+
+
+@row("deriv-aux2", "Section 6.1, (deriv aux2)", "d_w <a, wa> = a ^ (wa); grad_a <a, wa> = wa + w^T a")
+def deriv_aux2(s: Setting) -> Sides:
+    w, a = s.rotation(), s.vector()
+    yield left_derivative(lambda x: dot(a, act(x, a + 0 * x[0])), w), wedge(a, act(w, a))
+    yield gradient(lambda v: dot(v, act(w + 0 * v, v)), a), act(w, a) + act(w.T, a)
+
+
+@row(
+    "dlt-momentum",
+    "Section 6.1, (dLT m expr)",
+    "m_(k+1) = d_w Lambda = (2 alpha/eps)(w - I)/(w + I) - (2(1 - alpha)/eps) a_k ^ a_(k+1)/(1 + <a_k, a_(k+1)>)",
+)
+def dlt_momentum(s: Setting) -> Sides:
+    w, a, _, p, alpha, m1 = _rest_data(s)
+    yield left_derivative(lambda x: _discrete_rest(x, a + 0 * x[0], p, alpha, s.eps), w), m1
+
+
+def _discrete_rest(w: Array, a: Array, p: Array, alpha: Any, eps: Any) -> Any:  # (dmLT Lagr 1), |a| = 1
+    kinetic = -alpha / eps * trace_log_of(w) - 2 * (1 - alpha) / eps * log(1 + dot(a, act(w, a)))
+    return kinetic - eps * dot(p, a)
+
+
+@row(
+    "dlt-kick",
+    "Section 6.1, after (dLT m expr)",
+    "w^-1 m_(k+1) w + a_k ^ grad_a Lambda = m_(k+1) - eps a_k ^ p, so m_(k+1) = m_k + eps a_k ^ p",
+)
+def dlt_kick(s: Setting) -> Sides:
+    w, a, a1, p, alpha, m1 = _rest_data(s)
+    force = -2 * (1 - alpha) / s.eps * (a1 + act(w.T, a)) / (1 + dot(a, a1)) - s.eps * p
+    yield gradient(lambda v: _discrete_rest(w + 0 * v, v, p, alpha, s.eps), a), force
+    yield w.T @ m1 @ w + wedge(a, force), m1 - s.eps * wedge(a, p)
+
+
+@row(
+    "dlt-turn",
+    "Section 6.1, proof of the second equation",
+    "the two displays for (eps/2) m_(k+1) a_(k+1), (eps/2) m_(k+1) a_k, and their sum a_(k+1) - a_k",
+)
+def dlt_turn(s: Setting) -> Sides:
+    w, a, a1, _, alpha, m1 = _rest_data(s)
+    c, h = dot(a, a1), half(w)
+    yield s.eps / 2 * act(m1, a1), alpha * act(h, a1) - (1 - alpha) * (a - a1 * c) / (1 + c)
+    yield s.eps / 2 * act(m1, a), alpha * act(h, a) - (1 - alpha) * (a * c - a1) / (1 + c)
+    yield s.eps / 2 * act(m1, a1 + a), a1 - a
+
+
+law_row(
+    "theorem-6.1",
+    "Section 6.1, Theorem 6.1, (dLT rest frame), (dLT rest H)",
+    "the discrete Euler-Lagrange equations of (dmLT Lagr 1) are the map; it is Poisson and keeps H_eps, any |a|",
+    TOP,
+    "discrete-euler-lagrange",
+    "poisson",
+    "integrals-of-the-map",
+)
+
+
+@row(
+    "length-of-a",
+    "Section 6.1, (dmLT Lagr 1) for |a| not 1",
+    "with |A|^2 + <a_k, a_(k+1)> for 1 + <a_k, a_(k+1)> the discrete Lagrangian holds for any |a|, alpha not 1 (E11)",
+    "E11",
+)
+def length_of_a(s: Setting) -> Sides:
+    yield from by_law(TOP, "discrete-euler-lagrange")(s)
+
+
+def unnormalised(g: Array, h: Array, A: Array, *, p: Array, alpha: Any, eps: Any) -> Any:
+    """(dmLT Lagr 1) as printed."""
+    a, a1 = act(g, A), act(h, A)
+    kinetic = alpha / eps * trace_log_of(h @ g.T)
+    return -kinetic - 2 * (1 - alpha) / eps * log(1 + dot(a, a1)) - eps * dot(p, a)
+
+
+@printed("length-of-a")
+def length_of_a_printed(s: Setting) -> Sides:
+    assert TOP.map is not None
+    yield from by_law(replace(TOP, map=replace(TOP.map, lagrangian=unnormalised)), "discrete-euler-lagrange")(s)
+
+
+@row("pairing-identity", "Section 6.1, proof of (dLT rest H)", "<ma, p> = <m, p ^ a>")
+def pairing_identity(s: Setting) -> Sides:
+    m, a, p = s.skew(), s.vector(), s.vector()
+    yield dot(act(m, a), p), pairing(m, wedge(p, a))
+
+
+@row(
+    "rest-energy-chain",
+    "Section 6.1, last display of the proof",
+    "H_eps(m_(k+1), a_(k+1)) through its five forms to H_eps(m_k, a_k)",
+)
+def rest_energy_chain(s: Setting) -> Sides:
+    m, a, p, e = s.skew(), s.vector(), s.vector(), s.eps
+    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    last = lagrange_top.energy(m, a, p=p, eps=e)
+    yield lagrange_top.energy(m1, a1, p=p, eps=e), pairing(m1, m1) / 2 + dot(a1 - e / 2 * act(m1, a1), p)
+    yield pairing(m1, m1) / 2 + dot(a + e / 2 * act(m1, a), p), last
+    yield pairing(m1, m1 + e * wedge(p, a)) / 2 + dot(a, p), last
+    yield pairing(m - e * wedge(p, a), m) / 2 + dot(a, p), last
+
+
+law_row(
+    "theorem-6.2",
+    "Section 6.1, Theorem 6.2, (dmLT rest Lax), (bk)",
+    "l_(k+1) v_k = v_k l_(k+1) ... : v_k l_(k+1) = l_k v_k with b_k = (I - eps/2 m_k) a_k + (eps^2/4)|a|^2 p (E11)",
+    TOP,
+    "discrete-lax-equation",
+    erratum="E11",
+)
+
+
+def printed_b(m: Array, a: Array, *, p: Array, eps: Any = 0) -> Array:
+    """(bk) as printed: (eps^2/4) p whatever |a|."""
+    return a - eps * act(m, a) / 2 + eps * eps * p / 4
+
+
+def printed_lax(m: Array, a: Array, *, p: Array, lam: Any, eps: Any) -> Array:
+    """The Lax matrix with (bk) as printed."""
+    return border(m, lam * printed_b(m, a, p=p, eps=eps) - p / lam)
+
+
+@printed("theorem-6.2")
+def theorem_6_2_printed(s: Setting) -> Sides:
+    assert TOP.map is not None
+    yield from by_law(replace(TOP, map=replace(TOP.map, lax=printed_lax)), "discrete-lax-equation")(s)
+
+
+@row(
+    "rest-lax-polynomial",
+    "Section 6.1, proof of Theorem 6.2",
+    "(I + eps/2 u) l_(k+1) (I - eps/2 u) = (I - eps/2 u) l_k (I + eps/2 u); with |a| = 1 as printed",
+)
+def rest_lax_polynomial(s: Setting) -> Sides:
+    m, a, p, e = s.skew(), s.unit(), s.vector(), s.eps
+    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    u, one = border(0 * m, s.lam * a), identity(s.n + 1)
+    old, new = (printed_lax(*z, p=p, lam=s.lam, eps=e) for z in ((m, a), (m1, a1)))
+    yield (one + e / 2 * u) @ new @ (one - e / 2 * u), (one - e / 2 * u) @ old @ (one + e / 2 * u)
+
+
+law_row(
+    "rest-limit",
+    "Section 6.1, continuous limit",
+    "(step - 1)/eps -> (mLT right), deformed integrals -> integrals; the error of the map is O(dt), of its conjugate O(dt^2)",
+    TOP,
+    "continuous-limit",
+    "order",
+    in_rationals=False,
+)
+law_row(
+    "rest-involution",
+    "Section 6.1, after Theorem 6.2",
+    "the coefficients of det(l_k(lambda) - mu) are integrals in involution",
+    TOP,
+    "integrals-of-the-map",
+    "involution",
+)
+
+
+@row(
+    "rest-completeness",
+    "Section 6.1, after Theorem 6.2",
+    "the spectrum has rank 2, 3, 4, 5 on the leaf for n = 3...6, with pi m pi 2, 5, 8, 13: complete only with it (E12)",
+    "E12",
+)
+def rest_completeness(s: Setting) -> Sides:
+    case = laws.make_case(TOP, s.n, "exact", 0)
+    yield np.asarray(leaf_rank(case, ("spectrum",))), np.asarray(SPECTRAL_RANK[s.n])
+    dimension, torus = 2 * HALF_LEAF[s.n], s.n - 1
+    yield np.asarray(leaf_rank(case, ("spectrum", "noether"))), np.asarray(dimension - torus)
+
+
+@printed("rest-completeness")
+def rest_completeness_printed(s: Setting) -> Sides:
+    case = laws.make_case(TOP, s.n, "exact", 0)
+    yield np.asarray(leaf_rank(case, ("spectrum",))), np.asarray(HALF_LEAF[s.n] + (0 if s.n > 3 else 1))
