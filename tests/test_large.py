@@ -11,6 +11,7 @@ from kreisel.algebra import Array
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import Kernel
 from kreisel.kernels.large import blockwise, forms
+from kreisel.kernels.large.matrix_products import MatrixProducts
 from kreisel.kernels.large.structured import Matrix, Vector
 from kreisel.kernels.printing import Line
 from kreisel.method import Scheme, scheme
@@ -110,12 +111,12 @@ def test_inverse_is_made_anew_when_the_residual_says_so() -> None:
 
 def test_inverse_that_is_not_made_anew_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: no residual is too large once the start is over."""
-    right = blockwise.Printer._tests
+    right = MatrixProducts.tests
 
-    def late(self: blockwise.Printer, *given: object) -> list[str]:
+    def late(self: MatrixProducts, *given: object) -> list[str]:
         return [line.replace("<= 1e-18", "<= 0.5") for line in right(self, *given)]
 
-    monkeypatch.setattr(blockwise.Printer, "_tests", late)
+    monkeypatch.setattr(MatrixProducts, "tests", late)
     off, lack = spoiled_inverse()
     assert off > 1e-7
     assert lack > 1e-4

@@ -8,6 +8,7 @@ go on.  At a ragged end the last lane stands in the places that are left.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from kreisel.kernels.printing import Line, latest
 from kreisel.kernels.projection.compiled import Weave
@@ -52,32 +53,64 @@ def source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
     """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     from kreisel.kernels._numba.vector_type import register_width
 
-    by_stage, early, fixed, late, of_stage, pieces = record.varying()
-    constants, varying = record.used("c"), record.used("s")
-    words = {name for piece in pieces for name in piece.words}
-    staged = [name for name in (*late, *names_of(of_stage)) if name in words]
-    words |= {name for line in of_stage for name in line.needs}
-    known = [name for name in (*early, *names_of(fixed)) if name in words]
-
-    lines = sum(len(piece.lines) for piece in pieces)
-    short = lines <= TWO_VECTORS
-    functions = {"known": _function({"c": constants, "s": [] if by_stage else varying}, fixed, known)}
-    if staged:
-        functions["staged"] = _function({"k": known, "s": varying}, of_stage, staged)
-    takes = ({"z": record.state, "k": known, "v": staged}, {"z": record.state, "k": known})
-    for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
-        functions[name] = _function(given, latest(piece.lines) if short else piece.lines, piece.new)
-
-    width, vectors = register_width(), 4 if lines <= FOUR_VECTORS else 2 if short else 1
+    functions = Functions.of(record)
+    width, vectors = register_width(), 4 if functions.lines <= FOUR_VECTORS else 2 if functions.short else 1
     while (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
         vectors //= 2
-    kept = vectors * len(staged)
+    return HEAD + functions.text + _kernel(record, functions, options, weave, width, vectors)
 
-    def each(indent: int, text: str, *marks: str) -> str:
+
+class Functions(NamedTuple):
+    """The functions of a step.
+
+    text     their source
+    staged   what of the stages is computed before the first step
+    by_stage whether a step has several stages
+    closes   whether there is something at the end of a step
+    lines    of a step
+    """
+
+    text: str
+    staged: list[str]
+    by_stage: bool
+    closes: bool
+    lines: int
+
+    @property
+    def short(self) -> bool:
+        """Whether the lines are put in an order for several vectors."""
+        return self.lines <= TWO_VECTORS
+
+    @classmethod
+    def of(cls, record: Recording) -> Functions:
+        """Those of a recorded step."""
+        by_stage, early, fixed, late, of_stage, pieces = record.varying()
+        constants, varying = record.used("c"), record.used("s")
+        words = {name for piece in pieces for name in piece.words}
+        staged = [name for name in (*late, *names_of(of_stage)) if name in words]
+        words |= {name for line in of_stage for name in line.needs}
+        known = [name for name in (*early, *names_of(fixed)) if name in words]
+
+        lines = sum(len(piece.lines) for piece in pieces)
+        text = _function("known", {"c": constants, "s": [] if by_stage else varying}, fixed, known)
+        if staged:
+            text += _function("staged", {"k": known, "s": varying}, of_stage, staged)
+        takes = ({"z": record.state, "k": known, "v": staged}, {"z": record.state, "k": known})
+        for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
+            text += _function(name, given, latest(piece.lines) if lines <= TWO_VECTORS else piece.lines, piece.new)
+        return cls(text, staged, by_stage, len(pieces) > 1, lines)
+
+
+def _kernel(record: Recording, functions: Functions, options: str, weave: Weave, width: int, vectors: int) -> str:
+    """The loops, `vectors` of them side by side."""
+    count = len(functions.staged)
+    kept = vectors * count
+
+    def each(indent: int, text: str) -> str:
         """A line for each vector."""
         lines = []
         for k in range(vectors):
-            here, there = f"lane + {k * width}, end", f"v, stage * {kept} + {k * len(staged)}"
+            here, there = f"lane + {k * width}, end", f"v, stage * {kept} + {k * count}"
             lines.append(text.format(k=k, here=here, there=there))
         return indented(lines, indent)
 
@@ -85,41 +118,35 @@ def source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
         columns = max((place.stop for place in record.columns[letter].values()), default=0)
         return f"gather({array}, {columns}, {{here}}, {width})"
 
-    rows = [gathered("c", "c")] * bool(constants) + [gathered("s[:, 0]", "s")] * bool(varying and not by_stage)
+    varying = record.used("s") and not functions.by_stage
+    rows = [gathered("c", "c")] * bool(record.used("c")) + [gathered("s[:, 0]", "s")] * bool(varying)
     load = each(0, f"z{{k}} = gather(z, {len(record.state)}, {{here}}, {width})")
-    begin = [
-        indented(load.splitlines(), 8),
-        each(8, f"k{{k}} = known({', '.join(rows)})"),
-    ]
+    begin = [indented(load.splitlines(), 8), each(8, f"k{{k}} = known({', '.join(rows)})")]
     loaded = ""
-    if staged:
+    if functions.staged:
         of = f"staged(k{{k}}, {gathered('s[:, stage]', 's')})"
         begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of})")]
-        loaded = f", load({{there}}, {len(staged)}, {width})"
+        loaded = f", load({{there}}, {count}, {width})"
     step = f"z{{k}} = step(z{{k}}, k{{k}}{loaded})"
-    steps = [STAGES, each(4, step)] if by_stage else [each(0, step)]
-    steps += [each(0, "z{k} = close(z{k}, k{k})")] if "close" in functions else []
+    steps = [STAGES, each(4, step)] if functions.by_stage else [each(0, step)]
+    steps += [each(0, "z{k} = close(z{k}, k{k})")] if functions.closes else []
     back = each(0, "scatter(z, (), {here}, z{k})")
-    return (
-        HEAD
-        + "".join(functions[name].format(name=name) for name in functions)
-        + KERNEL.format(
-            options=options,
-            types=weave.types,
-            arguments=weave.arguments,
-            room=weave.begin(4),
-            scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if staged else "",
-            lanes=vectors * width,
-            begin="\n".join(begin),
-            steps=indented(weave.steps("\n".join(steps), load, back, "end"), 12),
-            save=each(12, "scatter(out, (row,), {here}, z{k})"),
-            store=indented(back.splitlines(), 8),
-        )
+    return KERNEL.format(
+        options=options,
+        types=weave.types,
+        arguments=weave.arguments,
+        room=weave.begin(4),
+        scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if functions.staged else "",
+        lanes=vectors * width,
+        begin="\n".join(begin),
+        steps=indented(weave.steps("\n".join(steps), load, back, "end"), 12),
+        save=each(12, "scatter(out, (row,), {here}, z{k})"),
+        store=indented(back.splitlines(), 8),
     )
 
 
-def _function(given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
-    """A function, without its name, of tuples of numbers: of rows c, s all columns, of others those that are listed."""
+def _function(name: str, given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
+    """A function of tuples of numbers: of rows c, s all columns, of others those that are listed."""
     unpacked = [
         f"{', '.join(names)}, = {', '.join(f'{letter}[{n[1:]}]' for n in names)},"
         if letter in "cs"
@@ -129,7 +156,7 @@ def _function(given: Mapping[str, list[str]], lines: list[Line], result: list[st
     ]
     return FUNCTION.format(
         options=INLINED,
-        name="{name}",
+        name=name,
         arguments=", ".join(letter for letter, names in given.items() if names or letter not in "csv"),
         body=indented([*unpacked, *(line.text for line in lines)], 4),
         result=f"({', '.join(result)}{',' * (len(result) == 1)})",

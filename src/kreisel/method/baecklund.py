@@ -68,55 +68,107 @@ def stage_points(order: int, dt: float) -> list[complex | float]:
         return [complex(mu) if isinstance(mu, mpmath.mpc) else float(mu) for mu in scaled]
 
 
+class Product:
+    """The maps of a step: conjugate pairs, the real one, and the turns by angles that are the same at every step."""
+
+    def __init__(self, model: Model, dt: float, order: int, oriented: bool):
+        self.model, self.dt, self.order, self.oriented = model, dt, order, oriented
+        self.record = cast("Baecklund", model.system.baecklund)
+        self.points = stage_points(order, dt)
+        self.pairs = [mu for mu in self.points if isinstance(mu, complex)]
+        self.single = [mu for mu in self.points if isinstance(mu, float)]
+        self.count = len(model.system.space.letters)
+        self.rest = model.system.frame is Frame.REST
+        self.spins = self.record.spin is not None and not self.rest
+
+    def trajectory(self, x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """The constants of the trajectory from x0, and those of its stages."""
+        own = x0[: self.count]
+        constants: dict[str, Array] = {}
+        stages: dict[str, Array] = {}
+        for mu in self.single:
+            constants |= {"mu": np.array(mu), "rho": self._rho(own, mu)}
+        if self.pairs:
+            rho = np.stack([self._rho(own, mu) for mu in self.pairs], -1)
+            mus = np.array(self.pairs)
+            stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
+        with np.errstate(all="ignore"):  # what overflows is refused
+            if self.spins:
+                constants |= _turns("spin", self.model.call(self.record.spin, *own), lambda theta: self.dt * theta)
+            if self.oriented:
+                g = algebra.rotation_matrix(x0[self.count]) if self.model.n == 3 else x0[self.count]
+                constants |= self._orientation_turns(own, g)
+        return constants, stages
+
+    def pair(
+        self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array
+    ) -> tuple[Array, ...]:
+        """A conjugate pair of maps."""
+        mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
+        return self._stage(z, {**consts, "mu": mu, "rho": rho}, True)
+
+    def close(self, *z: Array, **consts: Array) -> tuple[Array, ...]:
+        """The real map and the turns."""
+        z = self._stage(z, consts, False) if self.single else z
+        own, g = z[: self.count], z[self.count :]
+        if self.spins:
+            for half in ("spin0", "spin1"):
+                own = _turned_with_body(self.model.system.space.kinds, own, consts[half])
+        return (*own, *(_turned_by_constants(h, consts, self.rest, self.record.spin is not None) for h in g))
+
+    def _stage(self, z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
+        own, (x, y) = one_stage(self.record, z[: self.count], known, paired)
+        return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
+
+    def _rho(self, own: tuple[Array, ...], mu: complex | float) -> Array:
+        """The constant of the trajectory, computed in extended precision where the platform has it."""
+        wide = {k: v.astype(np.longdouble) for k, v in self.model.constants.items()}
+        with np.errstate(all="ignore"):
+            try:
+                rho = call(self.record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide(mu)})
+            except np.linalg.LinAlgError:  # beside numbers so large the others vanish
+                rho = np.array(np.nan)
+        if not np.isfinite(rho).all():
+            self._explain(own, mu)
+        return rho.astype(complex if isinstance(mu, complex) else float)
+
+    def _explain(self, own: tuple[Array, ...], mu: complex | float) -> None:
+        name = self.model.system.name
+        if self.record.largest_step is None or isinstance(mu, complex):
+            raise InputError(
+                f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
+                "look for a state that is zero or so large that its square overflows."
+            )
+        largest = float(np.min(self.model.call(self.record.largest_step, *own))) * mu * self.dt / 2
+        raise InputError(
+            f"The real Bäcklund transformation of {name} does not reach as far as dt = {self.dt:g} from this "
+            f"state at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "
+            "reaches further; orders 4, 8, 12, ... take any dt."
+        )
+
+    def _orientation_turns(self, own: tuple[Array, ...], g: Array) -> dict[str, Array]:
+        """Constants of the turn of g on the other side than the state's: prod cay(eps/2 block), and the body's spin."""
+
+        def other(X: Array) -> Array:
+            return g.mT @ X @ g if self.rest else g @ X @ g.mT
+
+        def by_maps(theta: Array) -> Array:
+            return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in self.points)
+
+        out = _turns("turn", other(self.model.call(self.record.block, *own)), by_maps)
+        if self.record.spin is not None:
+            spin = self.model.call(self.record.spin, *own)
+            out |= _turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
+        return out
+
+
 def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """A step of K = order/2 Bäcklund transformations, conjugate pairs in real arithmetic.
 
     Raises `InputError` for steps beyond the domain.
     """
-    record = cast("Baecklund", model.system.baecklund)
-    points = stage_points(order, dt)
-    space = model.system.space
-    count = len(space.letters)
-    rest = model.system.frame is Frame.REST
-    spins = record.spin is not None and not rest
+    maps = Product(model, dt, order, oriented)
     observe, outcomes = observer(model, None, None, conserved=("casimir", "energy", *model.system.integrals))
-
-    pairs, single = [mu for mu in points if isinstance(mu, complex)], [mu for mu in points if isinstance(mu, float)]
-
-    def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
-        own = x0[:count]
-        constants: dict[str, Array] = {}
-        stages: dict[str, Array] = {}
-        for mu in single:
-            constants |= {"mu": np.array(mu), "rho": _rho(model, record, own, mu, order, dt)}
-        if pairs:
-            rho = np.stack([_rho(model, record, own, mu, order, dt) for mu in pairs], -1)
-            mus = np.array(pairs)
-            stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
-        with np.errstate(all="ignore"):  # what overflows is refused
-            if spins:
-                constants |= _turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
-            if oriented:
-                g = algebra.rotation_matrix(x0[count]) if model.n == 3 else x0[count]
-                constants |= _orientation_turns(model, record, own, g, points, dt)
-        return constants, stages
-
-    def stage(z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
-        own, (x, y) = one_stage(record, z[:count], known, paired)
-        return (*own, *(algebra.double_turn(x, y, h, right=not rest) for h in z[count:]))
-
-    def pair(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> tuple[Array, ...]:
-        mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
-        return stage(z, {**consts, "mu": mu, "rho": rho}, True)
-
-    def close(*z: Array, **consts: Array) -> tuple[Array, ...]:
-        z = stage(z, consts, False) if single else z
-        own, g = z[:count], z[count:]
-        if spins:
-            for half in ("spin0", "spin1"):
-                own = _turned_with_body(space.kinds, own, consts[half])
-        return (*own, *(_turned_by_constants(h, consts, rest, record.spin is not None) for h in g))
-
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
     axes = dict.fromkeys(["mu", "mu_re", "mu_im", "rho", "rho_re", "rho_im"], 0)
@@ -128,13 +180,13 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         axes={**model.axes, **axes},
         n=model.n,
         prepare=lambda x0: x0,
-        step=pair if pairs else close,
-        close=close if pairs and (single or spins or oriented) else None,
+        step=maps.pair if maps.pairs else maps.close,
+        close=maps.close if maps.pairs and (maps.single or maps.spins or oriented) else None,
         observe=observe,
         reopen=lambda x: x,
         outcomes=outcomes,
         options={"order": order},
-        trajectory=trajectory,
+        trajectory=maps.trajectory,
     )
 
 
@@ -147,37 +199,8 @@ def one_stage(
     return tuple(call(move, (*own, e), known)), call(arc, (*own, e), known)
 
 
-def _rho(model: Model, record: Baecklund, own: tuple[Array, ...], mu: complex | float, order: int, dt: float) -> Array:
-    """The constant of the trajectory, computed in extended precision where the platform has it."""
-    wide = {k: v.astype(np.longdouble) for k, v in model.constants.items()}
-    with np.errstate(all="ignore"):
-        try:
-            rho = call(record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide(mu)})
-        except np.linalg.LinAlgError:  # beside numbers so large the others vanish
-            rho = np.array(np.nan)
-    if not np.isfinite(rho).all():
-        _explain(model, record, own, mu, order, dt)
-    return rho.astype(complex if isinstance(mu, complex) else float)
-
-
 def _wide(mu: complex | float) -> Any:
     return np.clongdouble(mu) if isinstance(mu, complex) else np.longdouble(mu)
-
-
-def _explain(
-    model: Model, record: Baecklund, own: tuple[Array, ...], mu: complex | float, order: int, dt: float
-) -> None:
-    if record.largest_step is None or isinstance(mu, complex):
-        raise InputError(
-            f"The spectral curve of {model.system.name} has no point for this state and dt = {dt:g}: "
-            "look for a state that is zero or so large that its square overflows."
-        )
-    largest = float(np.min(model.call(record.largest_step, *own))) * mu * dt / 2
-    raise InputError(
-        f"The real Bäcklund transformation of {model.system.name} does not reach as far as dt = {dt:g} from this "
-        f"state at order {order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which reaches "
-        f"further; orders 4, 8, 12, ... take any dt."
-    )
 
 
 # -- turns that are the same at every step ----------------------------------------------------------
@@ -194,25 +217,6 @@ def _turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Ar
     V = (U * (1j * half)[..., None, :] @ U.conj().mT).real
     V = (V - V.mT) / 2
     return {f"{name}0": V, f"{name}1": V if twice else 0 * V}
-
-
-def _orientation_turns(
-    model: Model, record: Baecklund, own: tuple[Array, ...], g: Array, points: list[complex | float], dt: float
-) -> dict[str, Array]:
-    """Constants of the turn of g on the other side than the state's: prod cay(eps/2 block), and the body's spin."""
-    rest = model.system.frame is Frame.REST
-
-    def other(X: Array) -> Array:
-        return g.mT @ X @ g if rest else g @ X @ g.mT
-
-    def by_maps(theta: Array) -> Array:
-        return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in points)
-
-    out = _turns("turn", other(model.call(record.block, *own)), by_maps)
-    if record.spin is not None:
-        spin = model.call(record.spin, *own)
-        out |= _turns("body", other(spin) if rest else spin, lambda theta: dt * theta)
-    return out
 
 
 def _turned_by_constants(g: Array, consts: dict[str, Array], rest: bool, spins: bool) -> Array:

@@ -10,6 +10,7 @@ own.
 from __future__ import annotations
 
 import hashlib
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -58,67 +59,76 @@ class Source:
         return None
 
 
-def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: int = 0) -> ThreadingHTTPServer:
+class Handler(BaseHTTPRequestHandler):
+    """Answers for one page."""
+
+    server: Server
+    server_version, sys_version, timeout = "kreisel", "", 30
+
+    def do_GET(self) -> None:
+        """The page or its data."""
+        self._answer(body=True)
+
+    def do_HEAD(self) -> None:
+        """The same without a body."""
+        self._answer(body=False)
+
+    def _answer(self, body: bool) -> None:
+        if not self._meant_for_us():
+            return self._send(421, b"", "text/plain", body)
+        if urlsplit(self.path).path != "/":
+            return self._send(404, b"There is one page here: /\n", "text/plain", body)
+        tag, data = self.server.source.read()
+        wants_data = "application/json" in self.headers.get("Accept", "")
+        tag = f'"{tag}-{"data" if wants_data else "page"}"'
+        if self.headers.get("If-None-Match") == tag:
+            return self._send(304, b"", "text/plain", body, tag)
+        text = as_json({**data, "follow": EVERY}) if wants_data else page(data, EVERY)
+        kind = "application/json" if wants_data else "text/html; charset=utf-8"
+        return self._send(200, text.encode(), kind, body, tag)
+
+    def _meant_for_us(self) -> bool:
+        named = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+        return self.server.host not in LOOPBACK or named in LOOPBACK
+
+    def _send(self, status: int, text: bytes, kind: str, body: bool, tag: str = "") -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(text)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("X-Frame-Options", "DENY")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        self.send_header("Vary", "Accept")
+        if tag:
+            self.send_header("ETag", tag)
+        self.end_headers()
+        if body:
+            self.wfile.write(text)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Not on the terminal."""
+
+
+class Server(ThreadingHTTPServer):
+    """Serves the page of a source under an address of this machine."""
+
+    daemon_threads = True
+
+    def __init__(self, source: Source, host: str, port: int):
+        self.source, self.host = source, host
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        super().__init__((host, port), Handler)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Nothing: a browser that went away."""
+
+
+def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: int = 0) -> Server:
     """A server of one page, bound but not yet serving.  Raises `InputError` for no archive or an address in use."""
     source = Source(path, lane)
-
-    class Handler(BaseHTTPRequestHandler):
-        server_version, sys_version, timeout = "kreisel", "", 30
-
-        def do_GET(self) -> None:
-            self._answer(body=True)
-
-        def do_HEAD(self) -> None:
-            self._answer(body=False)
-
-        def _answer(self, body: bool) -> None:
-            if not self._meant_for_us():
-                return self._send(421, b"", "text/plain", body)
-            if urlsplit(self.path).path != "/":
-                return self._send(404, b"There is one page here: /\n", "text/plain", body)
-            tag, data = source.read()
-            wants_data = "application/json" in self.headers.get("Accept", "")
-            tag = f'"{tag}-{"data" if wants_data else "page"}"'
-            if self.headers.get("If-None-Match") == tag:
-                return self._send(304, b"", "text/plain", body, tag)
-            text = as_json({**data, "follow": EVERY}) if wants_data else page(data, EVERY)
-            kind = "application/json" if wants_data else "text/html; charset=utf-8"
-            return self._send(200, text.encode(), kind, body, tag)
-
-        def _meant_for_us(self) -> bool:
-            named = urlsplit(f"//{self.headers.get('Host', '')}").hostname
-            return host not in LOOPBACK or named in LOOPBACK
-
-        def _send(self, status: int, text: bytes, kind: str, body: bool, tag: str = "") -> None:
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(text)))
-            self.send_header("Cache-Control", "no-store")
-            self.send_header("X-Content-Type-Options", "nosniff")
-            self.send_header("X-Frame-Options", "DENY")
-            self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-            self.send_header("Vary", "Accept")
-            if tag:
-                self.send_header("ETag", tag)
-            self.end_headers()
-            if body:
-                self.wfile.write(text)
-
-        def log_message(self, format: str, *args: Any) -> None:
-            return
-
-    class Server(ThreadingHTTPServer):
-        daemon_threads = True
-
-        def handle_error(self, request: Any, client_address: Any) -> None:
-            return  # a browser that went away
-
-    if ":" in host:
-        import socket
-
-        Server.address_family = socket.AF_INET6
     try:
-        return Server((host, port), Handler)
+        return Server(source, host, port)
     except (OSError, OverflowError) as error:
         raise InputError(f"{host}:{port} cannot be served: {error}. Choose another --port or --host.") from error
 

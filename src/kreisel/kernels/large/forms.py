@@ -22,8 +22,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _lengths
+from kreisel.kernels.large.dense_momentum import Dense, changed_inverse
 from kreisel.kernels.large.products import Change, Inverse, Upkeep
-from kreisel.kernels.large.structured import Columns, Dense, Matrix, Rows, Vector, changed_inverse
+from kreisel.kernels.large.structured import Columns, Matrix, Rows, Vector
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.tape import Scalar, Tape, text
 from kreisel.method.scheme import Scheme

@@ -16,7 +16,7 @@ inverses of D + T are O(n^2).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -24,38 +24,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.complex import Complex
-from kreisel.kernels.tape import Scalar, Tape
-
-Number = Any  # recorded, complex of recorded, or plain
-
-
-def total(x: Number) -> Number:
-    """The sum of an entry over all places."""
-    if isinstance(x, Complex):
-        return Complex(total(x.re), total(x.im))
-    if isinstance(x, Scalar):
-        return Scalar(x.tape, x.tape.record(f"total({x.name})", (x.name,)), x.negative)
-    if isinstance(x, np.ndarray):  # all entries, one after the other
-        return x.sum() if x.dtype.kind == "O" else float(x.sum())
-    if x == 0:
-        return 0.0
-    raise TypeError("the sum of a plain number over all places is not recorded")
-
-
-def _is_number(x: Any) -> bool:
-    return isinstance(x, Scalar | Complex | int | float | np.number)
-
-
-def _key(x: Number) -> Any:
-    if isinstance(x, Scalar):
-        return x.signed
-    if isinstance(x, np.ndarray):
-        return tuple(map(_key, x))
-    return (_key(x.re), _key(x.im)) if isinstance(x, Complex) else float(x)
-
-
-def _parts(x: Number) -> tuple[Number, Number]:
-    return (x.re, x.im) if isinstance(x, Complex) else (x, 0.0)
+from kreisel.kernels.large.dense_momentum import Dense
+from kreisel.kernels.large.scalars import Nothing, Number, is_number, key_of, parts, total
+from kreisel.kernels.tape import Scalar
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +67,7 @@ class Vector:
     @property
     def key(self) -> tuple[Any, ...]:
         """Equal for vectors that are the same on the tape."""
-        return (*map(_key, self.blocks), None if self.tail is None else _key(self.tail))
+        return (*map(key_of, self.blocks), None if self.tail is None else key_of(self.tail))
 
     def map(self, function: Callable[..., Number], *others: Vector) -> Vector:
         """The function on all entries."""
@@ -120,14 +91,14 @@ class Vector:
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Vector):
             return self.map(lambda x, y: x + y, other)
-        if _is_number(other) and not self.canonical:
+        if is_number(other) and not self.canonical:
             return self.map(lambda x: x + other)
         return NotImplemented
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return self + (-other) if isinstance(other, Vector) or _is_number(other) else NotImplemented
+        return self + (-other) if isinstance(other, Vector) or is_number(other) else NotImplemented
 
     def __rsub__(self, other: Any) -> Any:
         return (-self) + other
@@ -136,7 +107,7 @@ class Vector:
         if isinstance(other, Vector):
             products = self.map(lambda x, y: x * y, other)
             return Products(products) if self.canonical else products
-        if _is_number(other):
+        if is_number(other):
             return self.map(lambda x: x * other)
         if _is_identity(other) and not self.canonical:
             return Matrix(self.n, diagonal=self)
@@ -145,7 +116,7 @@ class Vector:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
-        return self.map(lambda x: x / other) if _is_number(other) else NotImplemented
+        return self.map(lambda x: x / other) if is_number(other) else NotImplemented
 
     def sum(self, axis: int) -> Number:
         """The sum of all entries, which means something in a basis of its own only."""
@@ -160,7 +131,7 @@ class Vector:
         everything = (*self.blocks, self.tail)
         if not any(isinstance(x, Complex) for x in everything):
             return self, None
-        return self.map(lambda x: _parts(x)[0]), self.map(lambda x: _parts(x)[1])
+        return self.map(lambda x: parts(x)[0]), self.map(lambda x: parts(x)[1])
 
     def record_complex(self, im: Vector) -> Vector:
         return self.map(Complex, im)
@@ -214,62 +185,6 @@ class Products:
 
 def _is_identity(other: Any) -> bool:
     return isinstance(other, np.ndarray) and other.ndim == 2 and bool((other == np.eye(len(other))).all())
-
-
-@dataclass(eq=False)
-class Dense:
-    """The momentum M of a step, recorded, with the inverses of diagonal + turn M that it solves by.
-
-    inverses  (diagonal, turn) of each kept inverse
-    checks    of each, by the first solve: |r|^2 and |v|^2, r the residual
-    """
-
-    tape: Tape
-    name: str
-    inverses: list[tuple[Any, Number]] = field(default_factory=list)
-    checks: dict[int, tuple[Scalar, Scalar]] = field(default_factory=dict)
-
-    def times(self, v: Vector) -> Vector:
-        """M v."""
-        return self._applied("product", v)
-
-    def solved(self, k: int, v: Vector) -> Vector:
-        """Inverse k times v."""
-        return self._applied(f"kept{k}", v)
-
-    def solved_transposed(self, k: int, v: Vector) -> Vector:
-        """Inverse k, transposed, times v."""
-        return self._applied(f"turned{k}", v)
-
-    def _applied(self, what: str, v: Vector) -> Vector:
-        (x,) = v.blocks
-        if not isinstance(x, Scalar):
-            raise TypeError("products of the dense momentum with complex vectors are not recorded")
-        name = self.tape.record(f"{what}({x.name})", (x.name, self.name))
-        return Vector(v.n, (Scalar(self.tape, name, x.negative),))
-
-    def inverse(self, diagonal: Any, turn: Number) -> int:
-        """The number of the kept inverse of diagonal + turn M."""
-        keys = [(_key_of(d), _key(t)) for d, t in self.inverses]
-        wanted = _key_of(diagonal), _key(turn)
-        if wanted not in keys:
-            self.inverses.append((diagonal, turn))
-            return len(keys)
-        return keys.index(wanted)
-
-
-def _key_of(diagonal: Any) -> Any:
-    return diagonal.key if isinstance(diagonal, Vector) else _key(diagonal)
-
-
-class Nothing:
-    """The entries of a constant matrix: none that change, and none to be used."""
-
-    ndim, shape, size = 1, (0,), 0
-    __array_ufunc__: ClassVar[None] = None
-
-    def __array__(self, *_: Any, **__: Any) -> Any:
-        return np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +257,7 @@ class Matrix:
         return (-self) + other
 
     def __mul__(self, other: Any) -> Any:
-        if not _is_number(other):
+        if not is_number(other):
             return NotImplemented
         pairs = {k: (c, s * other, t) if s.canonical else (c * other, s, t) for k, (c, s, t) in self.pairs.items()}
         return replace(self, diagonal=self.diagonal * other, turn=self.turn * other, pairs=pairs)
@@ -350,16 +265,16 @@ class Matrix:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
-        return self * (1 / other) if _is_number(other) else NotImplemented
+        return self * (1 / other) if is_number(other) else NotImplemented
 
     def __getitem__(self, index: Any) -> Any:
-        if self.kept and not self.pairs and _key_of(self.diagonal) == 0.0:
+        if self.kept and not self.pairs and key_of(self.diagonal) == 0.0:
             return Nothing()
         raise TypeError(f"a structured matrix has no entries: {index!r}")
 
     def record_pairing(self, other: Matrix) -> Number:
         """<X, Y> = <T, S> + sum <u_i, T v_i> + <s_i, S t_i> + <s_i, u_j> <t_i, v_j> - <s_i, v_j> <t_i, u_j>."""
-        if self.dense or other.dense or _key_of(self.diagonal) != 0.0 or _key_of(other.diagonal) != 0.0:
+        if self.dense or other.dense or key_of(self.diagonal) != 0.0 or key_of(other.diagonal) != 0.0:
             raise TypeError("a pairing of other than T + sum c s ^ t")
         out = total(self.turn * other.turn)
         for c, u, v in other.pairs.values():
@@ -379,7 +294,7 @@ class Matrix:
         if len(self.pairs) != 1:
             raise TypeError("a characteristic polynomial of other than T + s ^ p")
         ((scale, s, p),) = self.pairs.values()
-        if not p.axis or self.dense or _key_of(self.diagonal) != 0.0:
+        if not p.axis or self.dense or key_of(self.diagonal) != 0.0:
             raise TypeError("a characteristic polynomial of other than T + s ^ p")
         powers, c = [self.turn * self.turn], [1.0]  # theta^2j; tr T^2j = 2 (-1)^j sum theta^2j
         while 2 * len(powers) < last:
@@ -407,13 +322,13 @@ class Matrix:
         """|p|^2 pi X pi; for the axis p T alone is left."""
         if not p.axis:
             return self * algebra.dot(p, p) - algebra.wedge(self @ p, p)
-        if _key_of(self.diagonal) != 0.0:
+        if key_of(self.diagonal) != 0.0:
             raise TypeError("pi X pi of a diagonal")
         return Matrix(self.n, turn=self.turn * algebra.dot(p, p), kept=self.kept)
 
     def record_conjugate(self, X: Matrix) -> Matrix:
         """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""
-        if X.pairs or _key_of(X.diagonal) != 0.0 or self.dense:
+        if X.pairs or key_of(X.diagonal) != 0.0 or self.dense:
             raise TypeError("a turn that does not leave the axis alone")
         pairs = {key: (c, algebra.cayley_act(X, s), t) for key, (c, s, t) in self.pairs.items()}
         return replace(self, pairs=pairs)
@@ -477,23 +392,3 @@ class Matrix:
         scale, tv, sv = 1 / (a * d - b * c), k * dot(t, Rv), k * dot(s, Rv)
         along_s, along_t = (d * tv - b * sv) * scale, (a * sv - c * tv) * scale
         return Rv - Rs * along_s + Rt * along_t
-
-
-def changed_inverse(
-    dense: Dense, k: int, pairs: Sequence[tuple[Number, Vector, Vector]]
-) -> list[tuple[Vector, Vector]]:
-    """Vectors x, r: the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M, by Woodbury's formula."""
-    turn = dense.inverses[k][1]
-    changes = [change for c, s, t in pairs for change in ((turn * c, s, t), (-(turn * c), t, s))]  # a x y^T
-    left = [dense.solved(k, x) for _, x, _ in changes]
-    right = [dense.solved_transposed(k, y) for _, _, y in changes]
-    G = np.array([[a * algebra.dot(y, Wx) for Wx in left] for a, _, y in changes], dtype=object)
-    weights = algebra.solve(G + algebra.identity(len(G)), np.diag([a for a, _, _ in changes]))
-    return [(x, _combined(right, row)) for x, row in zip(left, weights, strict=True)]
-
-
-def _combined(vectors: Sequence[Vector], weights: Sequence[Number]) -> Vector:
-    first, *others = (v * w for v, w in zip(vectors, weights, strict=True))
-    for v in others:
-        first = first + v
-    return first
