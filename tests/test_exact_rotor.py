@@ -86,7 +86,7 @@ def parted(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def in_parts(J: Any, M: Any, times: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[np.ndarray, np.ndarray]:
     """By polynomials, never by jumps."""
     with monkeypatch.context() as patch:
-        patch.setattr(engine, "FEW", 0)
+        patch.setattr(engine.jumps, "FEW", 0)
         M, g = parted(engine_of(J, M, float(abs(times).max())).at(np.asarray(times, dtype=float)))
     return M[:, 0], g[:, 0]
 
@@ -217,7 +217,7 @@ def test_rows_are_those_at_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     there = engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))
     assert abs(rows - there).max() < 16 * ULP * 2.1
     with monkeypatch.context() as patch:
-        patch.setattr(engine, "FEW", 0)
+        patch.setattr(engine.jumps, "FEW", 0)
         assert (rows == engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))).all()
 
 

@@ -39,7 +39,7 @@ def jumped(top: object, state: object, times: np.ndarray) -> tuple[np.ndarray, n
 def in_digits(top: object, state: object, times: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     """The same rows of one top, without a jump."""
     with monkeypatch.context() as patch:
-        patch.setattr(engine, "FEW", 0)
+        patch.setattr(engine.jumps, "FEW", 0)
         run = kr.at(top, state, times)
     return np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
 

@@ -171,7 +171,9 @@ def _components(system: System) -> list[str]:
 def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
-    told = "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$" if "spectrum" in system.integrals else ""
+    told = (
+        "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$" if "spectrum" in system.integrals else ""
+    )
     out = ["## Lax pair", f"$L' = [L, U]${told}."]
     if system.numbers == "any":
         try:

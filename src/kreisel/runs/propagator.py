@@ -16,6 +16,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rows
+from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
@@ -94,6 +95,7 @@ class Propagator:
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
         self._converters: dict[int, tuple[Rows, Rows]] = {}
         self._at_rest: dict[int, deque[Marcher]] = {}
+        self._jumps: dict[int, Jumps] = {}
 
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
@@ -116,6 +118,20 @@ class Propagator:
             found = out_of(self._rows(engine, x, z, count, between))
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
+
+    def _states(self, z: Floats, when: Floats) -> Floats:
+        """By compiled jumps where all of them are right, else by orbits that are set up for this state."""
+        if self._scheme.jump is not None and len(when) <= FEW:
+            jumps = self._jumps.get(len(z))
+            if jumps is None:
+                jumps = self._jumps[len(z)] = Jumps(self._scheme, len(z))
+            out, right = jumps.at(z, when)
+            if right.all():
+                return out
+        from kreisel.kernels.exact.engine import ClosedForm
+
+        with np.errstate(all="ignore"):
+            return ClosedForm(self._scheme, z, self.settings.dt, float(abs(when).max())).at(when)
 
     def _rows(self, engine: Marcher, x: Floats, z: Floats, count: int, every: int) -> Floats:
         rows, rest = divmod(count, every)
@@ -151,14 +167,11 @@ class Propagator:
                 "Use .steps(state, n), or kr.simulate."
             )
         when = np.array(times, dtype=np.float64, ndmin=1)
-        if when.ndim > 1 or not when.size or not np.isfinite(when).all():
+        if when.ndim > 1 or not when.size or not _finite(when):
             raise InputError(f"times: expected a finite number or a list of them, at least one, got {shown(times)}.")
-        from kreisel.kernels.exact.engine import ClosedForm
-
         x, batch = self._given(state)
         into, out_of = self._conversions(len(x))
-        with np.errstate(all="ignore"):
-            out = ClosedForm(self._scheme, into(x[None])[0], self.settings.dt, float(abs(when).max())).at(when)
+        out = self._states(into(x[None])[0], when)
         if not _finite(out):
             _require_finite(x)
             raise RunError("The state is not finite: its powers leave the range of doubles. Use other units.")
@@ -167,14 +180,13 @@ class Propagator:
 
     def _given(self, state: Any) -> tuple[Floats, bool]:
         """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
-        x = self._flat(state) if isinstance(state, Mapping) else state
-        if not (isinstance(x, np.ndarray) and x.dtype == np.float64 and x.shape[-1:] == (self.size,) and x.ndim < 3):
-            x = _numbers(x, self)
-        batch = x.ndim > 1 or bool(self.model.batch)
-        x = x if x.ndim > 1 else x[None]
-        if self.model.batch and x.shape[0] != self.model.batch[0]:
+        plain = type(state) is np.ndarray and state.dtype == np.float64
+        if not plain or state.ndim > 2 or state.shape[-1:] != (self.size,):
+            state = _numbers(self._flat(state) if isinstance(state, Mapping) else state, self)
+        x = state if state.ndim > 1 else state[None]
+        if self.model.batch and len(x) != self.model.batch[0]:
             x = np.broadcast_to(x, (self.model.batch[0], self.size))
-        return np.ascontiguousarray(x), batch
+        return np.ascontiguousarray(x), state.ndim > 1 or bool(self.model.batch)
 
     def _flat(self, state: Mapping[str, Any]) -> Floats:
         """A mapping as one array, checked as the start of a run is."""
@@ -273,7 +285,7 @@ class Propagator:
     def _returned(self, x: Floats, state: Any, batch: bool) -> Any:
         """Rows ([rows,] lanes, numbers) in the form that was given."""
         x = x if batch else x[..., 0, :]
-        if not isinstance(state, Mapping):
+        if type(state) is np.ndarray or not isinstance(state, Mapping):
             return x
         out = {}
         for letter, kind in zip(self.letters, self._kinds, strict=True):

@@ -17,6 +17,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import EXACT, HEAD, load, shares
+from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.printing import split
@@ -24,7 +25,6 @@ from kreisel.kernels.recording import indented, recorded_function
 from kreisel.method.scheme import Orbit, Scheme, States
 
 AT_ONCE = 4096  # times that a function is asked for
-FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
 CIRCLE_BITS = 8  # half-turns in a table, as a power of two
 WORD = (1 << 64) - 1
@@ -139,7 +139,7 @@ class ClosedForm:
 
     @cached_property
     def _jumps(self) -> Jumps:
-        return Jumps(self._scheme, self._start)
+        return Jumps(self._scheme, len(self._start))
 
     def _set_up(self, which: Iterable[int]) -> list[Rows | Samples]:
         """These lanes, in many digits.  Raises `InputError` for what has no closed form."""
@@ -178,10 +178,10 @@ class ClosedForm:
 
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""
-        if self._scheme.jump is None or len(times) > FEW:
+        if self._scheme.jump is None or len(times) > jumps.FEW:
             out, lanes = np.empty((len(times), *self.z.shape)), dict(enumerate(self._lanes))
         else:
-            out, right = self._jumps.at(times)
+            out, right = self._jumps.at(self._start, times)
             left = np.flatnonzero(~right.all(0)).tolist()
             lanes = dict(zip(left, self._set_up(left), strict=True)) if left else {}
         for lane, rows in lanes.items():

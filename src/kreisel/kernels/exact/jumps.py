@@ -31,6 +31,7 @@ from kreisel.kernels.tape import Scalar, Tape, text
 from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
+FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
 WORK = 200  # a jump is worth so many steps of a map in an ensemble
 # What the kernel imports beside the operations of all kernels.
 TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py", "rotating.py")
@@ -244,17 +245,16 @@ def _operations() -> str:
 
 
 class Jumps:
-    """The states of tops or bodies z0 (lanes, d) at any times."""
+    """The states of so many tops or bodies at any times."""
 
-    def __init__(self, scheme: Scheme, z0: Floats):
-        self._z = np.ascontiguousarray(z0)
-        self._constants, columns = flat_constants(scheme, len(z0))
+    def __init__(self, scheme: Scheme, lanes: int):
+        self._constants, columns = flat_constants(scheme, lanes)
         key = None if scheme.key is None else (Jumps, scheme.key)
         self._jump = reused(key, lambda: load(_source(scheme, columns)).jump)
 
-    def at(self, times: Floats) -> tuple[Floats, Array]:
-        """The states (times, lanes, d), and which of them are right (times, lanes)."""
-        z, c, count = self._z, self._constants, len(self._z)
+    def at(self, z: Floats, times: Floats) -> tuple[Floats, Array]:
+        """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes)."""
+        c, count = self._constants, len(z)
         parts = list(shares(count, WORK * count * len(times))) if count > 1 else [(0, 1)]
         if len(parts) < 2:
             out, right = self._jump(z, c, times)
