@@ -27,6 +27,9 @@ CASES = [
     ("heavy-top", 3, "variational", 2),
     ("heavy-top", 3, "dop853", None),
     ("neumann", 3, "suris", 1),
+    ("lagrange-top", 3, "exact", None),
+    ("euler-top", 3, "exact", None),
+    ("clebsch", 3, "exact", None),
 ]
 
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from kreisel.runs.settings import (
     whole_order,
     within,
 )
+
+if TYPE_CHECKING:
+    from kreisel.kernels.exact.engine import ClosedForm
 
 Rows = Callable[[Floats], Floats]
 AT_REST = 16  # engines that are kept for the next call, for each number of lanes
@@ -96,6 +99,7 @@ class Propagator:
         self._converters: dict[int, tuple[Rows, Rows]] = {}
         self._at_rest: dict[int, deque[Marcher]] = {}
         self._jumps: dict[int, Jumps] = {}
+        self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
@@ -130,8 +134,14 @@ class Propagator:
                 return out
         from kreisel.kernels.exact.engine import ClosedForm
 
+        reach = 2.0 ** np.ceil(np.log2(max(float(abs(when).max()), self.settings.dt)))
+        known = self._orbits
+        if known is None or known[0] != (z.tobytes(), reach):
+            known = (z.tobytes(), reach), ClosedForm(self._scheme, z, self.settings.dt, reach)
         with np.errstate(all="ignore"):
-            return ClosedForm(self._scheme, z, self.settings.dt, float(abs(when).max())).at(when)
+            out = known[1].at(when)
+        self._orbits = known  # the last motion, for further times of it
+        return out
 
     def _rows(self, engine: Marcher, x: Floats, z: Floats, count: int, every: int) -> Floats:
         rows, rest = divmod(count, every)
@@ -255,11 +265,11 @@ class Propagator:
         try:
             engine = self._at_rest[len(z)].pop()
         except (KeyError, IndexError):
-            return self._plan(made, z).engine
-        return engine if engine.begin(z, made, steps) else self._plan(made, z).engine
+            return self._plan(made, z, steps).engine
+        return engine if engine.begin(z, made, steps) else self._plan(made, z, steps).engine
 
-    def _plan(self, made: Scheme, z: Floats) -> Plan:
-        return Plan(self.model, made, self.settings, z, True, {})
+    def _plan(self, made: Scheme, z: Floats, steps: int = 1) -> Plan:
+        return Plan(self.model, made, self.settings.but(steps=steps), z, True, {})
 
     def _require_sound(self, engine: Marcher, x: Floats, out: Floats) -> None:
         if not _finite(out):
