@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
-from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.engines import Marcher, engine_of
+from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method, find, scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation
 from kreisel.record.contract import component_axes
@@ -22,7 +23,6 @@ from kreisel.record.model import Model, State
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.kernels.large.blockwise import Printer
-    from kreisel.kernels.projection.corrections import Corrections
     from kreisel.method.auto import Choice
 from kreisel.runs.settings import Settings, _orientation, check_model, checked_state, named, observed, whole_order
 
@@ -30,34 +30,6 @@ from kreisel.runs.settings import Settings, _orientation, check_model, checked_s
 LARGE = 9  # from here on the structured kernel, where there is one
 COMPUTED = ("constants", "stages", "basis")  # of a scheme
 MOST_CHOSEN = 10**6  # steps in a dt that was asked for
-
-
-class Marcher(Protocol):
-    """An engine at work: rows of state `z` (lanes, d), advanced in place."""
-
-    z: Floats
-
-    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
-        """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there.
-
-        Where one step may take seconds, `look` is called on the way; what it raises leaves the engine useless.
-        """
-
-    @property
-    def projection(self) -> Corrections | None:
-        """What puts the state back on its invariants, if anything does."""
-
-    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        """Start again, for so many steps at most, from z, as many lanes, by a scheme of the same key.
-
-        False where that takes a new engine.
-        """
-
-    def snapshot(self) -> dict[str, Floats]:
-        """All that the next step depends on."""
-
-    def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        """Go on from a snapshot."""
 
 
 @dataclass
@@ -110,7 +82,15 @@ class Plan:
     @cached_property
     def engine(self) -> Marcher:
         """What makes the steps, at the start; compiled when it is first asked for.  Raises `InputError`."""
-        return _engine(self)
+        return engine_of(
+            self.scheme,
+            self.first.copy(),
+            name=self.where,
+            dt=self.dt,
+            time=self.settings.time,
+            printer=self.printer,
+            project=self.settings.project,
+        )
 
     @property
     def rows(self) -> int:
@@ -303,37 +283,6 @@ def _parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
 
 def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
     return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
-
-
-def _engine(plan: Plan) -> Marcher:
-    made, name, settings, first = plan.scheme, plan.where, plan.settings, plan.first.copy()
-    if name not in ("cpu", "large"):
-        if made.numbers != "any" or made.step is None:
-            raise InputError(
-                f"engine={shown(name)} runs maps, not method={shown(made.name)} for this system. Use engine='cpu'."
-            )
-        if made.guard is not None and name == "cuda-float32":
-            raise InputError(
-                f"method={shown(made.name)} is implicit and is solved to float64's round-off. Use engine='cuda'."
-            )
-        from kreisel.kernels.cuda import Kernel as OnGpu
-
-        return OnGpu(made, first, name, settings.project)
-    if made.numbers == "jax" and made.step is not None:
-        from kreisel.kernels.jax import Compiled
-
-        return Compiled(made, first, plan.dt, settings.project)
-    if made.step is not None:
-        from kreisel.kernels.cpu import Kernel
-
-        return Kernel(made, first, plan.printer, settings.project)
-    if made.orbit is not None:
-        from kreisel.kernels.exact.engine import ClosedForm
-
-        return ClosedForm(made, first, plan.dt, settings.time).ready()
-    from kreisel.kernels.ode import Reference
-
-    return Reference(made, first, plan.dt)
 
 
 def _lanes(

@@ -16,13 +16,14 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rows
+from kreisel.kernels.engines import Marcher
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model
-from kreisel.runs.plan import LARGE, Marcher, Plan, planned
+from kreisel.runs.plan import LARGE, Plan, planned
 from kreisel.runs.settings import (
     MOST_STEPS,
     Settings,

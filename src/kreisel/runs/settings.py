@@ -12,10 +12,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
+from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model, State
 
-ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off

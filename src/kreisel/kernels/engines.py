@@ -1,0 +1,87 @@
+"""The engines by name, and what each of them is: something that makes the steps of a scheme.
+
+A new engine is a class in a file of its own and an entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Protocol
+
+from kreisel.errors import InputError, shown
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.method.scheme import Scheme
+
+if TYPE_CHECKING:
+    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.kernels.projection.corrections import Corrections
+
+ENGINES = ("cpu", "large", "cuda", "cuda-float32")
+
+
+class Marcher(Protocol):
+    """An engine at work: rows of state `z` (lanes, d), advanced in place."""
+
+    z: Floats
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there.
+
+        Where one step may take seconds, `look` is called on the way; what it raises leaves the engine useless.
+        """
+
+    @property
+    def projection(self) -> Corrections | None:
+        """What puts the state back on its invariants, if anything does."""
+
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        """Start again, for so many steps at most, from z, as many lanes, by a scheme of the same key.
+
+        False where that takes a new engine.
+        """
+
+    def snapshot(self) -> dict[str, Floats]:
+        """All that the next step depends on."""
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        """Go on from a snapshot."""
+
+
+def engine_of(
+    scheme: Scheme, z: Floats, *, name: str, dt: float, time: float, printer: Printer | None, project: bool
+) -> Marcher:
+    """The engine of that name for rows z (lanes, d), which it may change, up to this time.
+
+    `printer`: what prints the kernel of engine="large".  Raises `InputError` where it does not run such a scheme.
+    """
+    if name in ("cuda", "cuda-float32"):
+        _require_map(scheme, name)
+        from kreisel.kernels.cuda import Kernel as OnGpu
+
+        return OnGpu(scheme, z, name, project)
+    if scheme.numbers == "jax" and scheme.step is not None:
+        from kreisel.kernels.jax import Compiled
+
+        return Compiled(scheme, z, dt, project)
+    if scheme.step is not None:
+        from kreisel.kernels.cpu import Kernel
+
+        return Kernel(scheme, z, printer, project)
+    if scheme.orbit is not None:
+        from kreisel.kernels.exact.engine import ClosedForm
+
+        return ClosedForm(scheme, z, dt, time).ready()
+    from kreisel.kernels.ode import Reference
+
+    return Reference(scheme, z, dt)
+
+
+def _require_map(scheme: Scheme, name: str) -> None:
+    if scheme.numbers != "any" or scheme.step is None:
+        raise InputError(
+            f"engine={shown(name)} runs maps, not method={shown(scheme.name)} for this system. Use engine='cpu'."
+        )
+    if scheme.guard is not None and name == "cuda-float32":
+        raise InputError(
+            f"method={shown(scheme.name)} is implicit and is solved to float64's round-off. Use engine='cuda'."
+        )
