@@ -30,7 +30,7 @@ BODIES = [
 
 
 def in_extended_digits(moments: object, spin: object) -> tuple[float, float]:
-    """The period 4 K/lambda and the mean precession, by ROTOR's formulas with K and Pi of mpmath in 700 digits."""
+    """The period 4 K/lambda and the mean precession, with K and Pi of mpmath in 700 digits."""
     ctx = mpmath.MPContext()
     ctx.dps = 700
     i = [ctx.mpf(float(v)) for v in moments]
@@ -381,6 +381,9 @@ def test_toutatis() -> None:
         (lambda: FreeBody.box(1.0, (1.0, -2.0, 3.0)), "at least 0"),
         (lambda: FreeBody.box(1.0, (1.0, 2.0)), "three numbers"),
         (lambda: FreeBody(MOMENTS).dt({"s": 1}), "dt"),
+        (lambda: FreeBody((1e-3, 1.0, 1.0)).stability(1e307), "range of doubles"),
+        (lambda: FreeBody(MOMENTS).rotation((1e200, 0, 0)).energy, "range of doubles"),
+        (lambda: FreeBody(1e-200 * MOMENTS).rotation((1e-200, 0, 0)), "range of doubles"),
     ],
 )
 @pytest.mark.filterwarnings("error")

@@ -30,6 +30,7 @@ EXAMPLES: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {  # paramet
     ),
     "clebsch-general": ({"a": (1, 4, 9), "b": (1, 2, 3)}, {"M": (1.1, -0.6, 2.0), "P": (0.6, 0.3, 0.9)}, 0.1),
     "clebsch": ({"b": (0.2, 1.0, 2.1)}, {"M": (0.5, 0.9, 0.4), "P": (0.6, 0.48, 0.64)}, 0.1),
+    "zhukovsky-volterra": ({"J": (0.7, 1.1, 1.6), "h": (0.3, -0.5, 0.8)}, {"M": (0.9, -0.4, 1.3)}, 0.05),
     "neumann": ({"b": (0.0, -0.8, -2.1)}, {"x": (0.6, 0.0, 0.8), "q": (0.4, 0.9, -0.3)}, 0.1),
 }
 
@@ -171,10 +172,8 @@ def _components(system: System) -> list[str]:
 def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
-    told = (
-        "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$" if "spectrum" in system.integrals else ""
-    )
-    out = ["## Lax pair", f"$L' = [L, U]${told}."]
+    told = "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$"
+    out = ["## Lax pair", f"$L' = [L, U]${told if 'spectrum' in system.integrals else ''}."]
     if system.numbers == "any":
         try:
             L, U = typeset(system).lax()

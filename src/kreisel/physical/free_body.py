@@ -165,6 +165,7 @@ class FreeBody:
         """
         rate = abs(number(spin, RATE, "spin"))
         moments, axes = self._moments("The stability"), self.principal.axes
+        in_range("The growth", lambda: rate * moments.max() / moments.min())
         found = []
         for i in range(3):
             a, b, c = moments[[i, (i + 1) % 3, (i + 2) % 3]]

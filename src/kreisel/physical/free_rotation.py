@@ -172,24 +172,24 @@ class FreeRotation:
             angle = math.atan2(math.hypot(form.M[0], form.M[1]), form.M[2])
             return angle, angle
         a1, a2, a3 = form.amplitudes
-        first, second = math.atan2(a1, a3), math.atan2(a2, a3 * form.kc)
-        return min(first, second), max(first, second)
+        ends = math.atan2(a1, a3), math.atan2(a2, a3 * form.kc)
+        return min(ends), max(ends)
 
     def flips(self, duration: float) -> Array:
-        """The times (k,) up to `duration`, s, at which M changes sides along the axis of the middle moment: sn u = 0.
+        """The times (k,) from 0 to `duration`, s, at which M changes sides along the axis of the middle moment.
 
-        Raises `InputError`.
+        They are the zeros of sn u.  Raises `InputError`.
         """
         reach = number(duration, "s", "duration", positive=True)
         step = self.nutation_period
         if self._form.steady or not self._pace:
             return np.empty(0)
-        first = -self._start[1] / self._pace
+        begin = -self._start[1] / self._pace
         if math.isinf(step):
-            return np.array([first]) if 0 < first <= reach else np.empty(0)
-        first %= step
-        count = in_range("The number of flips", lambda: math.floor((reach - first) / step) + 1)
-        return first + step * np.arange(max(0, count))
+            return np.array([begin]) if 0 < begin <= reach else np.empty(0)
+        begin %= step
+        count = in_range("The number of flips", lambda: math.floor((reach - begin) / step) + 1)
+        return begin + step * np.arange(max(0, count))
 
     @cached_property
     def _start(self) -> tuple[float, float]:
@@ -231,7 +231,8 @@ class FreeRotation:
         Its third component is constant, 2T/|M|: the path lies in the invariable plane.  Raises `InputError`.
         """
         reach = number(duration, "s", "duration", positive=True)
-        M, psi = self._motion(np.linspace(0.0, reach, _points(points)))
+        times = np.linspace(0.0, reach, _points(points))
+        M, psi = in_range("The motion at these times", lambda: self._motion(times))
         turn = algebra.rotation_matrix(algebra.quaternion_product(_about_third(psi), _onto_third(M)))
         return algebra.act(turn, self._rate * M / self._form.moments)
 
