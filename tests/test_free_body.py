@@ -313,6 +313,8 @@ def test_homogeneous_bodies() -> None:
     assert np.allclose(np.diag(box.inertia), (4 + 9, 9 + 1, 1 + 4)) and box.mass == 12
     ellipsoid = FreeBody.ellipsoid(5.0, (2.0, 4.0, 6.0))
     assert np.allclose(np.diag(ellipsoid.inertia), (4 + 9, 9 + 1, 1 + 4))
+    plate = FreeBody(("40 kg cm^2", "90 kg cm^2", "0.012 kg m^2"))
+    assert np.allclose(np.diag(plate.inertia), (0.004, 0.009, 0.012)) and plate.mass is None
     sphere = FreeBody.ellipsoid(5.0, (2.0, 2.0, 2.0), time_unit=7.0)
     assert np.allclose(np.diag(sphere.inertia), 2) and sphere.dt(14.0) == 2.0
     assert np.allclose(np.diag(FreeBody.box(12.0, (1.0, 2.0, 0.0)).inertia), (4, 1, 5))
