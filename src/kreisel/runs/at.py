@@ -28,7 +28,8 @@ def at(
 ) -> xr.Dataset:
     """The states at the given times, in any order, negative ones too, each to full double precision.
 
-    system       the Lagrange top, n = 3: `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop` with parameters
+    system       the Lagrange top, n = 3, `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop`, or a free body,
+                 `kr.EulerTop`, with parameters
     x0           the state at time 0 as for `kr.simulate`; a batch axis in front makes an ensemble
     times        a number, or numbers (times,): doubles are taken as exact, and so are the state and the parameters
     method       "exact": the flow.  "suris": the iterates of the paper's map with step dt and its order, 1 or 2 as in
@@ -37,12 +38,13 @@ def at(
     observe      Casimirs and integrals to compute beside the state, by name; default: all
 
     No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  Up to
-    10^4 times of the flow, without orientation, are compiled jumps of some microseconds, set-up and all, off by 3e-16,
-    at most 3e-15; so are ensembles.  Motions near a separatrix, more times, orientations and iterates are set up in
-    many digits, 0.1 to 0.2 s a motion, then a microsecond a time.  Beside the critical sleeping top, upright with
-    (m.a)^2 = 4 |a|^3 |p| but for e, that takes from 1 s (e = 0.1) to over 60 s (1e-4), and the orientation is off by
-    8e-15 (1e-9) to 3e-12 (1e-14).  Returns the `xarray.Dataset` of `kr.simulate`, with the coordinate time as given, or
-    k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError` where numbers overflow.
+    10^4 times of the flow, without orientation for tops, are compiled jumps of some microseconds, set-up and all, off
+    by 3e-16, at most 3e-15; so are ensembles.  Motions near a separatrix, more times, orientations of tops and iterates
+    are set up in many digits, 0.1 to 0.2 s a motion, 0.05 s of a free body, then a microsecond a time.  Beside the
+    critical sleeping top, upright with (m.a)^2 = 4 |a|^3 |p| but for e, that takes from 1 s (e = 0.1) to over 60 s
+    (1e-4), and the orientation is off by 8e-15 (1e-9) to 3e-12 (1e-14).  Returns the `xarray.Dataset` of `kr.simulate`,
+    with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
+    where numbers overflow.
     """
     wanted = _times(times)
     flat = np.atleast_1d(wanted)
