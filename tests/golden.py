@@ -77,8 +77,8 @@ def stored(folder: Path) -> Iterator[tuple[str, Any]]:
 
     def swept() -> xr.Dataset:
         values = {"state.m": [(0.1, 0.2, 1.5), (0.3, 0.2, 1.1), (0.0, 0.2, 0.5)]}
-        told: dict[str, Any] = {"dt": 0.02, "steps": 500, "every": 100, "workers": 0, "list": values}
-        return kr.sweep(model, model.state(**state), path=folder / "sweep.zarr", **told)
+        told: dict[str, Any] = {"dt": 0.02, "steps": 500, "every": 100, "workers": 0}
+        return kr.sweep(model, model.state(**state), kr.Design(together=values), path=folder / "sweep.zarr", **told)
 
     yield "archive", extended
     yield "sweep", swept

@@ -99,7 +99,7 @@ def test_a_motion_far_faster_than_dt(tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match=r"a motion that 1,000,000 steps in a dt resolve, got one that needs"):
         kr.simulate(top, x0, **auto)
     lanes = {"state.a[2]": [0.8, 8e19], "state.a[0]": [0.6, 0]}
-    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, list=lanes, **auto)
+    run = kr.sweep(top, x0, kr.Design(together=lanes), path=tmp_path / "s.zarr", workers=0, **auto)
     assert run.failed.values.tolist() == [0, 1]
 
 

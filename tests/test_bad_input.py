@@ -295,7 +295,9 @@ def test_a_home_folder_is_expanded_and_none_to_replace(tmp_path: Path, monkeypat
     assert kr.open_run(home / "run.zarr").sizes["time"] == 4
     for act in (
         lambda: kr.simulate(TOP, STATE, path="~", overwrite=True, **OPTIONS),
-        lambda: kr.sweep(TOP, STATE, path="~", overwrite=True, workers=0, list={"system.alpha": [1.0]}, **OPTIONS),
+        lambda: kr.sweep(
+            TOP, STATE, kr.Design(together={"system.alpha": [1.0]}), path="~", overwrite=True, workers=0, **OPTIONS
+        ),
     ):
         with pytest.raises(kr.InputError, match=r"needs a name .*got '~'"):
             act()
@@ -467,7 +469,9 @@ def test_paths_of_any_kind(path: Any, top: object, x0: object, tmp_path: Path, m
         lambda: kr.open_run(path),
         lambda: kr.resume(path),
         lambda: None if path is None else kr.simulate(top, x0, dt=0.1, steps=3, path=path, overwrite=True),
-        lambda: kr.sweep(top, x0, dt=0.1, steps=3, path=path, overwrite=True, workers=0, list={"system.alpha": [1.0]}),
+        lambda: kr.sweep(
+            top, x0, kr.Design(together={"system.alpha": [1.0]}), dt=0.1, steps=3, path=path, overwrite=True, workers=0
+        ),
         lambda: kr.export(run, path),
         lambda: kr.view(run).save(path),
     ):

@@ -19,8 +19,8 @@ from kreisel.storage import checking, manifest
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 60, "every": 2, "orientation": (1, 0, 0, 0)}
 SWEPT: dict[str, Any] = {
-    "list": {"state.m[2]": np.linspace(0.5, 1.5, 6)}, "save": ["drift", "extremes", "trajectories"], "block": 2,
-    "workers": 0, "dt": 0.1, "steps": 20,
+    "design": kr.Design(together={"state.m[2]": np.linspace(0.5, 1.5, 6)}),
+    "save": ["drift", "extremes", "trajectories"], "block": 2, "workers": 0, "dt": 0.1, "steps": 20,
 }  # fmt: skip
 TOP = kr.LagrangeTop(p=(0, 0, 1))
 START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}

@@ -237,11 +237,11 @@ def test_series_are_those_of_the_worst_lane(top: System) -> None:
 def test_lanes_of_a_sweep_shout(top: System, x0: object, tmp_path: Path, strict: None) -> None:
     """One lane has a step that is far too long; momenta of 1e-9 and a top at rest are right."""
     states = {"state.m[2]": [1.5, 1e-9, 0.0, 1.5], "run.dt": [0.05, 0.05, 0.05, TOO_LONG]}
-    options = {"dt": 0.05, "steps": 1000, "order": 8, "workers": 0, "list": states, "project": False}
+    options = {"dt": 0.05, "steps": 1000, "order": 8, "workers": 0, "project": False}
     with pytest.warns(kr.ConservationWarning, match=r"^lane 3: casimir\[0\] is not conserved[^:]*:[^:]*$"):
-        kr.sweep(top, x0, path=tmp_path / "sweep.zarr", **options)
-    options["list"] = {name: values[:3] for name, values in states.items()}
-    kr.sweep(top, x0, path=tmp_path / "right.zarr", **options)
+        kr.sweep(top, x0, kr.Design(together=states), path=tmp_path / "sweep.zarr", **options)
+    right = kr.Design(together={name: values[:3] for name, values in states.items()})
+    kr.sweep(top, x0, right, path=tmp_path / "right.zarr", **options)
     do = CliRunner().invoke
     done = do(app, ["check", str(tmp_path / "sweep.zarr")])
     assert done.exit_code == 1 and "FAULT: lane 3: casimir[0]" in done.stdout

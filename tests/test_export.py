@@ -56,8 +56,8 @@ def test_parquet_has_a_row_for_each_time_and_lane(archive: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("save", [["drift", "extremes"], ["drift", "trajectories"]])
 def test_a_sweep(save: list[str], top: object, x0: object, tmp_path: Path) -> None:
-    told = {"list": {"system.alpha": [1.0, 0.0, 1.2], "state.m[2]": [1.0, 1.5, 2.0]}, "save": save}
-    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, **OPTIONS, **told)
+    design = kr.Design(together={"system.alpha": [1.0, 0.0, 1.2], "state.m[2]": [1.0, 1.5, 2.0]})
+    run = kr.sweep(top, x0, design, path=tmp_path / "s.zarr", workers=0, save=save, **OPTIONS)
     kr.export(tmp_path / "s.zarr", tmp_path / "s.nc")
     kr.export(run, tmp_path / "s.parquet")
     with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf", mask_and_scale=False) as back:
@@ -94,7 +94,9 @@ def test_states_at_one_time(top: object, tmp_path: Path) -> None:
 
 
 def test_one_lane_of_a_sweep(top: object, x0: object, tmp_path: Path) -> None:
-    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, list={"system.alpha": [1.0, 0.0]}, **OPTIONS)
+    run = kr.sweep(
+        top, x0, kr.Design(together={"system.alpha": [1.0, 0.0]}), path=tmp_path / "s.zarr", workers=0, **OPTIONS
+    )
     kr.export(run.isel(lane=1), tmp_path / "s.parquet")
     table = pd.read_parquet(tmp_path / "s.parquet")
     assert "must not be 0" in table["message"][0]

@@ -25,8 +25,8 @@ from kreisel.storage.checkpoint import Lock
 
 OPTIONS = {"dt": 0.1, "steps": 900, "every": 3}
 SWEPT: dict[str, Any] = {
-    "list": {"system.alpha": np.linspace(0.5, 1.5, 12)}, "save": ["drift", "trajectories"], "block": 2, "workers": 0,
-    **OPTIONS,
+    "design": kr.Design(together={"system.alpha": np.linspace(0.5, 1.5, 12)}),
+    "save": ["drift", "trajectories"], "block": 2, "workers": 0, **OPTIONS,
 }  # fmt: skip
 
 

@@ -327,8 +327,9 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         (folder / "cut.zarr").rename(folder / "cut.zarr.part")
         text = folder / "cut.zarr.part" / "zarr.json"
         text.write_text(text.read_text().replace('"complete": true', '"complete": false'))
-        told = {"list": {"system.alpha": [1.0, 0.0, 1.2]}, "save": ["drift", "trajectories"], "block": 2}
-        kr.sweep(top, x0, dt=0.1, steps=20, path=folder / "sweep.zarr", workers=0, **told)
+        told = {"save": ["drift", "trajectories"], "block": 2}
+        design = kr.Design(together={"system.alpha": [1.0, 0.0, 1.2]})
+        kr.sweep(top, x0, design, dt=0.1, steps=20, path=folder / "sweep.zarr", workers=0, **told)
     finally:
         march.BLOCK_BYTES = before
     return sorted(folder.iterdir())

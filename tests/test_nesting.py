@@ -40,7 +40,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("stores") / "sweep.zarr"
-    kr.sweep(TOP, X0, dt=0.1, steps=20, path=path, workers=0, list={"system.alpha": [1.0, 1.2]})
+    kr.sweep(TOP, X0, kr.Design(together={"system.alpha": [1.0, 1.2]}), dt=0.1, steps=20, path=path, workers=0)
     return path
 
 
@@ -115,7 +115,7 @@ def test_metadata_of_a_sweep(swept: Path, depth: int, tmp_path: Path) -> None:
     shutil.copytree(swept, store)
     attribute(store, "zarr.json", "sweep", tables(depth), True)
     with pytest.raises(kr.InputError, match="holds another sweep"):
-        kr.sweep(TOP, X0, dt=0.1, steps=20, path=store, workers=0, list={"system.alpha": [1.0, 1.2]})
+        kr.sweep(TOP, X0, kr.Design(together={"system.alpha": [1.0, 1.2]}), dt=0.1, steps=20, path=store, workers=0)
 
 
 @pytest.mark.parametrize("depth", DEPTHS)

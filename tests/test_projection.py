@@ -243,8 +243,9 @@ def test_a_lane_that_does_not_conserve_fails_alone(often: int, tmp_path: Path) -
     """dt = 40 of order 8 is far too long for one of the lanes."""
     top = kr.LagrangeTop(p=(0, 0, 1))
     values = {"state.m": [(0.1, 0.2, 1.5), (1e5, 2e5, -3e6)]}
-    given = {"dt": 40.0, "steps": 2000, "every": 2000, "order": 8, "workers": 0, "list": values}
-    sweep = kr.sweep(top, top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), path=tmp_path / "s.zarr", **given)
+    given = {"dt": 40.0, "steps": 2000, "every": 2000, "order": 8, "workers": 0}
+    x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    sweep = kr.sweep(top, x0, kr.Design(together=values), path=tmp_path / "s.zarr", **given)
     assert sweep.sizes["lane"] == 2  # whatever the long lane does, it is told or it is right
     told = sweep["energy_drift"].values / abs(sweep["energy_start"].values)
     assert ((told < 1e-9) | (sweep["failed"].values == 1)).all()

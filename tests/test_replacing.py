@@ -20,7 +20,12 @@ from kreisel.storage import checking, replacing
 from kreisel.storage.checkpoint import Lock
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 30}
-SWEPT: dict[str, Any] = {"list": {"system.alpha": [0.5, 1.0, 1.5]}, "block": 2, "workers": 0, **OPTIONS}
+SWEPT: dict[str, Any] = {
+    "design": kr.Design(together={"system.alpha": [0.5, 1.0, 1.5]}),
+    "block": 2,
+    "workers": 0,
+    **OPTIONS,
+}
 TOML = """
 [system]
 name = "lagrange-top"

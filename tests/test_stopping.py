@@ -162,7 +162,8 @@ def test_a_sweep_in_this_process_stops_within_a_block(
     top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     original, count = workers.compute, iter(range(10**9))
-    told = {"list": {"system.alpha": [0.5, 1.0, 1.5, 2.0]}, "block": 1, "workers": 0, "dt": 0.1, "steps": 30}
+    design = kr.Design(together={"system.alpha": [0.5, 1.0, 1.5, 2.0]})
+    told = {"design": design, "block": 1, "workers": 0, "dt": 0.1, "steps": 30}
 
     def compute(*args: object) -> dict[str, object]:
         if next(count) == 2:

@@ -175,8 +175,8 @@ def test_frequencies_of_known_signals() -> None:
 def test_frequency_of_nutation(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     run = kr.sweep(
-        top, x0, dt=0.05, steps=16384, every=4, path=tmp_path / "s.zarr", list={"system.alpha": [0.5, 1.0, 1.5]},
-        save=["frequencies"], method="exact", workers=0,
+        top, x0, kr.Design(together={"system.alpha": [0.5, 1.0, 1.5]}), dt=0.05, steps=16384, every=4,
+        path=tmp_path / "s.zarr", save=["frequencies"], method="exact", workers=0,
     )  # fmt: skip
     for lane, alpha in enumerate((0.5, 1.0, 1.5)):
         period = kr.nutation(kr.LagrangeTop(p=(0, 0, 1), alpha=alpha), x0).period
@@ -186,8 +186,9 @@ def test_frequency_of_nutation(tmp_path: Path) -> None:
 def test_bad_lanes_are_told_and_the_others_go_on(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     alphas, spins = [1.0, 0.0, 0.7, 1.2, 1.3], [1.5, 1.5, 1e160, 1.5, 1e308]
-    told = {"list": {"system.alpha": alphas, "state.m[2]": spins}, "save": ["drift", "extremes", "trajectories"]}
-    run = kr.sweep(top, x0, path=tmp_path / "s.zarr", workers=0, **OPTIONS, **told).load()
+    design = kr.Design(together={"system.alpha": alphas, "state.m[2]": spins})
+    told = {"save": ["drift", "extremes", "trajectories"], "workers": 0, **OPTIONS}
+    run = kr.sweep(top, x0, design, path=tmp_path / "s.zarr", **told).load()
     assert run.failed.values.tolist() == [0, 1, 1, 0, 1]
     table = kr.failures(run)
     assert table.index.tolist() == [1, 2, 4]
@@ -200,16 +201,17 @@ def test_bad_lanes_are_told_and_the_others_go_on(tmp_path: Path) -> None:
         assert np.isnan(run[name].values[bad]).all()
         assert np.isfinite(run[name].values[~bad]).all()
     assert np.isfinite(run.a.values[:, ~bad]).all()
-    good = {"list": {"system.alpha": [1.0, 1.2]}, "save": told["save"]}
-    alone = kr.sweep(top, x0, path=tmp_path / "good.zarr", workers=0, **OPTIONS, **good)
+    good = kr.Design(together={"system.alpha": [1.0, 1.2]})
+    alone = kr.sweep(top, x0, good, path=tmp_path / "good.zarr", **told)
     assert (alone.a.values == run.a.values[:, [0, 3]]).all()
     assert checking.check_archive(tmp_path / "s.zarr")[1] == []
 
 
 def test_a_lane_that_blows_up_late_keeps_its_rows(tmp_path: Path) -> None:
     body, x0 = kr.HeavyTop(J=(1, 1.2, 1.4), A=(0, 0, 1)), {"M": (0.1, 0.2, 1.5), "P": (0.6, 0.0, 0.8)}
-    told = {"list": {"state.M[0]": [0.1, 40.0]}, "save": ["trajectories", "drift"], "method": "variational"}
-    run = kr.sweep(body, x0, dt=0.1, steps=50, path=tmp_path / "s.zarr", workers=0, **told).load()
+    told = {"save": ["trajectories", "drift"], "method": "variational"}
+    design = kr.Design(together={"state.M[0]": [0.1, 40.0]})
+    run = kr.sweep(body, x0, design, dt=0.1, steps=50, path=tmp_path / "s.zarr", workers=0, **told).load()
     assert run.failed.values.tolist() == [0, 1]
     assert np.isfinite(run.M.values[:, 0]).all()
     assert np.isnan(run.M.values[-1, 1]).all()
@@ -219,8 +221,9 @@ def test_a_lane_that_blows_up_late_keeps_its_rows(tmp_path: Path) -> None:
 
 def test_steps_methods_and_orders_vary(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
-    told = {"grid": {"run.method": ["suris", "baecklund"]}, "list": {"run.dt": [0.1, 0.05], "run.steps": [50, 100]}}
-    run = kr.sweep(top, x0, dt=1, steps=1, path=tmp_path / "s.zarr", workers=0, **told).load()
+    pairs = {"run.dt": [0.1, 0.05], "run.steps": [50, 100]}
+    design = kr.Design(grid={"run.method": ["suris", "baecklund"]}, together=pairs)
+    run = kr.sweep(top, x0, design, dt=1, steps=1, path=tmp_path / "s.zarr", workers=0).load()
     words = run["run.method"].attrs["flag_meanings"].split()
     assert [words[i] for i in run["run.method"].values] == ["suris", "suris", "baecklund", "baecklund"]
     for lane, (method, dt, steps) in enumerate([("suris", 0.1, 50), ("suris", 0.05, 100), ("baecklund", 0.1, 50)]):
@@ -228,7 +231,7 @@ def test_steps_methods_and_orders_vary(tmp_path: Path) -> None:
         assert float(run.energy_drift[lane]) == float(abs(single.energy - single.energy[0]).max())
     assert np.isnan(run.energy_eps_drift.values).tolist() == [False, False, True, True]
     with pytest.raises(kr.InputError, match="the same times"):
-        kr.sweep(top, x0, dt=1, steps=1, path=tmp_path / "t.zarr", workers=0, save=["trajectories"], **told)
+        kr.sweep(top, x0, design, dt=1, steps=1, path=tmp_path / "t.zarr", workers=0, save=["trajectories"])
 
 
 def test_each_lane_chooses_its_own_order_and_step(tmp_path: Path) -> None:
@@ -236,9 +239,10 @@ def test_each_lane_chooses_its_own_order_and_step(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     auto: dict[str, Any] = {"dt": 2.0, "steps": 30, "every": 10, "order": "auto"}
     spins, alphas = [0.2, 40.0, 1.5, 1.6, 7.0, 1e160], [1.0, 1.0, 1.0, 0.5, 0.0, 1.0]
-    told = {"list": {"state.m[2]": spins, "system.alpha": alphas}, "save": ["drift", "trajectories"], "workers": 0}
+    told = {"save": ["drift", "trajectories"], "workers": 0}
+    design = kr.Design(together={"state.m[2]": spins, "system.alpha": alphas})
     one, two, all_ = (
-        kr.sweep(top, x0, path=tmp_path / f"{block}.zarr", block=block, tol=1e-8, **auto, **told).load()
+        kr.sweep(top, x0, design, path=tmp_path / f"{block}.zarr", block=block, tol=1e-8, **auto, **told).load()
         for block in (1, 2, 6)
     )
     for name in one.variables:
@@ -253,9 +257,8 @@ def test_each_lane_chooses_its_own_order_and_step(tmp_path: Path) -> None:
         single = kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=alphas[lane]), start, tol=1e-8, **auto)
         assert (json.loads(single.attrs["options"])["order"], single.attrs["dt"]) == chosen[lane]
         assert (one.a.values[:, lane] == single.a.values).all()
-    varied = kr.sweep(
-        top, x0, path=tmp_path / "tol.zarr", workers=0, save=["drift"], list={"run.tol": [1e-3, 1e-8]}, tol=1.0, **auto
-    ).load()
+    design = kr.Design(together={"run.tol": [1e-3, 1e-8]})
+    varied = kr.sweep(top, x0, design, path=tmp_path / "tol.zarr", workers=0, save=["drift"], tol=1.0, **auto).load()
     assert varied.chosen_dt.values.tolist()[1] == chosen[2][1]
 
 
@@ -263,8 +266,8 @@ def test_diagonals_and_three_lanes_are_not_mistaken(tmp_path: Path) -> None:
     """Three lanes of axial vectors or diagonals look like one matrix."""
     J, M = np.array([[1, 1.1, 1.2], [1, 1.3, 1.2], [1.0, 1.2, 1.5]]), np.eye(3)
     body, x0 = kr.HeavyTop(J=(1, 1, 1), A=(0, 0, 1)), {"M": (0, 0, 1), "P": (0.6, 0.0, 0.8)}
-    told = {"list": {"system.J": J, "state.M": M}, "save": ["trajectories"]}
-    run = kr.sweep(body, x0, path=tmp_path / "s.zarr", workers=0, orientation=(1, 0, 0, 0), **OPTIONS, **told)
+    told = {"orientation": (1, 0, 0, 0), "save": ["trajectories"], "workers": 0, **OPTIONS}
+    run = kr.sweep(body, x0, kr.Design(together={"system.J": J, "state.M": M}), path=tmp_path / "s.zarr", **told)
     for lane in range(3):
         one = kr.HeavyTop(J=J[lane], A=(0, 0, 1))
         single = kr.simulate(one, {"M": M[lane], "P": (0.6, 0.0, 0.8)}, orientation=(1, 0, 0, 0), **OPTIONS)
@@ -277,8 +280,8 @@ def test_more_dimensions(tmp_path: Path) -> None:
     x0 = body.state(M=np.zeros((4, 4)), P=(0.5, 0.5, 0.5, 0.5))
     M = np.zeros((4, 4))
     M[0, 1], M[1, 0] = 0.3, -0.3
-    told = {"grid": {"system.b[0]": [1, 1.5], "state.M": [M, 2 * M]}, "save": ["trajectories"]}
-    run = kr.sweep(body, x0, path=tmp_path / "s.zarr", workers=0, **OPTIONS, **told)
+    design = kr.Design(grid={"system.b[0]": [1, 1.5], "state.M": [M, 2 * M]})
+    run = kr.sweep(body, x0, design, path=tmp_path / "s.zarr", workers=0, save=["trajectories"], **OPTIONS)
     single = kr.simulate(kr.Clebsch(b=(1.5, 2, 3, 4.5)), {"M": M, "P": x0.P}, **OPTIONS)
     assert (single.M.values == run.M.values[:, 2]).all()
 
@@ -549,19 +552,22 @@ def test_bad_sweeps(old: str, new: str, words: str, tmp_path: Path) -> None:
 
 def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
-    told: dict[str, Any] = {"path": tmp_path / "s.zarr", "workers": 0, **OPTIONS}
-    vary = {"list": {"system.alpha": [1.0]}}
+    alphas = {"system.alpha": [1.0]}
+    vary = {"design": kr.Design(together=alphas)}
+    told: dict[str, Any] = {"path": tmp_path / "s.zarr", "workers": 0, **vary, **OPTIONS}
     wrongs: list[tuple[dict[str, Any], str]] = [
-        ({}, "Nothing varies"),
-        ({**vary, "workers": -1}, "workers must be"),
-        ({**vary, "workers": 1, "scheduler": "tcp://127.0.0.1:1"}, "its own workers"),
-        ({**vary, "rng": 1}, "nothing is drawn"),
-        ({**vary, "draws": 1}, "nothing is drawn"),
-        ({"list": {"system.alpha": [1.0], "state.m[0]": [1.0, 2.0]}}, "the same number of values"),
-        ({"list": {"system.alpha": [object()]}}, "described by numbers"),
-        ({"grid": 3}, "must be a table"),
-        ({**vary, "memory": 0}, "memory in"),
-        ({**vary, "method": ["suris"]}, "method: expected a name"),
+        ({"design": kr.Design()}, "Nothing varies"),
+        ({"design": {"grid": alphas}}, r"expected a kr\.Design"),
+        ({"design": None}, r"expected a kr\.Design"),
+        ({"workers": -1}, "workers must be"),
+        ({"workers": 1, "scheduler": "tcp://127.0.0.1:1"}, "its own workers"),
+        ({"design": kr.Design(together=alphas, rng=1)}, "nothing is drawn"),
+        ({"design": kr.Design(together=alphas, draws=1)}, "nothing is drawn"),
+        ({"design": kr.Design(together={**alphas, "state.m[0]": [1.0, 2.0]})}, "the same number of values"),
+        ({"design": kr.Design(together={"system.alpha": [object()]})}, "described by numbers"),
+        ({"design": kr.Design(grid=3)}, "must be a table"),
+        ({"memory": 0}, "memory in"),
+        ({"method": ["suris"]}, "method: expected a name"),
     ]
     for wrong, words in wrongs:
         with pytest.raises(kr.InputError, match=words):
@@ -592,6 +598,6 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
 def test_settings_that_are_lists(tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="expected a number or a name for each lane"):
         kr.sweep(
-            kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=4, workers=0,
-            path=tmp_path / "s.zarr", grid={"run.steps": [[1, 2], [3, 4]]},
+            kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)},
+            kr.Design(grid={"run.steps": [[1, 2], [3, 4]]}), dt=0.1, steps=4, workers=0, path=tmp_path / "s.zarr",
         )  # fmt: skip

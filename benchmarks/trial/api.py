@@ -76,7 +76,11 @@ def _text(here: Around) -> Function:
 def _ensemble(here: Around) -> Function:
     import kreisel as kr
 
-    return lambda model, parts, **told: kr.sweep(model, parts, path=here.folder / "s.zarr", workers=0, **told).load()
+    def ensemble(model: Any, parts: Any, **told: Any) -> Any:
+        varied = {name: told.pop(name) for name in ("grid", "together", "random", "draws", "rng") if name in told}
+        return kr.sweep(model, parts, kr.Design(**varied), path=here.folder / "s.zarr", workers=0, **told).load()
+
+    return ensemble
 
 
 def _gyroscope(name: str) -> Function:
@@ -191,9 +195,9 @@ def calls() -> list[Call]:
         call("failures", "run"),
         call("systems"),
         call("view", "run", lane="lane", optional_="lane", then_=ignored, weight_=0.5),
-        call("sweep", "model", "state", dt="dt", steps="steps", every="every", grid="grid", list="listed",
+        call("sweep", "model", "state", dt="dt", steps="steps", every="every", grid="grid", together="listed",
              random="random", draws="count", rng="seed", save="save", function_=_ensemble, weight_=0.8,
-             infinite_=True, optional_="every grid list random draws rng save"),
+             infinite_=True, optional_="every grid together random draws rng save"),
         call("accessor.plot", "dataset", function_=_accessor("plot"), then_=ignored, weight_=0.1),
         call("accessor.view", "dataset", function_=_accessor("view"), then_=ignored, weight_=0.2),
         call("accessor.drift", "dataset", function_=_accessor("drift"), infinite_=True),

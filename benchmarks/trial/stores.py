@@ -105,9 +105,10 @@ def sweep(path: Path, n: int = 3, seed: int = 1, **options: Any) -> None:
     import kreisel as kr
 
     system, state = model("lagrange-top", n, 0, seed)
-    given = {"draws": 5, "rng": seed, "grid": {"system.alpha": [0.9, 1.3]}, "random": {"state.a": {"sphere": 1.0}}}
+    random = {"state.a": {"sphere": 1.0}}
+    design = kr.Design(grid={"system.alpha": [0.9, 1.3]}, random=random, draws=5, rng=seed)
     told = {"dt": 0.05, "steps": 30, "every": 3, "block": 2, "workers": 0, "save": ["drift", "trajectories"]}
-    kr.sweep(system, state, path=path, **{**told, **given, "progress": False, **options})
+    kr.sweep(system, state, design, path=path, **{**told, "progress": False, **options})
 
 
 def contents(store: Path) -> dict[str, str]:

@@ -11,6 +11,7 @@ from kreisel import analysis as analysis
 from kreisel import lab as lab
 from kreisel import physical as physical
 from kreisel import units as units
+from kreisel.sweeps.design import Design as Design
 from kreisel.runs.at import at as at
 from kreisel.runs.citing import cite as cite
 from kreisel.runs.drift import drift as drift

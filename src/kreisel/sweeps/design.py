@@ -30,6 +30,32 @@ RANGES = {
 KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
 
 
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What varies in a sweep; the lanes are grid x together x draws, the last fastest.
+
+    grid      quantity -> values: every combination, e.g. {"system.alpha": np.linspace(0.5, 2, 20)}
+    together  quantity -> values that go together, as many of each; [sweep.list] in a TOML file
+    random    quantity -> {"uniform": [a, b]}, {"loguniform": [a, b]}, {"normal": [mean, deviation]} or
+              {"sphere": radius}: `draws` of them with the seed `rng`
+
+    A quantity is `system.`, `state.` or `run.` with a letter, or one entry, "state.m[2]"; `state.orientation` too.
+    """
+
+    grid: Mapping[str, Any] | None = None
+    together: Mapping[str, Any] | None = None
+    random: Mapping[str, Any] | None = None
+    draws: int | None = None
+    rng: int | None = None
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """As [sweep] in a TOML file has it."""
+        tables = {"grid": self.grid, "list": self.together, "random": self.random}
+        plain: dict[str, Any] = {name: {} if table is None else table for name, table in tables.items()}
+        return {**plain, "draws": self.draws, "rng": self.rng}
+
+
 @dataclass(frozen=True)
 class Quantity:
     """What varies: `section`.`letter`, or its entry at `index`."""

@@ -22,7 +22,7 @@ from kreisel.storage.reading import shallow
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
 from kreisel.sweeps.broken_lanes import watched_lanes
-from kreisel.sweeps.design import described
+from kreisel.sweeps.design import Design, described
 from kreisel.sweeps.store import Store, read_attributes
 from kreisel.sweeps.workers import Tasks, check_workers, pool
 
@@ -56,6 +56,7 @@ class Report:
 def sweep(
     system: Any,
     x0: Any,
+    design: Design,
     *,
     dt: float,
     steps: int,
@@ -66,11 +67,6 @@ def sweep(
     tol: float | None = None,
     orientation: Any = None,
     project: bool = True,
-    grid: Mapping[str, Any] | None = None,
-    list: Mapping[str, Any] | None = None,
-    random: Mapping[str, Any] | None = None,
-    draws: int | None = None,
-    rng: int | None = None,
     save: Sequence[str] = DEFAULT_SAVE,
     block: int | None = None,
     memory: int = MEMORY_MIB,
@@ -82,58 +78,33 @@ def sweep(
     """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset by lane.
 
     system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to project are the same
+    design       what varies, a `kr.Design`
     path         the Zarr store; the same call goes on with one that was interrupted
-    grid         quantity -> values: every combination, e.g. {"system.alpha": np.linspace(0.5, 2, 20)}
-    list         quantity -> values that go together, as many of each
-    random       quantity -> {"uniform": [a, b]}, {"loguniform": [a, b]}, {"normal": [mean, deviation]} or
-                 {"sphere": radius}: `draws` of them with the seed `rng`
     save         of "drift", "extremes", "frequencies" and "trajectories"
     block        lanes in a block; by default from the memory, the steps and the lanes
     memory       MiB of arrays in a worker, beside the 300 or so of Python and its libraries
     workers      processes on this machine, by default one a core; 0: this process, without Dask
     scheduler    the address of a Dask scheduler instead, whose workers see the same files
 
-    A quantity is `system.`, `state.` or `run.` with a letter, or one entry, "state.m[2]"; `state.orientation` too.
-    The lanes are grid x list x draws, the last fastest; the values stand in variables of these names.  A lane that
-    fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
+    A lane that fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
     Raises `InputError` for bad input and `RunError` where the sweep has to stop; what was done is kept.  Warns with
     `ConservationWarning` where a lane loses what the method conserves, as `kr.simulate` does.
     """
     check_model(system)
     flag(overwrite, "overwrite")
     _only_known(system)
+    if not isinstance(design, Design):
+        raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
     state = checked_state(system, x0).axial
+    run = dict(dt=dt, steps=steps, every=every, method=method, order=order, tol=tol, project=project)
     description = {
         "system": {"name": system.system.name, **system.params},
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
-        "run": {
-            "dt": dt,
-            "steps": steps,
-            "every": every,
-            "method": method,
-            "order": order,
-            "tol": tol,
-            "project": project,
-        },
-        "sweep": {
-            "grid": {} if grid is None else grid,
-            "list": {} if list is None else list,
-            "random": {} if random is None else random,
-            "draws": draws,
-            "rng": rng,
-            "save": save,
-            "block": block,
-            "memory": memory,
-        },
+        "run": run,
+        "sweep": {**design.table, "save": save, "block": block, "memory": memory},
     }
-    report = carry_out(
-        description,
-        target(path),
-        workers=workers,
-        scheduler=scheduler,
-        overwrite=overwrite,
-        progress=progress,
-    )
+    where = target(path)
+    report = carry_out(description, where, workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress)
     return watched_lanes(open_sweep(report.path))
 
 
