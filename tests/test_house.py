@@ -72,6 +72,22 @@ def test_import_is_light() -> None:
     assert out.split() == []
 
 
+def test_parts_load_when_they_are_asked_for() -> None:
+    """`kr.reduction`, which needs JAX, is no part of `from kreisel import *`."""
+    code = """
+import sys
+from kreisel import *
+import kreisel as kr
+print("jax" in sys.modules, *("kreisel." + part in sys.modules for part in kr._PARTS))
+print(kr.reduction.SO(3).n, *(getattr(kr, part).__name__ for part in kr._PARTS))
+"""
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout
+    assert out.splitlines() == [
+        "False True True True False True",
+        "3 kreisel.analysis kreisel.lab kreisel.physical kreisel.reduction kreisel.units",
+    ]
+
+
 def test_the_first_step_waits_for_no_more_than_it_needs(tmp_path: Path) -> None:
     """`kreisel run` to disk, up to the first call of the kernel: tables and figures are imported when they are made."""
     heavy = ("xarray", "pandas", "matplotlib", "sympy", "jax", "flint", "dask", "IPython")

@@ -152,6 +152,19 @@ def test_a_folder_that_cannot_be_is_no_obstacle(folder: Path) -> None:
     assert folder.read_text() == "not a folder"
 
 
+def test_the_folder_of_the_platform(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where KREISEL_CACHE names none; without a home there is no cache, and none in the working folder."""
+    monkeypatch.delenv("KREISEL_CACHE", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    made = cache.cache_folder()
+    assert made is not None and made.is_dir() and made.name == "kreisel" and made.is_relative_to(tmp_path / "home")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as where the user has no entry
+    assert cache.cache_folder() is None
+    assert [p.name for p in tmp_path.iterdir()] == ["home"]
+
+
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702, 0o1777])
 def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -> None:
     folder.mkdir()

@@ -40,11 +40,11 @@ _LAZY = {
 }
 SHOWN.update({what: f"kreisel.viewer.html:{what}_html" for what in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
-_PARTS = ("analysis", "lab", "physical", "units")
+_PARTS = ("analysis", "lab", "physical", "reduction", "units")
 
 globals().update(NAMED)  # __init__.pyi tells them to editors and type checkers
 __all__ = ["ConservationWarning", "InputError", "RunError", "methods", "systems"]
-__all__ += [*NAMED, *_LAZY, *_PARTS]
+__all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part != "reduction")]  # which needs JAX
 
 
 def methods() -> list[Any]:

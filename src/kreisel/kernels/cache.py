@@ -2,8 +2,8 @@
 
 A kernel's folder holds its source, so that it can be read, what Numba keeps of it, and the SHA-256 of all these files;
 it gets its name when it is whole.  Nothing of it is used before the hashes were compared: half a file of machine code
-would be run.  The folders are in KREISEL_CACHE, else in kreisel/ in the user's cache folder.  What cannot be kept there
-is compiled in memory.
+would be run.  The folders are in KREISEL_CACHE, else in kreisel/ in the cache folder of the platform.  What cannot be
+kept there is compiled in memory.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from platformdirs import user_cache_path
+
 SEAL = "seal.json"
 OTHERS_MAY_WRITE = 0o022
 
@@ -34,10 +36,12 @@ def cache_folder() -> Path | None:
     """
     own = os.environ.get("KREISEL_CACHE")
     try:
-        folder = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "kreisel"
+        folder = Path(own) if own else user_cache_path("kreisel", appauthor=False)
+        if not own and not folder.is_absolute():  # no home
+            return None
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         told = folder.stat()
-    except (OSError, RuntimeError, ValueError):  # no home, a name that cannot be
+    except (OSError, RuntimeError, ValueError):  # a name that cannot be
         return None
     if told.st_uid != os.geteuid() or told.st_mode & OTHERS_MAY_WRITE:
         _refused(str(folder), told.st_uid, told.st_mode & 0o777)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import resource
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
@@ -243,7 +244,8 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
     except OSError as error:
         kept = " The blocks that were done are kept: the same command goes on."
         raise disk_trouble(error, store, "be written", kept) from error
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    unit = 1 if sys.platform == "darwin" else 1 << 10  # bytes of ru_maxrss
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / (1 << 20)
     return {
         "block": block,
         "lanes": stop - first,
