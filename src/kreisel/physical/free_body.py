@@ -88,18 +88,11 @@ class FreeBody:
         return self.momentum_unit / self.time_unit
 
     def model(self) -> Model:
-        """The scaled system `EulerTop(J)`, in principal axes.  Raises `InputError` for a flat body, J_i = 0."""
+        """The scaled system `EulerTop(J)`, in principal axes; a flat body, J_i = 0, moves by method="exact"."""
         i = self.principal.moments
         J = (i[[1, 2, 0]] + i[[2, 0, 1]] - i) / (2 * self.unit_moment)
         J[abs(J) < CLOSE] = 0
-        try:
-            return EulerTop(J=J)
-        except InputError:
-            raise InputError(
-                f"The system euler-top: expected a body of some thickness, got the principal moments {i.tolist()}, one "
-                "of which is the sum of the others. Usual cause: a flat body. Give it its thickness, or use "
-                "HeavyBody(mass, inertia, arm=(0, 0, 0))."
-            ) from None
+        return EulerTop(J=J)
 
     def state(self, spin: Any, axis: Any = None) -> State:
         """The scaled state M = I Omega, in principal axes.

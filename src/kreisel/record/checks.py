@@ -44,6 +44,17 @@ def positive(J, letter):
         )
 
 
+def mass_tensor(J, letter):
+    """J_j >= 0 and J_j + J_k > 0: one may be 0, that of a flat body."""
+    values = np.sort(np.asarray(J), -1)
+    if (values[..., 0] < 0).any() or (values[..., 0] + values[..., 1] <= 0).any():
+        raise InputError(
+            f"The entries of {letter} must be positive, or one of them 0 (a flat body), got {np.asarray(J).tolist()}. "
+            f"{letter} is the diagonal of the mass tensor sum m x x^T, not the classical moments I: for n = 3, "
+            f"{letter}_1 = (I_2 + I_3 - I_1)/2, ..."
+        )
+
+
 def moments(J, letter):
     """J_j + J_k > 0 for principal values, so that the kinetic energy -tr(Omega J Omega)/2 is positive."""
     if J.dtype == object:

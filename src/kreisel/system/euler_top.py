@@ -13,8 +13,9 @@ import numpy as np
 from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
 from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
+from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
-from kreisel.record.checks import positive
+from kreisel.record.checks import mass_tensor
 from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 
 
@@ -104,6 +105,11 @@ def conjugator(M, *, J, c, lam, eps):
 
 
 def largest_step(M, *, J):
+    if (J == 0).any():
+        raise InputError(
+            "method='veselov' of euler-top: expected J > 0, got a flat body, one J_i = 0: Moser and Veselov's map is "
+            "not known for it here. Use method='exact' (n = 3), or 'dop853'."
+        )
     return branch.largest_step(M, J, 0 * M)
 
 
@@ -135,7 +141,7 @@ SYSTEM = System(
     space=FREE_SPACE,
     parameters=(
         Parameter(
-            "J", "vector", "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)", check=positive, positive=True
+            "J", "vector", "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)", check=mass_tensor, positive=True
         ),
     ),
     flow=flow,
