@@ -204,7 +204,7 @@ def test_drift_reads_blocks_of_rows(top: System, x0: object, tmp_path: Path, mon
     kr.simulate(top, x0, dt=0.05, steps=5000, path=tmp_path / "top.zarr")
     run = kr.open_run(tmp_path / "top.zarr")
     largest, whole = [], drift.read
-    monkeypatch.setattr(drift, "read", lambda variable: largest.append(variable.size) or whole(variable))
+    monkeypatch.setattr(drift, "read", lambda variable, *name: largest.append(variable.size) or whole(variable, *name))
     monkeypatch.setattr(drift, "NUMBERS_AT_ONCE", 700)
     table = kr.drift(run)
     assert max(largest) <= 700

@@ -39,16 +39,15 @@ def _place(variable: xr.DataArray) -> tuple[bool, int]:
     return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
 
 
-def read(variable: xr.DataArray) -> np.ndarray:
+def read(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
     """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
     try:
         return np.asarray(variable.values)
     except InputError:
         raise
     except Exception as error:  # whatever a damaged chunk makes the libraries raise
-        raise InputError(
-            f"{variable.name} cannot be read: {error or type(error).__name__}. `kreisel check` says what is damaged."
-        ) from error
+        what, why = name or getattr(variable, "name", "time"), error or type(error).__name__
+        raise InputError(f"{what} cannot be read: {why}. `kreisel check` says what is damaged.") from error
 
 
 def drift(run: xr.Dataset) -> pd.DataFrame:
@@ -138,7 +137,7 @@ class _Clock:
     """The times of a run, in blocks of its rows."""
 
     def __init__(self, run: xr.Dataset):
-        self._time, self._asked = run["time"], int(run.attrs.get("rows_in_block", 0))
+        self._time, self._asked = run["time"].variable, int(run.attrs.get("rows_in_block", 0))
         self.rows = run.sizes["time"]
         ends = read(self._time[[0, -1]])
         # those that are there: a run may be cut short; `kr.at` makes none
@@ -189,7 +188,7 @@ class _Scan:
         self.slope = total / clock.spread if sloping and clock.spread > 0 else total
 
     def _rows(self, variable: xr.DataArray, rows: slice) -> np.ndarray:
-        values = read(variable[rows]).astype(np.float64)
+        values = read(variable.variable[rows], self.name).astype(np.float64)
         return values.reshape(len(values), *self.shape)
 
     def band(self) -> np.ndarray:
