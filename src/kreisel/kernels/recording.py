@@ -12,7 +12,8 @@ from kreisel.kernels import layout
 from kreisel.kernels.folding import folded
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
-from kreisel.kernels.tape import Matrix, Scalar, Tape, text
+from kreisel.kernels.recorded_array import Matrix
+from kreisel.kernels.tape import Scalar, Tape, text
 from kreisel.method.scheme import Scheme
 
 # A conjugate pair of Clebsch's system, n = 10, in 6700 lines: compiled in 35 s, run in 2.3 us; array code 28 s, 10 us.
