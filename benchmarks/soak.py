@@ -66,7 +66,7 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
 
 
 def fuzzed(chosen: str, name: str, count: int, before: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Cases of tests/test_fuzz.py in slices, each in a process of its own; what is done so far after each.
+    """Cases of tests/cli/test_fuzz.py in slices, each in a process of its own; what is done so far after each.
 
     Of a result of before the slices that failed and those that are missing.
     """
@@ -74,7 +74,7 @@ def fuzzed(chosen: str, name: str, count: int, before: dict[str, Any]) -> Iterat
     done, failed = (before["done"], before["failed_slices"]) if before.get("asked") == count else (0, [])
     for first in [*(first for first, _ in failed), *range(done, count, width)]:
         stop = min(first + width, count)
-        told = tests("tests/test_fuzz.py", chosen, **{name: stop - first, "KREISEL_FUZZ_FIRST": first})
+        told = tests("tests/cli/test_fuzz.py", chosen, **{name: stop - first, "KREISEL_FUZZ_FIRST": first})
         failed = [f for f in failed if f[0] != first] + ([] if told["passed"] else [[first, stop]])
         done = max(done, stop)
         passed = done == count and not failed
@@ -149,11 +149,12 @@ FUZZED = {
     "fuzzed configurations": ("mutated or anything", "KREISEL_FUZZ", 67_000),
     "fuzzed archives": ("archives", "KREISEL_FUZZ_ARCHIVES", 10_000),
 }  # of the configurations half as many are made by Hypothesis besides: 10^5 together
+RESUME, SWEEP = "tests/storage/test_resume.py", "tests/sweeps/test_sweep.py"
 PARTS: dict[str, Callable[[float], dict[str, Any]]] = {
-    "kills of a run": lambda share: tests("tests/test_resume.py", "killed", KREISEL_KILLS=int(200 * share)),
-    "kills of a sweep": lambda share: tests("tests/test_sweep.py", "killed_at_random", KREISEL_KILLS=int(200 * share)),
-    "killed schedulers and workers": lambda share: tests("tests/test_sweep.py", "scheduler or two_workers or own"),
-    "faults": lambda share: tests("tests/test_faults.py", ""),
+    "kills of a run": lambda share: tests(RESUME, "killed", KREISEL_KILLS=int(200 * share)),
+    "kills of a sweep": lambda share: tests(SWEEP, "killed_at_random", KREISEL_KILLS=int(200 * share)),
+    "killed schedulers and workers": lambda share: tests(SWEEP, "scheduler or two_workers or own"),
+    "faults": lambda share: tests("tests/storage/test_faults.py", ""),
     "a million lanes": million,
     "memory": memory,
 }

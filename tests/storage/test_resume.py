@@ -26,6 +26,7 @@ from kreisel.runs import simulate as runs
 from kreisel.storage import checking, checkpoint, manifest
 from kreisel.storage.checkpoint import Lock
 from kreisel.system import REGISTRY
+from support import ROOT
 
 OPTIONS = {"dt": 0.1, "steps": 400, "every": 3}
 SMALL = 6 * 8 * 7  # bytes of a block: seven rows of a top
@@ -83,7 +84,7 @@ def kill_during(path: Path, after: float, *run: object) -> bool:
 
 
 def test_killed_at_random_moments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(Path(__file__).parents[1])  # where the process to be killed finds this file
+    monkeypatch.syspath_prepend(ROOT)  # where the process to be killed finds this file
     monkeypatch.setattr(march, "SHARDED", 7)
     monkeypatch.setattr(march, "CHUNKS", 7)
     options, a_top = {**OPTIONS, "steps": 150, "orientation": (1, 0, 0, 0)}, {"p": (0, 0, 1)}

@@ -31,6 +31,7 @@ from kreisel.runs import simulate as runs
 from kreisel.storage import checking
 from kreisel.storage.opening import too_large
 from kreisel.sweeps.sweep import carry_out
+from support import ROOT
 
 CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))
 FIRST = int(os.environ.get("KREISEL_FUZZ_FIRST", "0"))  # case: `make soak` takes them in slices
@@ -38,7 +39,7 @@ ARCHIVES = int(os.environ.get("KREISEL_FUZZ_ARCHIVES", "30"))
 SEED = int(os.environ.get("KREISEL_FUZZ_SEED", "1"))
 MOST_FAILURES = 20  # that are told together
 SECONDS = 240  # that a case may take; kernels may have to be compiled, on a busy machine
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = ROOT / "examples"
 MOST_STEPS, MOST_LANES = 60, 40
 KNOWN = (kr.InputError, kr.RunError)
 

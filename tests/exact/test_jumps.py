@@ -12,7 +12,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.exact import engine, jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.method import scheme
-from test_exact import DOUBLE, SPECIAL, UP, random_tops
+from tops import DOUBLE, SPECIAL, UP, random_tops
 
 TIMES = np.array([0.37, -11.3, 1e3, 2e6])
 RIGHT = 3e-15  # relative to the largest entry: 1.8e-15 measured

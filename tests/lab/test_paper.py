@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -13,8 +12,9 @@ from kreisel.cli import app
 from kreisel.errors import InputError
 from kreisel.lab import paper
 from kreisel.lab.paper import rows
+from support import ROOT
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = ROOT / "docs"
 
 
 @pytest.mark.parametrize("name", paper.ROWS)

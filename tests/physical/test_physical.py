@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +12,9 @@ from scipy.integrate import quad
 import kreisel as kr
 from kreisel import algebra
 from kreisel.physical import SI, Ellipsoid, Gyroscope, HeavyBody, Units
+from support import ROOT
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = ROOT / "examples"
 WHEEL = Gyroscope(mass=2.0, axial_moment=0.11, transverse_moment=0.16, lever=0.2, gravity=9.8)
 FAST = 20.0  # rad/s
 

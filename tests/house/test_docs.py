@@ -14,8 +14,9 @@ import kreisel as kr
 from kreisel.lab import exact
 from kreisel.method import METHODS
 from kreisel.system import REGISTRY
+from support import ROOT
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = ROOT / "docs"
 
 PAGE = """# A page
 

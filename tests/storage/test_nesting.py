@@ -16,6 +16,7 @@ import kreisel as kr
 from kreisel.runs import config
 from kreisel.storage import checking, manifest, reading
 from kreisel.sweeps.sweep import carry_out
+from support import ROOT
 
 TOP = kr.LagrangeTop(p=(0, 0, 1))
 X0 = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
@@ -120,7 +121,7 @@ def test_metadata_of_a_sweep(swept: Path, depth: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("depth", DEPTHS)
 def test_configurations(depth: int, tmp_path: Path) -> None:
-    text = (Path(__file__).parent.parent / "examples" / "lagrange-top.toml").read_text()
+    text = (ROOT / "examples" / "lagrange-top.toml").read_text()
     (tmp_path / "run.toml").write_text(text.replace("a = [0.6, 0.0, 0.8]", f"a = {lists(depth)}"))
     assert lists(depth) in (tmp_path / "run.toml").read_text()
     with pytest.raises(kr.InputError, match=r"nested too deep|not valid TOML"):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import kreisel as kr
+from support import ROOT
 
 SOURCE = Path(kr.__file__).parent
 RANK = {  # a part imports what stands on its own line or above
@@ -91,7 +92,7 @@ print(kr.reduction.SO(3).n, *(getattr(kr, part).__name__ for part in kr._PARTS))
 def test_the_first_step_waits_for_no_more_than_it_needs(tmp_path: Path) -> None:
     """`kreisel run` to disk, up to the first call of the kernel: tables and figures are imported when they are made."""
     heavy = ("xarray", "pandas", "matplotlib", "sympy", "jax", "flint", "dask", "IPython")
-    text = (Path(__file__).parent.parent / "examples" / "lagrange-top.toml").read_text(encoding="utf-8")
+    text = (ROOT / "examples" / "lagrange-top.toml").read_text(encoding="utf-8")
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     code = f"""
 import os, sys
@@ -150,7 +151,7 @@ def capitalised(source: str) -> list[str]:
 
 
 def test_formulas_in_docstrings_keep_their_letters() -> None:
-    root = Path(__file__).parent.parent
+    root = ROOT
     for folder in (SOURCE, root / "benchmarks", root / "docs", root / "examples"):
         for path in folder.rglob("*.py"):
             assert not capitalised(path.read_text(encoding="utf-8")), path
@@ -194,7 +195,7 @@ def test_defaults_come_from_the_records() -> None:
 
 def test_the_stub_is_that_of_the_records() -> None:
     """`make stubs` makes it again."""
-    tool = Path(__file__).parent.parent / "docs" / "tools" / "stubs.py"
+    tool = ROOT / "docs" / "tools" / "stubs.py"
     run = [sys.executable, "-c", f"import runpy; print(runpy.run_path({str(tool)!r})['text'](), end='')"]
     made = subprocess.run(run, capture_output=True, text=True, check=True, timeout=120).stdout
     assert (SOURCE / "__init__.pyi").read_text(encoding="utf-8") == made

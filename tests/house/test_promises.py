@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
-from pathlib import Path
 
-PAGE = Path(__file__).parent.parent / "docs" / "promises.md"
+from support import ROOT
+
+PAGE = ROOT / "docs" / "promises.md"
 
 
 def test_every_promise_names_a_test_that_exists() -> None:
@@ -15,7 +16,7 @@ def test_every_promise_names_a_test_that_exists() -> None:
     promises = [line for line in lines if "promise | test" not in line]
     assert len(promises) > 20
     for line in promises:
-        named = re.findall(r"\[`(\w+)`\]\((\.\./tests/\w+\.py)\)", line)
+        named = re.findall(r"\[`(\w+)`\]\((\.\./tests/\w+/\w+\.py)\)", line)
         assert named, f"no test stands beside: {line}"
         assert line.count("](") == len(named)
         for name, path in named:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from kreisel.lab import exact
 from kreisel.system import REGISTRY
 from kreisel.viewer import charts
 from kreisel.viewer.style import THEMES
+from support import ROOT
 
 PLANES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 
@@ -89,7 +89,7 @@ def lab(linear_rgb: np.ndarray) -> np.ndarray:
 
 def in_the_dark(c: str) -> str:
     """A colour of a light figure on a dark page: CSS's invert(share) hue-rotate(180deg)."""
-    css = (Path(__file__).parent.parent / "docs" / "static" / "kreisel.css").read_text(encoding="utf-8")
+    css = (ROOT / "docs" / "static" / "kreisel.css").read_text(encoding="utf-8")
     (share,) = set(re.findall(r"filter: invert\(([0-9.]+)\) hue-rotate\(180deg\)", css))
     turn = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])
     rgb = np.array([int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ast
 import runpy
-from pathlib import Path
 
 import pytest
 
-SCRIPTS = sorted((Path(__file__).parent.parent / "examples" / "gallery").glob("*.py"))
+from support import ROOT
+
+SCRIPTS = sorted((ROOT / "examples" / "gallery").glob("*.py"))
 
 
 def test_there_is_a_gallery():

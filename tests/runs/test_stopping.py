@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -16,6 +14,7 @@ import kreisel as kr
 from kreisel.runs import march
 from kreisel.runs.own import load
 from kreisel.sweeps import workers
+from support import ROOT, ended, started
 
 CONFIG = """
 [system]
@@ -91,34 +90,12 @@ def test_a_signal_within_a_call_keeps_the_last_checkpoint(
 
 
 def test_loops_of_jax_are_stopped_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    own = load("my-kovalevskaya-top", Path(__file__).parents[1] / "examples" / "own_lagrangian.py")(c=1.0)
+    own = load("my-kovalevskaya-top", ROOT / "examples" / "own_lagrangian.py")(c=1.0)
     x0 = own.state(M=(1.2, 0.4, 0.9), P=(0.6, 0.0, 0.8))
     with pytest.raises(kr.RunError, match="stopped by SIGTERM after 0 steps"):
         stop_within_a_call(3, monkeypatch)
         kr.simulate(own, x0, dt=0.05, steps=300, every=70, path=tmp_path / "run.zarr")
     assert (tmp_path / "run.zarr.part" / "engine" / "checkpoint.npz").is_file()
-
-
-def started(folder: Path, code: str, seconds: float) -> subprocess.Popen[str]:
-    """A process that is at work since so many seconds."""
-    child = subprocess.Popen(
-        [sys.executable, "-c", code], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert child.stdout is not None
-    child.stdout.readline()
-    time.sleep(seconds)
-    return child
-
-
-def ended(child: subprocess.Popen[str], number: int) -> tuple[int, str, float]:
-    """Its exit status, its messages and the seconds that it took to obey."""
-    begun = time.monotonic()
-    child.send_signal(number)
-    try:
-        _, message = child.communicate(timeout=60)
-    finally:
-        child.kill()
-    return child.returncode, message, time.monotonic() - begun
 
 
 SLOW = "[[0.0, 0.0, 2e4], " + ", ".join(f"[0.0, {k}.0, 2e4]" for k in range(1, 40)) + "]"  # 10 s a step

@@ -14,6 +14,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.sweeps import workers
+from support import ROOT
 
 distributed = pytest.importorskip("distributed")
 
@@ -40,7 +41,7 @@ def ignoring(_: int) -> None:
 def test_results_and_troubles_come_back_and_a_lost_worker_is_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.syspath_prepend(Path(__file__).parents[1])  # where workers find this file
+    monkeypatch.syspath_prepend(ROOT)  # where workers find this file
     with workers.pool(1, None, False) as hands:
         assert isinstance(hands, workers.Pool)
         assert sorted(hands.map(abs, [-1, 2, -3])) == [(0, 1), (1, 2), (2, 3)]

@@ -28,6 +28,7 @@ from kreisel.sweeps.blocks import Sweep, compute
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.summaries import angular_frequency
 from kreisel.sweeps.sweep import carry_out
+from support import ROOT
 
 SWEEP = """
 [system]
@@ -152,7 +153,7 @@ def test_grid_and_list_and_draws_multiply() -> None:
 
 
 def test_the_page_shows_a_sweep_that_can_be_made(tmp_path: Path) -> None:
-    page = (Path(__file__).parent.parent / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
     text = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)[0]
     (tmp_path / "sweep.toml").write_text(text, encoding="utf-8")
     description, _, _ = read_sweep(tmp_path / "sweep.toml")
@@ -394,7 +395,7 @@ def apart(begun: Any, folder: Path) -> None:
 
 
 def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(Path(__file__).parents[1])  # where the process to be killed finds this file
+    monkeypatch.syspath_prepend(ROOT)  # where the process to be killed finds this file
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
     context.set_forkserver_preload(["kreisel.sweeps.sweep", "kreisel.storage.archive", "numba"])
     begun = time.monotonic()
@@ -583,7 +584,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
 
 @LONG
 def test_a_system_of_ones_own(tmp_path: Path) -> None:
-    own = Path(__file__).parent.parent / "examples" / "own_lagrangian.py"
+    own = ROOT / "examples" / "own_lagrangian.py"
     (tmp_path / "own.py").write_text(own.read_text())
     text = (own.parent / "own-lagrangian.toml").read_text().replace("own_lagrangian.py", "own.py")
     text = text.replace("10_000", "20") + "\n[sweep.list]\nsystem.c = [0.5, 1.0]\n"

@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
+from support import ROOT
+
 TRIAL, RESULT = ROOT / "benchmarks" / "trial", ROOT / "benchmarks" / "results" / "trial.json"
 FAULTS = """
 import json, os, signal, sys, time

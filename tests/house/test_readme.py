@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-README = Path(__file__).parent.parent / "README.md"
+from support import ROOT
+
+README = ROOT / "README.md"
 
 
 def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,13 +6,13 @@ import platform
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from machines import MACHINES, OLDEST, PART, QUICK, environment
+from support import ROOT
 
-HERE = Path(__file__).parent
+HERE = ROOT / "tests"
 
 
 @pytest.mark.parametrize("name", sorted({*PART, *QUICK}))

@@ -11,8 +11,9 @@ import sys
 from pathlib import Path
 
 import kreisel
+from support import ROOT
 
-PAGE = Path(__file__).parents[1] / "CONTRIBUTING.md"
+PAGE = ROOT / "CONTRIBUTING.md"
 DIFF = re.compile(r"<!-- (src/\S+) -->\n```diff\n(.*?)```", re.S)
 USED = """
 import json, numpy as np, kreisel as kr

@@ -23,42 +23,7 @@ from kreisel.lab.taylor import quadrature, taylor
 from kreisel.runs import march as runs
 from kreisel.runs.plan import make_plan
 from kreisel.storage.checking import check_archive
-
-DOUBLE = 4e-15  # relative: some twenty roundings
-UP = (0, 0, 1)
-SPECIAL = {  # m, b, p; where the formulas degenerate
-    "generic": ((0.1, 0.2, 1.5), (0.6, 0, 0.8), UP),
-    "fast, hanging": ((0.3, -0.2, 4), (0.6, 0, -0.8), UP),
-    "very fast": ((3, 5, 80), (0.6, 0, 0.8), UP),
-    "slow": ((1e-3, 2e-3, 5e-4), (0.6, 0, 0.8), (0, 0, 1e-5)),
-    "no gravity": ((0.3, 0.7, -1.1), (0.2, 0.5, -0.4), (0, 0, 0)),
-    "pendulum released": ((0, 0, 0), (1, 0, 0), UP),
-    "pendulum released near the top": ((0, 0, 0), (1e-3, 0, 1), UP),
-    "pendulum going round": ((0, 3, 0), (0.6, 0, 0.8), UP),
-    "pendulum on the separatrix": ((2, 0, 0), (0, 0, -1), UP),
-    "pendulum off the separatrix by an ulp": ((2 + 4e-16, 0, 0), (0, 0, -1), UP),
-    "pendulum near the separatrix": ((2 + 1e-6, 0, 0), (0, 0, -1), UP),
-    "spherical pendulum": ((0.5, 0.25, -0.5), (1, 0, 1), UP),
-    "c = 0": ((0.5, 0.25, 0), (0.6, 0, 0.8), UP),
-    "sleeping, unstable": ((0, 0, 1), UP, UP),
-    "sleeping, critical": ((0, 0, 2), UP, UP),
-    "sleeping, stable": ((0, 0, 3), UP, UP),
-    "sleeping, unstable, disturbed": ((1e-6, 0, 1), UP, UP),
-    "sleeping, critical, disturbed": ((1e-3, 0, 2), UP, UP),
-    "sleeping, stable, disturbed": ((1e-3, 0, 3), UP, UP),
-    "falling asleep": ((1, 3, 3), (3, 0, 4), (0, 0, 5)),
-    "hanging asleep": ((0, 0, 1.5), (0, 0, -1), UP),
-    "through the top": ((0.5, 0.3, 1.5), UP, UP),
-    "through the bottom": ((0.5, 0.3, 1.5), (0, 0, -1), UP),
-    "steady precession": ((1, 0, 2), (0.5, 0, 0.75), UP),
-    "at rest, up": ((0, 0, 0), UP, UP),
-    "at rest, down": ((0, 0, 0), (0, 0, -1), UP),
-}
-
-
-def random_tops(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    draw = np.random.default_rng(11)
-    return [tuple(draw.normal(size=(3, 3)) * [[2], [1], [1]]) for _ in range(count)]
+from tops import DOUBLE, SPECIAL, UP, random_tops
 
 
 def off(got: np.ndarray, want: np.ndarray) -> float:

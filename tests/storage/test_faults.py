@@ -22,6 +22,7 @@ from kreisel.runs import march
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking, manifest
 from kreisel.storage.checkpoint import Lock
+from support import ROOT
 
 OPTIONS = {"dt": 0.1, "steps": 900, "every": 3}
 SWEPT: dict[str, Any] = {
@@ -264,7 +265,7 @@ def test_files_and_folders_that_may_not_be_read(place: str, mode: int, top: obje
     kr.simulate(top, x0, path=path, **OPTIONS)
     before = values(path)
     (path / place).chmod(mode)
-    trial = Path(__file__).parents[1] / "benchmarks" / "trial"
+    trial = ROOT / "benchmarks" / "trial"
     code = f"""
 import sys
 sys.path.insert(0, {str(trial)!r})
