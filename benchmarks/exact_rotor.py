@@ -19,11 +19,14 @@ import mpmath as mp
 import numpy as np
 from cases import machine, parser, write
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "exact"))
+from test_exact_rotor import engine_of, moments, parted
+
+import kreisel as kr
 from kreisel.kernels.exact import engine
 from kreisel.kernels.exact.jumps import Jumps
 from rotors import closed_form
-from test_exact_rotor import engine_of, moments, parted
 
 ULP = 2.0**-52
 TIMES = np.array([0.37, -11.3, 1e3, -2e6, 1e12])
@@ -46,7 +49,7 @@ def errors(J: Any, M: Any, got: tuple[np.ndarray, np.ndarray], right: np.ndarray
 def measured(J: np.ndarray, M: np.ndarray, digits: int = 60, parts: int = 1) -> dict[str, Any]:
     """Medians and largest values over bodies; every `parts`-th also by polynomials."""
     form = engine_of(J, M, 1.0)
-    rows, right = Jumps(form._scheme, form._start).at(TIMES)
+    rows, right = Jumps(form._scheme, len(form._start)).at(form._start, TIMES)
     momenta, turns = parted(rows)
     jumped = [errors(J[k], M[k], (momenta[:, k], turns[:, k]), right[:, k], digits) for k in range(len(J))]
     engine.FEW, before = 0, engine.FEW
@@ -99,10 +102,10 @@ def timed(call: Callable[[], Any], count: int) -> float:
 
 def cost(draw: np.random.Generator) -> dict[str, float]:
     J, M = draw.uniform(0.2, 2, (4096, 3)), draw.normal(size=(4096, 3))
-    when, found = np.array([3.1]), {}
-    one, many = (Jumps(form._scheme, form._start) for form in (engine_of(J[0], M[0], 1.0), engine_of(J, M, 1.0)))
-    found["jump, us, the call included"] = 1e6 * timed(lambda: one.at(when), 2000)
-    found["lane, us"] = 1e6 * timed(lambda: many._jump(many._z, many._constants, when), 5) / len(J)
+    found: dict[str, float] = {}
+    one, many = (kr.propagator(kr.EulerTop(J=j), method="exact") for j in (J[0], J))
+    found["kr.propagator, a state at a time, us"] = 1e6 * timed(lambda: one.at(M[0], 3.1), 2000)
+    found["a lane of 4096, us"] = 1e6 * timed(lambda: many.at(M, 3.1), 5) / len(J)
     for name, oriented in (("row, ns", False), ("row with orientation, ns", True)):
         form, rows = engine_of(J[0], M[0], 1e9, 0.1, oriented).ready(), np.empty((100_000, 1, 7 if oriented else 3))
         found[name] = 1e9 * timed(lambda form=form, rows=rows: form.advance(rows, 1), 3) / len(rows)

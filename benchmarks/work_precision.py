@@ -150,12 +150,12 @@ def jump(problem: Problem, end: float, lanes: int = 1) -> Run:
     given, when = {"reach": end, "method": "exact", "dt": 1.0, "order": None, "orientation": None}, np.array([end])
     if problem.kind == "lagrange-top":
         plan, engine = plan_of_times(problem.model, state, **given)
-        jumps = Jumps(plan.scheme, engine.z)
-        if not jumps.at(when)[1].all():
+        jumps = Jumps(plan.scheme, lanes)
+        if not jumps.at(engine.z, when)[1].all():
             raise RuntimeError(f"a jump of {problem.name} needs more digits than it has")
 
         def go() -> np.ndarray:
-            return jumps.at(when)[0][0, 0]
+            return jumps.at(engine.z, when)[0][0, 0]
 
     else:
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,9 +34,24 @@ def _exists(callspec: object) -> bool:
     return name not in REGISTRY or not isinstance(n, int) or REGISTRY[name].n in (None, n)
 
 
+def _forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
+    """What is patched may change what is recorded: nothing that was made before, or with it, is used again."""
+
+    @functools.wraps(method)
+    def forgotten(*args: Any, **told: Any) -> Any:
+        forget()
+        return method(*args, **told)
+
+    return forgotten
+
+
+pytest.MonkeyPatch.setattr = _forgetting(pytest.MonkeyPatch.setattr)  # type: ignore[method-assign]
+pytest.MonkeyPatch.undo = _forgetting(pytest.MonkeyPatch.undo)  # type: ignore[method-assign]
+
+
 @pytest.fixture(autouse=True)
 def nothing_is_reused() -> None:
-    """Each test records its steps itself: some change how."""
+    """Each test records its steps itself."""
     forget()
 
 

@@ -94,7 +94,7 @@ def in_parts(J: Any, M: Any, times: Any, monkeypatch: pytest.MonkeyPatch) -> tup
 def jumped(J: Any, M: Any, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """By jumps alone, and which of them are right."""
     form = engine_of(J, M, 1.0)
-    rows, right = Jumps(form._scheme, form._start).at(np.asarray(times, dtype=float))
+    rows, right = Jumps(form._scheme, len(form._start)).at(form._start, np.asarray(times, dtype=float))
     return *parted(rows), right
 
 

@@ -31,7 +31,8 @@ def jumped(top: object, state: object, times: np.ndarray) -> tuple[np.ndarray, n
     letters, kinds = top.system.space.letters, top.system.space.kinds
     plan, given = scheme(top, "exact", 1.0, None, False), top.state(**state)
     z = layout.flatten(plan.prepare(tuple(given[k] for k in letters)), kinds)
-    rows, right = Jumps(plan, np.atleast_2d(z)).at(times)
+    z = np.atleast_2d(z)
+    rows, right = Jumps(plan, len(z)).at(z, times)
     momentum, vector = layout.restore(rows, kinds, 3)
     return np.concatenate([algebra.axial(momentum), vector], -1), right
 

@@ -188,7 +188,7 @@ def test_folding_leaves_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
         single, constants={**single.constants, "A": np.array([[0.0, -1.0, 0.0]]), "alpha": np.array([1.0])}
     )
     short, long = Kernel(special, row), None
-    monkeypatch.setattr("kreisel.kernels.recording._special", lambda constants: {})
+    monkeypatch.setattr("kreisel.kernels.recording.special_constants", lambda constants: {})
     long = Kernel(special, row)
     assert len(short.source) < len(long.source)
     one, two = np.empty((20, *row.shape)), np.empty((20, *row.shape))

@@ -19,7 +19,6 @@ import pytest
 import scipy.linalg
 
 import kreisel as kr
-from kreisel.algebra.reuse import forget
 from kreisel.lab import exact
 from kreisel.runs import march
 from kreisel.runs import simulate as runs
@@ -135,7 +134,6 @@ def another_processor(monkeypatch: pytest.MonkeyPatch) -> None:
         one[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]  # in the first plane
         return T, Z @ one
 
-    forget()
     monkeypatch.setattr(np.linalg, "eigh", lambda A: (lambda d, R: (d * (1 + 1e-14), -R))(*eigh(A)))
     monkeypatch.setattr(scipy.linalg, "schur", turned)
 
