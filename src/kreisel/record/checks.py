@@ -47,7 +47,7 @@ def positive(J, letter):
 def mass_tensor(J, letter):
     """J_j >= 0 and J_j + J_k > 0: one may be 0, that of a flat body."""
     values = np.sort(np.asarray(J), -1)
-    if (values[..., 0] < 0).any() or (values[..., 0] + values[..., 1] <= 0).any():
+    if np.asarray(values[..., 0] < 0).any() or np.asarray(values[..., 0] + values[..., 1] <= 0).any():
         raise InputError(
             f"The entries of {letter} must be positive, or one of them 0 (a flat body), got {np.asarray(J).tolist()}. "
             f"{letter} is the diagonal of the mass tensor sum m x x^T, not the classical moments I: for n = 3, "

@@ -105,7 +105,7 @@ def conjugator(M, *, J, c, lam, eps):
 
 
 def largest_step(M, *, J):
-    if (J == 0).any():
+    if np.asarray(J == 0).any():
         raise InputError(
             "method='veselov' of euler-top: expected J > 0, got a flat body, one J_i = 0: Moser and Veselov's map is "
             "not known for it here. Use method='exact' (n = 3), or 'dop853'."
