@@ -55,16 +55,9 @@ def at(
     step = 1.0 if dt is None else positive(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
         raise InputError("The times of a map are its steps, whole numbers k for the time k dt, got others.")
-    plan, engine = plan_of_times(
-        system,
-        x0,
-        reach=float(abs(flat).max(initial=0)),
-        method=method,
-        dt=step,
-        order=order,
-        orientation=orientation,
-        observe=observe,
-    )
+    reach = float(abs(flat).max(initial=0))
+    asked = {"method": method, "dt": step, "order": order, "orientation": orientation, "observe": observe}
+    plan, engine = plan_of_times(system, x0, reach=reach, **asked)
     from kreisel.runs.describing import in_memory
 
     with np.errstate(all="ignore"):

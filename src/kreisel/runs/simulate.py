@@ -51,8 +51,7 @@ def simulate(
     dt           step in the system's unit of time, > 0
     method       one of `kr.methods()`; without it the first of them that applies to the system
     order        one of those that the method has.  "auto" (baecklund): the order and the number of steps between two
-                 saved states that reach `tol` at the least cost, chosen before the run and told in the attributes dt,
-                 steps, options
+                 saved states that reach `tol` at the least cost, chosen before the run (attributes dt, steps, options)
     tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
@@ -61,8 +60,7 @@ def simulate(
                  "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
-    observe      Casimirs and integrals to compute and keep beside the state, by name; default: all.  They take most
-                 of the time where every step is kept
+    observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
@@ -73,32 +71,27 @@ def simulate(
     `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken).
     """
     flag(overwrite, "overwrite")
-    plan = make_plan(
-        system,
-        x0,
-        dt=dt,
-        steps=steps,
-        every=every,
-        method=method,
-        order=order,
-        tol=tol,
-        engine=engine,
-        project=project,
-        observe=observe,
-        orientation=orientation,
-    )
+    choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
+    plan = make_plan(system, x0, orientation=orientation, dt=dt, steps=steps, every=every, **choices)
+    return watched(_in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress))
+
+
+def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
     from kreisel.runs.describing import in_memory
+
+    _check_memory(plan)
+    with Progress(plan.steps * plan.lanes, progress) as bar:
+        return in_memory(plan, list(March(plan, bar.advance).blocks()))
+
+
+def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:
     from kreisel.storage.archive import Archive
     from kreisel.storage.opening import target
 
-    if path is None:
-        _check_memory(plan)
-        with Progress(plan.steps * plan.lanes, progress) as bar:
-            return watched(in_memory(plan, list(March(plan, bar.advance).blocks())))
     where = target(path)
     with Lock(where):
         settle(where)
-        return watched(_write(Archive(where, plan, overwrite), March(plan), progress))
+        return _write(Archive(where, plan, overwrite), March(plan), progress)
 
 
 def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None) -> xr.Dataset:
