@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from cases import machine, parser, write
-from exact import off, off_turn
 
 import kreisel as kr
+from exact import off, off_turn
 from kreisel import algebra
 from kreisel.lab.taylor import series, taylor
 

@@ -13,17 +13,12 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact.nutation import number
 from kreisel.exact.rotor import Rotor
-from kreisel.kernels import layout
 from kreisel.kernels.exact import engine
-from kreisel.kernels.exact.engine import ClosedForm
 from kreisel.kernels.exact.jumps import Jumps
-from kreisel.method import scheme
-from rotors import by_taylor, closed_form
+from rotors import START, by_taylor, closed_form, engine_of, moments, parted
 
 ULP = 2.0**-52
 STATE, TURN, KEPT = 8 * ULP, 16 * ULP, 4 * ULP  # 2.4, 5.8 and 1.6 measured
-KINDS = ["skew", "quaternion"]
-START = np.array([0.5, -0.7, 0.1, 0.5])
 TIMES = np.array([0.37, -11.3, 1e3, -2e6, 1e12])
 
 CASES = {  # J, M
@@ -61,26 +56,6 @@ WITHOUT_PERIOD = {
     "about an axis across": ((1, 1, 3), (1.0, 0.5, 0.0)),
     "a ball": ((2, 2, 2), (0.3, -0.5, 0.7)),
 }
-
-
-def moments(J: Any) -> list[Any]:
-    """Of the doubles J, exactly."""
-    a, b, c = (Fraction(float(v)) for v in J)
-    return [mp.mpf(v.numerator) / v.denominator for v in (b + c, c + a, a + b)]
-
-
-def engine_of(J: Any, M: Any, reach: float, dt: float = 1.0, oriented: bool = True) -> ClosedForm:
-    top, M = kr.EulerTop(J=J), np.asarray(M, dtype=float)
-    plan = scheme(top, "exact", dt, None, oriented)
-    start = np.broadcast_to(START / np.linalg.norm(START), (*M.shape[:-1], 4))
-    z = layout.flatten((algebra.hat(M), start)[: 1 + oriented], KINDS[: 1 + oriented])
-    return ClosedForm(plan, np.atleast_2d(z), dt, reach)
-
-
-def parted(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """M, axial, and g."""
-    M, g = layout.restore(rows, KINDS, 3)
-    return algebra.axial(M), g
 
 
 def in_parts(J: Any, M: Any, times: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[np.ndarray, np.ndarray]:
