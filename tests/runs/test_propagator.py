@@ -196,3 +196,13 @@ def test_what_is_kept_is_bounded() -> None:
     assert reuse.reused(("number", reuse.MOST), lambda: -1) == reuse.MOST
     assert reuse.reused(("number", 0), lambda: -1) == -1
     assert reuse.reused(None, lambda: 5) == 5
+
+
+def test_a_model_of_many_bodies() -> None:
+    """Lanes in the parameters: states are prepared by the definitions on arrays."""
+    draw = np.random.default_rng(2)
+    J, M = draw.uniform(0.2, 2, (5, 3)), draw.normal(size=(5, 3))
+    found = kr.propagator(kr.EulerTop(J=J), method="exact").at(M, 3.1)
+    for lane in range(5):
+        alone = kr.propagator(kr.EulerTop(J=J[lane]), method="exact").at(M[lane], 3.1)
+        assert (found[lane] == alone).all()

@@ -237,7 +237,7 @@ class Propagator:
         into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
         out_of = compiled_rows(made, returned, lanes, ("return", self.settings.observe))
         found = (
-            into[0] if into else lambda x: np.asarray(prepared(layout.restore(x, self._kinds, n))["z"]),
+            into[0] if into else lambda x: np.ascontiguousarray(prepared(layout.restore(x, self._kinds, n))["z"]),
             out_of[0]
             if out_of
             else lambda z: np.concatenate(
