@@ -13,12 +13,17 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact.nutation import number
 from kreisel.exact.rotor import Rotor
-from kreisel.kernels.exact import engine
+from kreisel.kernels import layout
+from kreisel.kernels.exact import jumps
+from kreisel.kernels.exact.engine import ClosedForm
 from kreisel.kernels.exact.jumps import Jumps
-from rotors import START, by_taylor, closed_form, engine_of, moments, parted
+from kreisel.method import scheme
+from rotors import by_taylor, closed_form
 
 ULP = 2.0**-52
 STATE, TURN, KEPT = 8 * ULP, 16 * ULP, 4 * ULP  # 2.4, 5.8 and 1.6 measured
+KINDS = ["skew", "quaternion"]
+START = np.array([0.5, -0.7, 0.1, 0.5])
 TIMES = np.array([0.37, -11.3, 1e3, -2e6, 1e12])
 
 CASES = {  # J, M
@@ -58,10 +63,30 @@ WITHOUT_PERIOD = {
 }
 
 
+def moments(J: Any) -> list[Any]:
+    """Of the doubles J, exactly."""
+    a, b, c = (Fraction(float(v)) for v in J)
+    return [mp.mpf(v.numerator) / v.denominator for v in (b + c, c + a, a + b)]
+
+
+def engine_of(J: Any, M: Any, reach: float, dt: float = 1.0, oriented: bool = True) -> ClosedForm:
+    top, M = kr.EulerTop(J=J), np.asarray(M, dtype=float)
+    plan = scheme(top, "exact", dt, None, oriented)
+    start = np.broadcast_to(START / np.linalg.norm(START), (*M.shape[:-1], 4))
+    z = layout.flatten((algebra.hat(M), start)[: 1 + oriented], KINDS[: 1 + oriented])
+    return ClosedForm(plan, np.atleast_2d(z), dt, reach)
+
+
+def parted(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """M, axial, and g."""
+    M, g = layout.restore(rows, KINDS, 3)
+    return algebra.axial(M), g
+
+
 def in_parts(J: Any, M: Any, times: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[np.ndarray, np.ndarray]:
     """By polynomials, never by jumps."""
     with monkeypatch.context() as patch:
-        patch.setattr(engine.jumps, "FEW", 0)
+        patch.setattr(jumps, "FEW", 0)
         M, g = parted(engine_of(J, M, float(abs(times).max())).at(np.asarray(times, dtype=float)))
     return M[:, 0], g[:, 0]
 
@@ -192,7 +217,7 @@ def test_rows_are_those_at_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     there = engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))
     assert abs(rows - there).max() < 16 * ULP * 2.1
     with monkeypatch.context() as patch:
-        patch.setattr(engine.jumps, "FEW", 0)
+        patch.setattr(jumps, "FEW", 0)
         assert (rows == engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))).all()
 
 
