@@ -7,6 +7,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.algebra.reuse import forget
 from kreisel.exact.nutation import Integrals
 from kreisel.kernels import layout
 from kreisel.kernels.exact import engine, jumps
@@ -176,4 +177,5 @@ def test_mutants_are_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     attribute, mutant = MUTANTS[name]
     monkeypatch.setattr(Integrals, attribute, property(mutant))
     monkeypatch.setattr(jumps, "_formulas", jumps._formulas.__wrapped__)
+    forget()
     assert max(map(off, jumped(top, state, TIMES)[0][:, 0], want)) > 10 * RIGHT
