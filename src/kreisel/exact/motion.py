@@ -36,6 +36,7 @@ from kreisel.exact.parts import (
     left_out,
     turns_of,
 )
+from kreisel.exact.slow import take_fewer_parts
 from kreisel.method.scheme import Orbit
 
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
@@ -61,8 +62,8 @@ def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Arra
     return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
 
 
-def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
-    """The m, b and q as power series, (ORDERS, 10), from integers of BINARY binary places.
+def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array, binary: int) -> Array:
+    """The m, b and q as power series, (ORDERS, 10), from integers of `binary` binary places.
 
     m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
     """
@@ -75,7 +76,7 @@ def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Ar
         leans = zip((convolved(x, q0) for x in w), _cross(w, qs, convolved), _cross(u, spinning), spinning, strict=True)
         turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
         for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
-            series.append((new >> BINARY) // k)
+            series.append((new >> binary) // k)
         for series in q:
             series[-1] >>= 1
     out = np.array([*w, *b, *q], dtype=object).T
@@ -120,13 +121,27 @@ class Motion:
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
                 "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
-        ctx.dps = self._digits(reach)
+        ctx.dps, self.binary = self._digits(reach), BINARY
         self.nutation = Nutation(ctx, known)
+        self.begin()
+        fastest = self._clock(reach, spin_factor)
+        if self.places > LEAPT and not known.separatrix and known.A and known.P2:
+            take_fewer_parts(self, fastest)
+
+    def begin(self) -> None:
+        """The state at time 0 in the digits that there are, and no other yet."""
+        ctx = self.ctx
         self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
         m0, b0, _ = self._mp
         self._places: dict[int, State] = {0: (m0, b0, np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
         self._leaps: dict[int, Leap] = {}
-        self._clock(reach, spin_factor)
+
+    def refine(self, halvings: int) -> None:
+        """Halve all parts so often; what is known of them stays."""
+        self._places, self._leaps = (
+            {j << halvings: found for j, found in known.items()} for known in (self._places, self._leaps)
+        )
+        self.places, self.part = self.places + halvings, self.part / (1 << halvings)
 
     def _digits(self, reach: float) -> int:
         """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
@@ -156,8 +171,11 @@ class Motion:
         gap = x3 - 2 * (algebra.dot(self.b, self.p) - known.E)
         return float(ctx.log(number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
 
-    def _clock(self, reach: float, spin_factor: Fraction) -> None:
-        """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady."""
+    def _clock(self, reach: float, spin_factor: Fraction) -> float:
+        """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady.
+
+        Returns a bound of the rates of the equations.
+        """
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         turn = 2 * ctx.pi
         self.settled = 0
@@ -187,6 +205,7 @@ class Motion:
         self.bits = 64 + PHASE_BITS + 53 + spread
         self.spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A)) / turn
         self.sleeping = number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / turn
+        return float(rate)
 
     def _settled(self) -> int:
         """The number of parts after which a motion on the separatrix is steady: asleep with b parallel to p.
@@ -198,9 +217,6 @@ class Motion:
             return 0
         return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))
 
-    def _fixed(self, x: Number) -> int:
-        return int(self.ctx.floor(self.ctx.ldexp(x, self.bits)))
-
     # -- in extended digits --------------------------------------------------------------------------
 
     def place(self, j: int, inside: bool = False) -> Array:
@@ -209,6 +225,16 @@ class Motion:
         Of m, b (axial) and the orientation from time 0, a unit quaternion, freed of the mean turns; `inside`: of
         -M, P and the inverse orientation, which obey the same equations with (m, b, p) -> (-M, P, A).
         """
+        found, units = self.series(j, inside)
+        scaled = [
+            self.ctx.ldexp(self.ctx.mpf(int(v)), -self.binary) * unit for v, unit in zip(found[0], units, strict=True)
+        ]
+        out = economised()[0] @ np.ldexp(found.astype(np.float64), -self.binary) * units.astype(np.float64)
+        out[0] = [float(v) for v in scaled]
+        return out
+
+    def series(self, j: int, inside: bool) -> tuple[Array, Array]:
+        """The power series of part j, (ORDERS, 10), integers of `binary` places, and the units of the ten."""
         ctx = self.ctx
         m, b, q = self._at((j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1)))
         p, axis = self._mp[2], self._mp[1]
@@ -219,12 +245,9 @@ class Motion:
             turning, spinning = spinning, turning
         half, size = self.part / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
         scaled = (m * half, b / size, q, p * (half * half * size), turning * half, spinning * half)  # arrays first
-        found = _taylor(*(np.array([int(ctx.ldexp(v, BINARY)) for v in w], dtype=object) for w in scaled))
-        units = np.repeat(np.array([float(1 / half), float(size), 1.0]), (3, 3, 4))
-        series = np.ldexp(found.astype(np.float64), -BINARY)
-        out = economised()[0] @ series * units
-        out[0] = [float(v) for v in (*m, *b, *q)]
-        return out
+        fixed = (np.array([int(ctx.ldexp(v, self.binary)) for v in w], dtype=object) for w in scaled)
+        units = np.array([1 / half] * 3 + [size] * 3 + [ctx.one] * 4, dtype=object)
+        return _taylor(*fixed, binary=self.binary), units
 
     def _at(self, j: int) -> State:
         """The state at time j parts, freed of the mean turns: by leaps of 2^k parts, of which few are needed.
