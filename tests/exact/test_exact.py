@@ -549,3 +549,18 @@ def test_a_run_goes_on_and_is_lengthened(top: object, x0: object, tmp_path: Path
     for name in ("m", "a", "g", "energy"):
         assert (longer[name].values == whole[name].values).all()
     assert check_archive(tmp_path / "a.zarr")[1] == []
+
+
+@pytest.mark.parametrize("e", [1e-3, 1e-9, 1e-14])
+def test_beside_the_critical_sleeping_top(e: float) -> None:
+    """Full precision of state and orientation from few parts: whole turns are left out."""
+    m, b, p = np.array([e, 0.0, 6.0]), np.array([0.0, 0.0, 4.0]), np.array([0.0, 0.0, 2.25])
+    assert Motion(m, b, p, reach=10.0).places < 8
+    top, times = kr.LagrangeTop(p=p, alpha=0.5), (0.37, -1.03, 6.6)
+    run = kr.at(top, {"m": m, "a": b}, times, orientation=(1, 0, 0, 0))
+    for i, when in enumerate(times):
+        m1, b1, q = taylor(m, b, p, when, alpha=0.5, digits=40)
+        assert abs(run.m.values[i] - np.array(m1, dtype=float)).max() < 4e-15
+        assert abs(run.a.values[i] - np.array(b1, dtype=float)).max() < 4e-15
+        turn = np.array(q, dtype=float)
+        assert min(abs(run.g.values[i] - s * turn).max() for s in (1, -1)) < 2e-15

@@ -3,8 +3,7 @@
 Three phases grow like the time: that of nutation, and those of the mean turns about p and about the axis.  The period
 of nutation is cut into 2^k parts.  The state at the middle of each, freed of the mean turns, comes from the closed
 form in extended digits, once, and from the equations of motion the polynomials that it follows within the part.
-The phases are integers, mod one turn: no error grows with t.  Beside the critical sleeping top the orientation loses
-digits, and the set-up takes long (docs/exact.md).
+The phases are integers, mod one turn: no error grows with t.
 """
 
 from __future__ import annotations
@@ -277,7 +276,9 @@ class Motion:
         turn, spin = (v if sign > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
-        return R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
+        found = R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
+        m, b, q = (np.array([self.ctx.re(v) for v in part], dtype=object) for part in found)
+        return m, b, q
 
     def _leap(self, h: Number) -> Leap:
         """What the flow over h > 0 takes: `count` times D_eps, then turns about p and the axis."""
@@ -288,7 +289,7 @@ class Motion:
         A = ctx.sqrt(number(ctx, known.A))
         along, across = (2 * ctx.pi * mean * h for mean in self.means)
         left = -count * nutation.theta(eps) - along
-        right = count * (nutation.theta(eps, dual=True) + 2 * ctx.atan(eps * number(ctx, known.J) / (2 * A))) + across
+        right = count * (nutation.theta(eps, dual=True) + 2 * nutation.angle(eps, number(ctx, known.J) / A)) + across
         turn, spin = self._about(self._mp[2], left), self._about(self._mp[1], right)
         return Leap(count, eps, nutation.length(eps), turn, spin)
 

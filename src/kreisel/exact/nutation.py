@@ -133,10 +133,10 @@ class Nutation:
         return self.ctx.inf if self.integrals.separatrix else 2 * self.ctx.elliprf(0, x3 - x1, x3 - x2)
 
     def tau(self, eps: Number) -> Number:
-        """The time that D_eps takes, odd in eps; |eps| <= 2/sqrt(x3) where x3 > 0."""
+        """The time that D_eps takes, odd in eps; |eps| <= 2/sqrt(x3) where x3 > 0, imaginary beyond infinity."""
         eps = self.ctx.convert(eps)
-        x0 = 4 / eps**2
-        return self.ctx.sign(eps) * 2 * self.ctx.elliprf(*(x0 - x for x in self.x))
+        x0 = self.ctx.re(4 / eps**2)
+        return self._direction(eps) * 2 * self.ctx.elliprf(*(x0 - x for x in self.x))
 
     def theta(self, eps: Number, dual: bool = False) -> Number:
         """The angle about p of D_eps beyond the flow, odd in eps; 0 if p = 0.  `dual`: about A in the body."""
@@ -144,10 +144,21 @@ class Nutation:
         if known.P2 == 0:
             return ctx.zero
         eps = ctx.convert(eps)
-        P2, c, K, x0 = number(ctx, known.P2), number(ctx, known.c), number(ctx, known.K), 4 / eps**2
+        P2, c, K, x0 = number(ctx, known.P2), number(ctx, known.c), number(ctx, known.K), ctx.re(4 / eps**2)
         p = ctx.sqrt(P2)
         third = ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if known.K else ctx.zero
-        return turning(p, c, K, self.tau(eps), ctx.sign(eps) * third) + ctx.atan(eps * c / (2 * p))
+        return turning(p, c, K, self.tau(eps), self._direction(eps) * third) + self.angle(eps, c / p)
+
+    def _direction(self, eps: Number) -> Number:
+        """The sign of the time."""
+        return self.ctx.sign(self.ctx.re(eps) + self.ctx.im(eps))
+
+    def angle(self, eps: Number, slope: Number) -> Number:
+        """The arctan(eps slope/2), for imaginary eps continued from large real ones."""
+        ctx = self.ctx
+        if ctx.im(eps) == 0:
+            return ctx.atan(eps * slope / 2)
+        return self._direction(eps) * ctx.sign(slope) * ctx.pi / 2 - ctx.atan(2 / (eps * slope))
 
     def period_turn(self, dual: bool = False) -> Number:
         """theta_P: the flow over the period 2 omega_1 is Rot_p(theta_P), mod 2 pi; 0 if p = 0."""
@@ -178,7 +189,8 @@ class Nutation:
     def epsilon(self, h: Number) -> Number:
         """The eps with tau(eps) = h, for |h| <= omega_1: 4/eps^2 = x3 + (x3 - x1) cs^2(u, k).
 
-        Infinite or imaginary, then NaN, where x0 = 4/eps^2 <= 0: take h in parts.
+        Imaginary where x0 = 4/eps^2 < 0: the map and the turn by theta are complex then, their product, the flow, is
+        real.  NaN where x0 <= 0 and theta has a pole on the way, x0 <= -c^2/P2 or x0 <= -J^2/A: take h in parts.
         """
         ctx, (x1, x2, x3), h = self.ctx, self.x, self.ctx.convert(h)
         if h == 0:
@@ -189,6 +201,10 @@ class Nutation:
             u = ctx.sqrt(x3 - x1) * abs(h) / 2
             cs = 1 / ctx.sinh(u) if x2 == x3 else ctx.ellipfun("cs", u=u, m=(x2 - x1) / (x3 - x1))
             x0 = x3 + (x3 - x1) * cs**2
+        seen = [v for v in (self.integrals, self.integrals.dual) if v.P2]
+        least = min((number(ctx, v.c**2 / v.P2) for v in seen), default=ctx.zero)
+        if x0 < 0 < x0 + least:
+            return ctx.mpc(0, 2 * ctx.sign(h) / ctx.sqrt(-x0))
         return 2 * ctx.sign(h) / ctx.sqrt(x0) if x0 > 0 else ctx.nan
 
     def length(self, eps: Number) -> Number:

@@ -1,10 +1,10 @@
-"""Few parts for a motion of the Lagrange top, n = 3, that is slow but for whole turns: beside the critical sleeping top.
+"""Few parts for a Lagrange top, n = 3, that is slow but for whole turns: beside the critical sleeping top.
 
 There the period of nutation is long, and within it the top turns many times about p and about its axis at rates
 
     phi' = (c - J z)/(1 - z^2),   psi' = (J - c z)/(1 - z^2)
 
-(|p| = |b| = 1, z = b.p).  Freed of all these turns, not of their fractions alone, the state changes as slowly as z does.
+(|p| = |b| = 1, z = b.p).  Freed of all these turns, not of their fractions alone, the state changes as slowly as z.
 Series of what is slow, made of fast equations, lose digits: as many more are taken.
 """
 
