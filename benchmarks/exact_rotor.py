@@ -20,13 +20,17 @@ import numpy as np
 from cases import machine, parser, write
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "exact"))
+from test_exact_rotor import engine_of, moments, parted
+
 import kreisel as kr
-from kreisel.kernels.exact import jumps
+from kreisel.kernels.exact import engine
 from kreisel.kernels.exact.jumps import Jumps
-from rotors import START, closed_form, engine_of, moments, parted
+from rotors import closed_form
 
 ULP = 2.0**-52
 TIMES = np.array([0.37, -11.3, 1e3, -2e6, 1e12])
+START = np.array([0.5, -0.7, 0.1, 0.5])
 
 
 def errors(J: Any, M: Any, got: tuple[np.ndarray, np.ndarray], right: np.ndarray, digits: int) -> tuple[float, float]:
@@ -45,15 +49,15 @@ def errors(J: Any, M: Any, got: tuple[np.ndarray, np.ndarray], right: np.ndarray
 def measured(J: np.ndarray, M: np.ndarray, digits: int = 60, parts: int = 1) -> dict[str, Any]:
     """Medians and largest values over bodies; every `parts`-th also by polynomials."""
     form = engine_of(J, M, 1.0)
-    rows, right = Jumps(form._scheme, len(form._start)).at(form._start, TIMES)
+    rows, right = Jumps(form._scheme, len(form._start)).at(np.ascontiguousarray(form._start), TIMES)
     momenta, turns = parted(rows)
     jumped = [errors(J[k], M[k], (momenta[:, k], turns[:, k]), right[:, k], digits) for k in range(len(J))]
-    jumps.FEW, before = 0, jumps.FEW
+    engine.jumps.FEW, before = 0, engine.jumps.FEW
     by_parts = []
     for k in range(0, len(J), parts):
         momenta, turns = parted(engine_of(J[k], M[k], 1e12).at(TIMES))
         by_parts.append(errors(J[k], M[k], (momenta[:, 0], turns[:, 0]), np.ones(len(TIMES), bool), digits))
-    jumps.FEW = before
+    engine.jumps.FEW = before
     found = {"bodies": len(J), "jumps that are right": round(float(right.mean()), 4)}
     for name, all_of in (("jumps", jumped), ("parts", by_parts)):
         for what, values in zip(("state", "orientation"), np.transpose(all_of), strict=True):

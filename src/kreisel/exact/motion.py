@@ -61,7 +61,7 @@ def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Arra
     return np.max([ws / max(rates, math.sqrt(bp)), bs, qs], 0)
 
 
-def _taylor(m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array, binary: int) -> Array:
+def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array, spinning: Array) -> Array:
     """The m, b and q as power series, (ORDERS, 10), from integers of `binary` binary places.
 
     m' = p x b - turning x m,  b' = (m - turning) x b,  2 q' = (m - turning) q + q spinning.
@@ -120,6 +120,7 @@ class Motion:
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
                 "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
+        self.places, self.part = LEAST_PLACES, ctx.one
         ctx.dps, self.binary = self._digits(reach), BINARY
         self.nutation = Nutation(ctx, known)
         self.begin()
@@ -137,9 +138,8 @@ class Motion:
 
     def refine(self, halvings: int) -> None:
         """Halve all parts so often; what is known of them stays."""
-        self._places, self._leaps = (
-            {j << halvings: found for j, found in known.items()} for known in (self._places, self._leaps)
-        )
+        self._places = {j << halvings: state for j, state in self._places.items()}
+        self._leaps = {j << halvings: leap for j, leap in self._leaps.items()}
         self.places, self.part = self.places + halvings, self.part / (1 << halvings)
 
     def _digits(self, reach: float) -> int:
@@ -244,9 +244,9 @@ class Motion:
             turning, spinning = spinning, turning
         half, size = self.part / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
         scaled = (m * half, b / size, q, p * (half * half * size), turning * half, spinning * half)  # arrays first
-        fixed = (np.array([int(ctx.ldexp(v, self.binary)) for v in w], dtype=object) for w in scaled)
+        fixed = [np.array([int(ctx.ldexp(v, self.binary)) for v in w], dtype=object) for w in scaled]
         units = np.array([1 / half] * 3 + [size] * 3 + [ctx.one] * 4, dtype=object)
-        return _taylor(*fixed, binary=self.binary), units
+        return _taylor(self.binary, *fixed), units
 
     def _at(self, j: int) -> State:
         """The state at time j parts, freed of the mean turns: by leaps of 2^k parts, of which few are needed.
