@@ -283,3 +283,12 @@ def test_a_wrong_factor_shows(mutant: str, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(Rotor, "_constants", wrong)
     J, M = CASES["beside the separatrix, by 1e-3"]
     assert off(in_parts(J, M, TIMES[:3], monkeypatch), J, M, TIMES[:3], closed_form)[1] > TURN
+
+
+def test_a_propagator_of_many_bodies() -> None:
+    """Each with its own J: as one by one."""
+    J, M = bodies(9)
+    rows = kr.propagator(kr.EulerTop(J=J), method="exact").at(M, [0.7, -3.0])
+    for k in range(9):
+        one = kr.propagator(kr.EulerTop(J=J[k]), method="exact").at(M[k], [0.7, -3.0])
+        assert (one == rows[:, k]).all()

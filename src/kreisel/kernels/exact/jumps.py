@@ -254,7 +254,7 @@ class Jumps:
 
     def at(self, z: Floats, times: Floats) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes)."""
-        c, count = self._constants, len(z)
+        z, c, count = np.ascontiguousarray(z), self._constants, len(z)
         parts = list(shares(count, WORK * count * len(times))) if count > 1 else [(0, 1)]
         if len(parts) < 2:
             out, right = self._jump(z, c, times)
