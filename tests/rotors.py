@@ -6,40 +6,10 @@ Legendre's form of the integral of the third kind and an arctangent, against whi
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import Any
 
 import mpmath as mp
 import numpy as np
-
-import kreisel as kr
-from kreisel import algebra
-from kreisel.kernels import layout
-from kreisel.kernels.exact.engine import ClosedForm
-from kreisel.method import scheme
-
-KINDS = ["skew", "quaternion"]
-START = np.array([0.5, -0.7, 0.1, 0.5])
-
-
-def moments(J: Any) -> list[Any]:
-    """Of the doubles J, exactly."""
-    a, b, c = (Fraction(float(v)) for v in J)
-    return [mp.mpf(v.numerator) / v.denominator for v in (b + c, c + a, a + b)]
-
-
-def engine_of(J: Any, M: Any, reach: float, dt: float = 1.0, oriented: bool = True) -> ClosedForm:
-    top, M = kr.EulerTop(J=J), np.asarray(M, dtype=float)
-    plan = scheme(top, "exact", dt, None, oriented)
-    start = np.broadcast_to(START / np.linalg.norm(START), (*M.shape[:-1], 4))
-    z = layout.flatten((algebra.hat(M), start)[: 1 + oriented], KINDS[: 1 + oriented])
-    return ClosedForm(plan, np.atleast_2d(z), dt, reach)
-
-
-def parted(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """M, axial, and g."""
-    M, g = layout.restore(rows, KINDS, 3)
-    return algebra.axial(M), g
 
 
 def product(a: list[Any], b: list[Any]) -> list[Any]:
