@@ -168,6 +168,22 @@ def kinds() -> None:
     KINDS.update({"system name": _system_name, "parameters": _parameters})
 
 
+def _stepped(model: Any, state: Any, steps: Any, **told: Any) -> Any:
+    from kreisel.runs.propagator import propagator
+
+    return propagator(model, **told).steps(state, steps)
+
+
+def _placed(model: Any, state: Any, times: Any, **told: Any) -> Any:
+    from kreisel.runs.propagator import propagator
+
+    return propagator(model, **told).at(state, times)
+
+
+def _arrays(found: Any) -> list[Any]:
+    return list(found.values()) if isinstance(found, dict) else [found]
+
+
 def calls() -> list[Call]:
     """Every function that is called."""
     cut = {"value": "level", "rising": "rising", "system": "system"}
@@ -182,6 +198,10 @@ def calls() -> list[Call]:
         call("at", "model", "state", "times", method="method", dt="dt", order="order", orientation="orientation",
              optional_="method dt order orientation", weight_=6),
         call("nutation", "model", "state", weight_=4, infinite_=True),
+        call("propagator", "model", "state", "steps", dt="dt", method="method", order="order", project="flag",
+             function_=_stepped, then_=_arrays, optional_="dt method order project", weight_=2),
+        call("propagator", "model", "state", "times", dt="dt", method="method", order="order", function_=_placed,
+             then_=_arrays, optional_="dt method order", weight_=1),
         call("drift", "run", weight_=3, infinite_=True),
         call("cite", "run"),
         call("cite", "anything"),

@@ -408,3 +408,11 @@ def test_a_flat_body_moves_in_closed_form() -> None:
     for J in ((0, 0, 1), (-1, 2, 3)):
         with pytest.raises(kr.InputError, match=r"or one of them 0 .a flat body"):
             kr.EulerTop(J=J)
+
+
+def test_a_spin_of_many_axes_is_refused() -> None:
+    spin: object = [1.0, 2.0, 3.0]
+    for _ in range(80):
+        spin = [spin]
+    with pytest.raises(kr.InputError, match="spin"):
+        FreeBody((1.0, 2.0, 2.5)).rotation(spin)

@@ -187,7 +187,7 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
         if length == 0:
             raise InputError("axis: expected a direction in the body, got the zero vector.")
         return np.asarray(rate * direction / length)
-    if isinstance(spin, str) or np.ndim(spin) == 0:
+    if isinstance(spin, str) or (not isinstance(spin, list | tuple) and np.ndim(spin) == 0):
         raise InputError(
             f"spin: expected three components along the body axes, got {shown(spin)}. Usual cause: a rate without its "
             "axis; say axis=(0, 0, 1)."

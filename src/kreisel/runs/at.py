@@ -45,7 +45,7 @@ def at(
     with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
     where numbers overflow.
     """
-    wanted = _times(times)
+    wanted = wanted_times(times)
     flat = np.atleast_1d(wanted)
     if (dt is None) != (named(method, "method") == "exact"):
         raise InputError(
@@ -71,7 +71,8 @@ def at(
     return run if wanted.ndim else run.isel(time=0)
 
 
-def _times(times: Any) -> np.ndarray:
+def wanted_times(times: Any) -> np.ndarray:
+    """A time, or times (times,), that were asked for.  Raises `InputError`."""
     try:
         wanted = np.array(times, dtype=np.float64)  # a copy: kernels take no arrays that may only be read
     except (TypeError, ValueError, OverflowError):

@@ -23,6 +23,7 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model
+from kreisel.runs.at import wanted_times
 from kreisel.runs.plan import LARGE, Plan, planned
 from kreisel.runs.settings import (
     MOST_STEPS,
@@ -177,9 +178,8 @@ class Propagator:
                 f"No closed form of method={self._scheme.name!r} for {self.model.system.name} is known here. "
                 "Use .steps(state, n), or kr.simulate."
             )
-        when = np.array(times, dtype=np.float64, ndmin=1)
-        if when.ndim > 1 or not when.size or not _finite(when):
-            raise InputError(f"times: expected a finite number or a list of them, at least one, got {shown(times)}.")
+        wanted = wanted_times(times)
+        when = np.atleast_1d(wanted)
         x, batch = self._given(state)
         into, out_of = self._conversions(len(x))
         out = self._states(into(x[None])[0], when)
@@ -187,7 +187,7 @@ class Propagator:
             _require_finite(x)
             raise RunError("The state is not finite: its powers leave the range of doubles. Use other units.")
         found = out_of(out)
-        return self._returned(found if np.ndim(times) else found[0], state, batch)
+        return self._returned(found if wanted.ndim else found[0], state, batch)
 
     def _given(self, state: Any) -> tuple[Floats, bool]:
         """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
