@@ -112,7 +112,21 @@ def gpu_code() -> str:
     return _table(head, rows)
 
 
-TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code)
+def calls() -> str:
+    """Microseconds of a call of `kr.propagator`, one state and a lane of an ensemble."""
+    rows = []
+    for name, row in _result("propagator")["figures"].items():
+        one, lane = (row.get(f"{what}{each}") for what in _CALLS[:1] for each in ("", " a lane"))
+        one, lane = (one, lane) if one is not None else (row.get(_CALLS[1]), row.get(f"{_CALLS[1]} a lane"))
+        if one is not None and lane is not None:
+            further = row.get("further step us")
+            rows.append([name, f"{one:.1f}", f"{lane:.2f}", "" if further is None else f"{1e3 * further:.0f}"])
+    head = ["`kr.propagator`", "one state, µs", "one of 4,096 lanes, µs", "each further step, ns"]
+    return _table(head, rows)
+
+
+_CALLS = ("one step us", "a state at a time us")
+TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code, calls)
 
 if __name__ == "__main__":
     for table in TABLES:
