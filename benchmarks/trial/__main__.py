@@ -62,12 +62,12 @@ def inside(asked: argparse.Namespace) -> int:
         folder = asked.inside / "cases" / str(asked.case)
         print(json.dumps(pool.carried_out(part, asked.case, asked.seed, folder), indent=1))
         return 0
-    scale, told = asked.minutes / FULL, {}
+    scale, told, spare = asked.minutes / FULL, {}, 0.0
     for part in chosen:
         count = max(1, round(part.count * scale))
-
-        seconds = 60 * asked.minutes * (CASES * part.share if not asked.part else 1)
+        seconds = spare + 60 * asked.minutes * (CASES * part.share if not asked.part else 1)
         got = pool.carry_out(part, count, seconds, asked.seed, asked.inside, asked.workers)
+        spare = max(0.0, seconds - got.seconds) if not asked.part else 0.0  # for the next part
         outcomes = dict(sorted(got.outcomes.items()))
         slow = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in got.slow.most_common(6))
         print(f"{part.name}: {slow}", file=sys.stderr, flush=True)
