@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -348,3 +349,13 @@ def test_parameters_that_vary_by_lane(method: str) -> None:
     for lane, value in enumerate(alpha):
         one = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=value), x0, **told)
         np.testing.assert_allclose(lanes.M.values[:, lane], one.M.values, atol=1e-14)
+
+
+def test_a_step_beyond_all_bounds_ends_with_an_error() -> None:
+    """Its constants are infinite, for which a kernel has no name."""
+    top = kr.LagrangeTopSU2Moving(A=(-0.48, -1.24, 0.41), alpha=0.45)
+    x0 = top.state(M=(-0.86, 0.52, -1.16), P=(1.06, -0.99, -1.21))
+    for n in (1, 2):
+        with warnings.catch_warnings(), pytest.raises(kr.RunError, match="no longer finite"):
+            warnings.simplefilter("ignore")
+            kr.simulate(top, x0 if n == 1 else {k: np.stack([v, v]) for k, v in x0.items()}, dt=1e300, steps=2)

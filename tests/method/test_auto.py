@@ -114,3 +114,10 @@ def test_from_a_file_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     longer = kr.resume(Path("run.zarr"), extend=2 * told.attrs["steps"])
     assert longer.attrs["options"] == told.attrs["options"]
     assert longer.time.values[-1] == pytest.approx(200)
+
+
+def test_a_system_without_its_maps_is_refused() -> None:
+    case = kr.KirchhoffCase(a1=0.6, a3=0.5, b1=0.3, b3=0.8, c1=0.9, c3=0.7)
+    x0 = case.state(M=(1, 0.5, 0.5), P=(-0.3, 0.8, -1))
+    with pytest.raises(kr.InputError, match="expected a system whose Bäcklund transformations are known"):
+        kr.simulate(case, x0, dt=0.02, steps=1, method="baecklund", order="auto", tol=1e-9)

@@ -144,7 +144,7 @@ class Scalar:
         if value is not None:
             if value in (0, 1, -1):
                 return 0.0 if value == 0 else (self if value == 1 else -self)
-            return self._new(f"{self.name} * {abs(value)!r}", self.name, negative=self.negative != (value < 0))
+            return self._new(f"{self.name} * {literal(abs(value))}", self.name, negative=self.negative != (value < 0))
         first, second = sorted((self.name, other.name))
         return self._new(f"{first} * {second}", first, second, negative=self.negative != other.negative)
 
@@ -157,7 +157,7 @@ class Scalar:
         if value is not None:
             if value in (1, -1):
                 return self if value == 1 else -self
-            return self._new(f"{self.name} / {abs(value)!r}", self.name, negative=self.negative != (value < 0))
+            return self._new(f"{self.name} / {literal(abs(value))}", self.name, negative=self.negative != (value < 0))
         return self._new(f"{self.name} / {other.name}", self.name, other.name, negative=self.negative != other.negative)
 
     def __rtruediv__(self, other: Any) -> Any:
@@ -166,7 +166,7 @@ class Scalar:
         value = float(other)
         if value == 0:
             return 0.0
-        return self._new(f"{abs(value)!r} / {self.name}", self.name, negative=self.negative != (value < 0))
+        return self._new(f"{literal(abs(value))} / {self.name}", self.name, negative=self.negative != (value < 0))
 
     def __pow__(self, exponent: int) -> Any:
         if exponent not in (2, 3):
@@ -208,7 +208,7 @@ class Scalar:
 
     def record_sum_with(self, x: float, y: float) -> Any:
         """x * y + self for plain x, y, rounded once."""
-        return self._new(f"fma({x!r}, {y!r}, {self.signed})", self.name)
+        return self._new(f"fma({literal(x)}, {literal(y)}, {self.signed})", self.name)
 
     @property
     def signed(self) -> str:

@@ -88,10 +88,10 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
     from kreisel.storage.archive import Archive
     from kreisel.storage.opening import target
 
-    where = target(path)
+    where, march = target(path), March(plan)  # compiled before anything is made there
     with Lock(where):
         settle(where)
-        return _write(Archive(where, plan, overwrite), March(plan), progress)
+        return _write(Archive(where, plan, overwrite), march, progress)
 
 
 def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None) -> xr.Dataset:
