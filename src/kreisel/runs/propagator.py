@@ -94,7 +94,6 @@ class Propagator:
         self.letters = tuple(letter for letter, _ in components)
         self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
         self._own_kinds = [kind for _, kind in made.components]
-        self._own_size = sum(layout.size(kind, model.n) for kind in self._own_kinds)
         self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
         self.size = sum(layout.size(kind, model.n) for kind in self._kinds)
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
@@ -159,8 +158,7 @@ class Propagator:
         """As a run of that many dimensions is made, whose kernels depend on the state."""
         plan = planned(self.model, self._scheme, self.settings, self._system(x), None)
         out = self._rows(plan.engine, x, plan.first, count, every)
-        parts = [self._line(name, value) for name, value in plan.observe(out).items()]
-        found = np.concatenate(parts, -1)
+        found = np.concatenate(list(self._lines(plan.observe(out)).values()), -1)
         return found if plan.batched else found[:, None]
 
     def _system(self, x: Array) -> tuple[Array, ...]:
@@ -230,8 +228,7 @@ class Propagator:
             return {"z": layout.flatten(made.prepare(tuple(own)), self._own_kinds)}
 
         def returned(parts: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            outputs = plan.variables(parts, **known)
-            return {name: self._line(name, value) for name, value in outputs.items()}
+            return self._lines(plan.variables(parts, **known))
 
         given = replace(made, components=natural)
         into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
@@ -250,6 +247,11 @@ class Propagator:
         )
         self._converters[lanes] = found
         return found
+
+    def _lines(self, outputs: Mapping[str, Array]) -> dict[str, Array]:
+        """The state, the orientation, and what is observed beside, each as numbers along the last axis."""
+        names = (*self.letters, *(name for name in outputs if name not in self.letters))
+        return {name: self._line(name, outputs[name]) for name in names}
 
     def _line(self, name: str, value: Array) -> Array:
         """A variable as numbers along the last axis."""
@@ -306,7 +308,12 @@ class Propagator:
     @cached_property
     def _beside(self) -> dict[str, Any]:
         """Where what is observed beside the state stands."""
-        plan = self._plan(self._scheme, np.ones((1, self._own_size)))
+        if not self.settings.observe:
+            return {}
+        x = np.ones((*(self.model.batch or (1,)), self.size))
+        if self._oriented:
+            x[:, self._places[ORIENTATION]] = (1, 0, 0, 0) if self.model.n == 3 else np.eye(self.model.n).ravel()
+        plan = self._plan(self._scheme, self._conversions(len(x))[0](x[None])[0])
         out, start = {}, self.size
         for name, value in plan.example.items():
             if name not in self.letters:
