@@ -23,6 +23,7 @@ from kreisel.system import NAMED, REGISTRY
 __version__ = "0.1.0"
 
 _LAZY = {
+    "perturbed": "kreisel.forces.body",
     "Design": "kreisel.sweeps.design",
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",

@@ -57,7 +57,7 @@ MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 
 HEAD = '''"""Made by kreisel.kernels.cpu by recording {name}; not to be edited."""
-from math import sqrt
+from math import cos, exp, log, sin, sqrt
 
 import numpy as np
 from numba import njit

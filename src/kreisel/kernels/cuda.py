@@ -31,7 +31,7 @@ PRODUCT = re.compile(r"^(\s*\w+) = (\S+) \* (\S+)$", re.MULTILINE)
 LITERAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+)")
 
 SOURCE = '''"""Made by kreisel.kernels.cuda by recording {name}; not to be edited."""
-from math import sqrt
+from math import cos, exp, log, sin, sqrt
 
 from numba import config, cuda
 from numpy import {real} as real
@@ -66,7 +66,7 @@ def kernel(z, c, s, out, every):
 INLINE = '@cuda.jit(device=True, inline="always")'
 ROOM = 1 << 30  # bytes on the GPU for projections
 PROJECTION = '''"""Made by kreisel.kernels.cuda; not to be edited."""
-from math import sqrt
+from math import cos, exp, log, sin, sqrt
 
 from numba import config, cuda
 

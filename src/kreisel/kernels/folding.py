@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 from kreisel.kernels.printing import KEPT, Line, needed
-from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.kernels.tape import TRANSCENDENTAL, Scalar, Tape, text
 
 
 def folded(lines: list[Line], new: list[str], values: Mapping[str, float], mark: str) -> tuple[list[Line], list[str]]:
@@ -74,7 +74,13 @@ def _either(method: str, plain: Callable[[float, float], Any]) -> Callable[[Any,
     return function
 
 
+def _of_one(name: str) -> Callable[[Any], Any]:
+    """A function of a recorded or plain number."""
+    return lambda x: getattr(x, name)() if isinstance(x, Scalar) else getattr(math, name)(x)
+
+
 FUNCTIONS = {
+    **{name: _of_one(name) for name in TRANSCENDENTAL},
     "fma": _fma,
     "sqrt": lambda x: x.sqrt() if isinstance(x, Scalar) else math.sqrt(x),
     "sign": lambda x: x.sign() if isinstance(x, Scalar) else (-1.0 if x < 0 else 1.0),

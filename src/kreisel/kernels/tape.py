@@ -16,6 +16,8 @@ import numpy as np
 
 from kreisel.kernels.printing import Line, arranged, needed
 
+TRANSCENDENTAL = ("sin", "cos", "exp", "log")  # functions of one number, beside sqrt
+
 
 class TooLong(Exception):
     """More lines than a tape may have."""
@@ -175,6 +177,18 @@ class Scalar:
 
     def sqrt(self) -> Scalar:
         return self._new(f"sqrt({self.signed})", self.name)
+
+    def sin(self) -> Scalar:
+        return self._new(f"sin({self.name})", self.name, negative=self.negative)
+
+    def cos(self) -> Scalar:
+        return self._new(f"cos({self.name})", self.name)
+
+    def exp(self) -> Scalar:
+        return self._new(f"exp({self.signed})", self.name)
+
+    def log(self) -> Scalar:
+        return self._new(f"log({self.signed})", self.name)
 
     def sign(self) -> Scalar:
         return self._new(f"sign({self.signed})", self.name)

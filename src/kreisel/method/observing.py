@@ -12,6 +12,7 @@ from kreisel.algebra import Array
 from kreisel.method.scheme import Components, Outcome
 from kreisel.record.contract import Frame, component_axes, keywords
 from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 
 ORIENTATION = "g"
 
@@ -97,7 +98,7 @@ def observer(
     def observe(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
         batch = np.ndim(own[0]) - component_axes(space.kinds[0])
-        known = {k: v for k, v in constants.items() if k in model.constants}
+        known = {k: v for k, v in constants.items() if k in model.constants or k in (ORIENTATION, TIME)}
         user = to_user(*own, **known) if to_user is not None else own
         out = dict(zip(space.letters, user, strict=True))
         for name, (_, function, takes_own) in table.items():
@@ -137,7 +138,7 @@ def held_by_orientation(model: Model, components: Components) -> Callable[[tuple
         out = [algebra.dot(g, g)] if g.ndim == 1 else [algebra.coordinates_of("symmetric", g.mT @ g)]
         turn = algebra.rotation_matrix(g) if g.ndim == 1 else g
         turn = turn.mT if rest else turn
-        for i in space.carried or (0,):
+        for i in space.carried or (0,) * (model.system.perturbation is None):
             turned = algebra.act(turn, z[i]) if space.kinds[i] == "vector" else turn @ z[i] @ turn.mT
             out.append(algebra.coordinates_of(space.kinds[i], turned))
         return out

@@ -19,8 +19,8 @@ class Method:
 
     name, title  of it, in a word and in a line
     needs        what a system must state for it, in words; `applies` says so of a record
-    orders       that it has, rising; none for the flow itself.  `default` if none is asked for; `words` for them,
-                 where `make` knows which there are
+    orders       that it has, rising; none for the flow itself; tuples for splittings.  `default` if none is asked for;
+                 `words` for them, where `make` knows which there are
     poisson      whether its map is Poisson for the bracket of the system
     conserves    what stays constant up to rounding errors
     rank         of all methods that apply to a system the one with the lowest is its default; None: never
@@ -32,8 +32,8 @@ class Method:
     title: str
     needs: str
     applies: Callable[[System], bool]
-    orders: tuple[int, ...]
-    default: int | None
+    orders: tuple[Any, ...]
+    default: Any
     poisson: str
     conserves: str
     sources: tuple[str, ...]
@@ -58,25 +58,27 @@ class Method:
         """The orders in words."""
         if self.words:
             return self.words
-        if len(self.orders) > 4:
+        if len(self.orders) > 4 and all(isinstance(order, int) for order in self.orders):
             return f"{self.orders[0]}, {self.orders[1]}, ... {self.orders[-1]}"
         return ", ".join(map(str, self.orders)) or "none: it is the flow itself"
 
-    def order(self, asked: Any) -> int | None:
+    def order(self, asked: Any) -> Any:
         """The order that was asked for, or the default.  Raises `InputError` for one that the method has not."""
         if asked is None:
             return self.default
-        whole = isinstance(asked, Integral) and not isinstance(asked, bool)
-        if whole and self.words:
-            return int(asked)
-        if not whole or asked not in self.orders:
+        found = tuple(asked) if isinstance(asked, list) else asked
+        if isinstance(found, Integral) and not isinstance(found, bool):
+            found = int(found)
+            if self.words:
+                return found
+        if type(found) not in (int, tuple) or found not in self.orders:
             raise InputError(
                 f"method={self.name!r}: expected one of its orders ({self.order_text}), got order={shown(asked)}."
                 + ("" if self.orders else " Leave order out.")
             )
-        return int(asked)
+        return found
 
-    def cited(self, order: int | None) -> tuple[str, ...]:
+    def cited(self, order: Any) -> tuple[str, ...]:
         """Keys of refs.bib for a run of that order."""
         return (*self.sources, *self.composed.get(order or 0, ()))
 

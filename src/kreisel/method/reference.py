@@ -2,48 +2,65 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.method.driven import WORK, outcomes_of_work, power, require_orientation, with_work, zero
 from kreisel.method.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme
 from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 
 RTOL, ATOL = 1e-9, 1e-12
 
 
 def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """The flow, integrated by SciPy's adaptive DOP853 with rtol 1e-9 and atol 1e-12, reported every dt.
+    """The flow, integrated by SciPy's adaptive DOP853 with rtol 1e-9 and atol 1e-12 or as asked, reported every dt.
 
-    The orientation is carried as a matrix: g' = omega g in the rest frame, g' = g Omega in the moving frame.
+    The orientation is carried as a matrix: g' = omega g in the rest frame, g' = g Omega in the moving frame.  Of a
+    perturbed body also the time, t' = 1, and the work, where its forces need them.
     """
     observe, outcomes = observer(model, None, None)
-    space = model.system.space
+    space, record = model.system.space, model.system.perturbation
+    require_orientation(model, oriented)
     count = len(space.letters)
+    end = count + oriented
+    timed, driven = (False, False) if record is None else (record.names(TIME), record.driven)
+    beside = ((TIME, "scalar"),) * timed + ((WORK, "scalar"),) * driven
 
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
-        return (*x0[:count], *(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:]))
+        turns = tuple(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:])
+        return (*x0[:count], *turns, *(zero(model.system, x0) for _ in beside))
+
+    def where(z: tuple[Array, ...]) -> dict[str, Array]:
+        return dict(zip((ORIENTATION,) * oriented + (TIME,) * timed, z[count:], strict=False))
 
     def rate(*z: Array, **consts: Array) -> tuple[Array, ...]:
-        own = z[:count]
-        out = tuple(call(model.system.flow, own, consts))
-        for g in z[count:]:
-            omega = call(model.system.velocity, own, consts)
+        own, known = z[:count], {**consts, **where(z)}
+        out = tuple(call(model.system.flow, own, known))
+        for g in z[count:end]:
+            omega = call(model.system.velocity, own, known)
             out += (omega @ g if model.system.frame is Frame.REST else g @ omega,)
-        return out
+        out += (1.0,) * timed
+        return (*out, power(model, own, known)) if driven else out
 
     def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
-        out = observe(z, **constants)
-        if len(z) > count and model.n == 3:
+        known = where(z) if record is not None else {}
+        out = observe(z[:end], **{**constants, **known})
+        if oriented and model.n == 3:
             out[ORIENTATION] = algebra.unit_quaternion(z[count])
-        return out
+        return with_work(out, z[-1]) if driven else out
 
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
+    if driven:
+        outcomes |= outcomes_of_work("not conserved by this method")
     return Scheme(
         name="dop853",
-        components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()),
+        components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()) + beside,
         constants=dict(model.constants),
         axes=model.axes,
         n=model.n,
@@ -55,6 +72,11 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
         numbers=model.system.numbers,
     )
+
+
+def with_tolerance(scheme: Scheme, tol: float) -> Scheme:
+    """The same with rtol = tol and atol = tol/1000."""
+    return replace(scheme, options={**(scheme.options or {}), "rtol": tol, "atol": tol * ATOL / RTOL}, key=None)
 
 
 METHOD = Method(

@@ -22,6 +22,7 @@ from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
     from kreisel.record.model import Model
+    from kreisel.record.perturbation import Perturbation
 
 Function = Callable[..., Any]
 COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
@@ -303,6 +304,8 @@ class System:
     n                        the dimension, where the parameters do not tell it
     numbers                  "any": the functions take any kind of number; "jax": floats and JAX arrays
                              (`kreisel.reduction`), and steps are compiled by JAX
+    perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`); then
+                             flow and energy may take by keyword the orientation g, as a matrix, and the time t
     """
 
     name: str
@@ -332,6 +335,7 @@ class System:
     notes: str = ""
     n: int | None = None
     numbers: str = "any"
+    perturbation: Perturbation | None = None
 
     def __call__(self, *unnamed: Any, **params: Any) -> Model:
         """The system with these parameters, by name.  Raises `InputError` as `Model` does."""

@@ -17,6 +17,7 @@ from kreisel.kernels.engines import Marcher, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method, find, scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation
+from kreisel.method.reference import with_tolerance
 from kreisel.record.contract import component_axes
 from kreisel.record.model import Model, State
 
@@ -24,7 +25,16 @@ if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.method.auto import Choice
-from kreisel.runs.settings import Settings, _orientation, check_model, checked_state, named, observed, whole_order
+from kreisel.runs.settings import (
+    Settings,
+    _orientation,
+    check_model,
+    checked_state,
+    named,
+    observed,
+    whole_order,
+    within_tolerances,
+)
 
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
 LARGE = 9  # from here on the structured kernel, where there is one
@@ -181,6 +191,8 @@ def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) 
         return _chosen(model, state, settings, orientation)
     made = scheme(model, settings.method, settings.dt, whole_order(settings.order), orientation is not None)
     made = replace(made, held=held_by_orientation(model, made.components))
+    if settings.tol is not None:
+        made = with_tolerance(made, within_tolerances(settings.tol))
     observed(settings.observe, made)
     return planned(model, made, settings, _parts(model, state, orientation), settings.engine)
 

@@ -18,6 +18,7 @@ from kreisel.record.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
+LEAST_TOLERANCE = 1e-13  # of DOP853 in doubles
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
 
 
@@ -28,7 +29,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     steps: int
     every: int = 1
     method: str | None = None
-    order: int | str | None = None
+    order: int | str | tuple[int, ...] | None = None
     tol: float | None = None
     engine: str | None = None
     project: bool = True
@@ -53,9 +54,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             )
         if isinstance(order, str) and order != "auto":
             raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
-        if tol is not None and order != "auto":
+        if tol is not None and order != "auto" and wanted.get("method") != "dop853":
             raise InputError(
-                f"tol goes with order='auto', which chooses order and step for it, got order={shown(order)}."
+                "tol goes with order='auto', which chooses order and step for it, or with method='dop853', got "
+                f"method={shown(wanted.get('method'))}, order={shown(order)}."
             )
         if order == "auto" and steps % every:
             raise InputError(
@@ -156,16 +158,25 @@ def named(value: Any, what: str) -> str | None:
     return value
 
 
-def _order(value: Any) -> int | str | None:
-    """An order, "auto", or None for the default; whole numbers of NumPy too.  Raises `InputError`."""
+def _order(value: Any) -> Any:
+    """An order, a tuple of them, "auto", or None for the default; whole numbers of NumPy too.  Raises `InputError`."""
     if value is None or isinstance(value, str):
         return value
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InputError(f"order: expected a whole number, or 'auto' with method='baecklund', got {shown(value)}.")
+    if isinstance(value, tuple | list) and value and all(_is_whole(v) for v in value):
+        return tuple(int(v) for v in value)
+    if not _is_whole(value):
+        raise InputError(
+            "order: expected a whole number, or 'auto' with method='baecklund', or some with method='splitting', got "
+            f"{shown(value)}."
+        )
     return int(value)
 
 
-def whole_order(value: Any) -> int | None:
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def whole_order(value: Any) -> Any:
     """The same where nothing is chosen.  Raises `InputError`."""
     order = _order(value)
     if isinstance(order, str):
@@ -198,6 +209,14 @@ def number(value: Any, name: str) -> float:
     if not math.isfinite(found):
         raise InputError(f"{name}: expected a finite number, got {shown(value)}.")
     return found
+
+
+def within_tolerances(value: Any) -> float:
+    """A relative tolerance of an adaptive method.  Raises `InputError`."""
+    tol = number(value, "tol")
+    if not LEAST_TOLERANCE <= tol <= 1:
+        raise InputError(f"tol: expected a relative tolerance from {LEAST_TOLERANCE:g} to 1, got {shown(value)}.")
+    return tol
 
 
 def flag(value: Any, name: str) -> None:

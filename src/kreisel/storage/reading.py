@@ -96,9 +96,11 @@ def an_object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
     return told
 
 
-def order_of(attrs: Mapping[str, Any]) -> int | None:
+def order_of(attrs: Mapping[str, Any]) -> int | tuple[int, ...] | None:
     """The order of the method, among the options of a run.  Raises `InputError`."""
     order = an_object(attrs, "options").get("order")
+    if isinstance(order, list) and all(isinstance(v, int) for v in order):
+        return tuple(order)
     if not isinstance(order, int | None):
         raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
     return order

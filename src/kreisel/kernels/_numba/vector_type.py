@@ -108,6 +108,10 @@ for _function, _count, _emit in (
     (operator.truediv, 2, ir.IRBuilder.fdiv),
     (operator.neg, 1, ir.IRBuilder.fneg),
     (math.sqrt, 1, llvm_intrinsic("sqrt")),
+    (math.sin, 1, llvm_intrinsic("sin")),
+    (math.cos, 1, llvm_intrinsic("cos")),
+    (math.exp, 1, llvm_intrinsic("exp")),
+    (math.log, 1, llvm_intrinsic("log")),
     (max, 2, _larger),
 ):
     _operation(_function, _count, _emit)

@@ -1,0 +1,199 @@
+"""Values and gradients of scalar functions, by a reverse sweep, over any kind of number.
+
+The function is run once on numbers that remember what was done to them; the numbers themselves may be floats, arrays of
+lanes, fractions or recorded numbers, so that a gradient can be compiled like any other formula.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from kreisel.algebra.backend import Array, holds_objects, sqrt
+from kreisel.errors import InputError
+
+
+def _function(name: str) -> Callable[[Any], Any]:
+    """sin, cos, exp or log of a number that brings its own, or of NumPy's."""
+    return lambda x: getattr(x, name)() if hasattr(x, name) else getattr(np, name)(x)
+
+
+sin, cos, exp, log = (_function(name) for name in ("sin", "cos", "exp", "log"))
+
+
+class Traced:
+    """A number that remembers the numbers it was made of, and its derivatives by them."""
+
+    __slots__ = ("parents", "place", "tape", "value")
+    inexact: ClassVar[bool] = True
+
+    def __init__(self, tape: list[Traced], value: Any, parents: tuple[tuple[Traced, Any], ...] = ()):
+        self.tape, self.value, self.parents, self.place = tape, value, parents, len(tape)
+        tape.append(self)
+
+    def _of(self, value: Any, *parents: tuple[Any, Any]) -> Traced:
+        return Traced(self.tape, value, tuple((x, slope) for x, slope in parents if isinstance(x, Traced)))
+
+    def __neg__(self) -> Traced:
+        return self._of(-self.value, (self, -1))
+
+    def __pos__(self) -> Traced:
+        return self
+
+    def __add__(self, other: Any) -> Any:
+        return NotImplemented if _is_array(other) else self._of(self.value + _value(other), (self, 1), (other, 1))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return NotImplemented if _is_array(other) else self._of(self.value - _value(other), (self, 1), (other, -1))
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if _is_array(other):
+            return NotImplemented
+        x, y = self.value, _value(other)
+        return self._of(x * y, (self, y), (other, x))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if _is_array(other):
+            return NotImplemented
+        y = _value(other)
+        out = self.value / y
+        return self._of(out, (self, 1 / y), (other, -out / y))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if _is_array(other):
+            return NotImplemented
+        out = other / self.value
+        return self._of(out, (self, -out / self.value))
+
+    def __pow__(self, exponent: Any) -> Any:
+        if isinstance(exponent, Traced) or not _is_whole(exponent):
+            return (exponent * self.log()).exp()
+        count = int(exponent)
+        if count < 0:
+            return 1 / self**-count
+        return _power(self, count) if count else self * 0 + 1
+
+    def __rpow__(self, base: Any) -> Any:
+        return (self * np.log(base)).exp()
+
+    def sqrt(self) -> Traced:
+        out = sqrt(self.value)
+        return self._of(out, (self, 1 / (2 * out)))
+
+    def sin(self) -> Traced:
+        return self._of(sin(self.value), (self, cos(self.value)))
+
+    def cos(self) -> Traced:
+        return self._of(cos(self.value), (self, -sin(self.value)))
+
+    def tan(self) -> Traced:
+        return self.sin() / self.cos()
+
+    def exp(self) -> Traced:
+        out = exp(self.value)
+        return self._of(out, (self, out))
+
+    def log(self) -> Traced:
+        return self._of(log(self.value), (self, 1 / self.value))
+
+    def sinh(self) -> Traced:
+        return (self.exp() - (-self).exp()) / 2
+
+    def cosh(self) -> Traced:
+        return (self.exp() + (-self).exp()) / 2
+
+    def tanh(self) -> Traced:
+        return 1 - 2 / ((2 * self).exp() + 1)
+
+    def conjugate(self) -> Traced:
+        return self
+
+    def square(self) -> Traced:
+        return self * self
+
+    def _branch(self, *_: Any) -> Any:
+        raise InputError(
+            "expected a formula without branches, got one that compares or rounds its arguments (if, abs, max, "
+            "float, math.sin). It is run once, on numbers that record it. Use np.sin, np.sqrt(x * x), or a smooth form."
+        )
+
+    __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __float__ = __int__ = __abs__ = __round__ = __index__ = _branch
+    __complex__ = __floordiv__ = __mod__ = __floor__ = __ceil__ = _branch
+
+
+def _power(x: Any, count: int) -> Any:
+    half = x if count == 1 else _power(x, count // 2)
+    return half if count == 1 else half * half * x if count % 2 else half * half
+
+
+def _is_array(x: Any) -> bool:
+    return isinstance(x, np.ndarray) and x.ndim > 0
+
+
+def _is_whole(x: Any) -> bool:
+    return isinstance(x, int | np.integer) or (isinstance(x, float) and x.is_integer())
+
+
+def _value(x: Any) -> Any:
+    return x.value if isinstance(x, Traced) else x
+
+
+def traced(tape: list[Traced], x: Array, axes: int) -> Any:
+    """x (..., *shape) with `axes` axes of its own as an array of that shape, or a number, each with its batch."""
+    if axes == 0:
+        return Traced(tape, x)
+    shape = np.shape(x)[np.ndim(x) - axes :]
+    out = np.empty(shape, dtype=object)
+    for place in np.ndindex(*shape):
+        out[place] = Traced(tape, x[(..., *place)])
+    return out
+
+
+def gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]]) -> tuple[Any, list[Any]]:
+    """The value of a scalar function and its derivatives by each of the arguments (x, axes), in the shape of x.
+
+    Raises `InputError` for what is no scalar.
+    """
+    tape: list[Traced] = []
+    given = [traced(tape, x, axes) for x, axes in arguments]
+    out = function(*given)
+    out = out.item() if isinstance(out, np.ndarray) and out.size == 1 else out
+    if isinstance(out, np.ndarray | Sequence) or not (isinstance(out, Traced) or np.isreal(out)):
+        raise InputError(f"expected one number, got {type(out).__name__} of shape {np.shape(out)}")
+    if not isinstance(out, Traced):
+        return out, [0 * x for x, _ in arguments]
+    slopes: list[Any] = [0] * (out.place + 1)
+    slopes[out.place] = 1
+    for node in reversed(tape[: out.place + 1]):
+        here = slopes[node.place]
+        if isinstance(here, int) and here == 0:
+            continue
+        for parent, slope in node.parents:
+            slopes[parent.place] = slopes[parent.place] + here * slope
+    return out.value, [_assembled(x, node, slopes, axes) for (x, axes), node in zip(arguments, given, strict=True)]
+
+
+def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
+    """The slopes of the entries of an argument, as an array of its shape."""
+    found = [slopes[v.place] if v.place < len(slopes) else 0 for v in np.ravel(np.array(nodes, dtype=object))]
+    if axes == 0:
+        return found[0]
+    shape = np.shape(x)[np.ndim(x) - axes :]
+    if holds_objects(x):
+        out = np.empty(len(found), dtype=object)
+        out[:] = found
+        return out.reshape(shape)
+    batch = np.shape(x)[: np.ndim(x) - axes]
+    kind = np.result_type(x.dtype, *(np.asarray(v).dtype for v in found))
+    columns = [np.broadcast_to(np.asarray(v, dtype=kind), np.broadcast_shapes(batch, np.shape(v))) for v in found]
+    columns = np.broadcast_arrays(*columns)
+    return np.stack(columns, -1).reshape((*columns[0].shape, *shape))

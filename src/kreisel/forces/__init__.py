@@ -1,0 +1,1 @@
+"""Perturbed bodies: forces around an integrable motion."""

@@ -1,0 +1,298 @@
+"""kr.perturbed: forces around an integrable motion, as a system like any other."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, nearest, shown
+from kreisel.forces import kicks
+from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
+from kreisel.record.contract import Frame, Parameter, System, call
+from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME, Force, Perturbation
+
+PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
+DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
+
+
+def perturbed(
+    system: Any,
+    *,
+    potential: Callable[..., Any] | None = None,
+    torque: Callable[..., Any] | None = None,
+    damping: Any = None,
+    inertia: Any = None,
+    params: Mapping[str, Any] | None = None,
+    name: str | None = None,
+) -> Model:
+    """A body under forces beside those of an integrable system: a system with its parameters, for `kr.simulate`.
+
+        H = H_system + V,   M' = {M, H} + tau - damping M
+
+    system     the integrable part with its parameters, such as `kr.LagrangeTop(p=(0, 0, 1))` or `kr.EulerTop(J=...)`
+    potential  V of what it names: letters of the state that the body carries (a, P; not the momentum), the orientation
+               g (a matrix, body to space), the time t; parameters after `*`.  Its force is derived from it
+    torque     tau of what it names, the momentum too: the rate of the momentum beside, in the frame of the state
+               (rest frame: in space, moving frame: in the body); for n = 3 an axial vector
+    damping    gamma in M' = -gamma M: a number, or one for each axis of the body (for a symmetric body in the rest
+               frame the last is that of its axis).  Exact
+    inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part; moving
+               frame, n = 3
+    params     the parameters that the functions name after `*`, by name: numbers, or arrays; a number may vary by lane
+    name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
+
+    Functions are run once, on numbers that record what is done to them: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
+    branches.  Skew components come as axial vectors for n = 3.  Without any force the system itself comes back.
+    Raises `InputError` for what is no such function, names what is not there, or does not suit the system.
+    """
+    if not isinstance(system, Model):
+        raise InputError(
+            f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
+            f"{shown(system)}."
+        )
+    given = {"potential": potential, "torque": torque, DAMPING: damping, INERTIA: inertia}
+    if all(value is None for value in given.values()):
+        return system
+    _require_base(system)
+    own = _parameters(system, params or {})
+    record = Perturbation(
+        base=system.system,
+        potential=None if potential is None else _force(potential, "potential", system, own),
+        torque=None if torque is None else _force(torque, "torque", system, own),
+        damping=damping is not None,
+        inertia=inertia is not None,
+    )
+    _require_suitable(system, record)
+    own |= _damping_and_inertia(system, damping, inertia)
+    made = _system(system, record, list(own.values()), name)
+    model = Model(made, {**system.params, **{letter: p.default for letter, p in own.items()}})
+    _try(model)
+    return model
+
+
+def _require_base(model: Model) -> None:
+    system = model.system
+    if system.perturbation is not None:
+        raise InputError(
+            f"perturbed: expected an integrable system, got {system.name}, which is perturbed. Give all forces at once."
+        )
+    if system.flow is None or system.numbers != "any":
+        raise InputError(
+            f"perturbed: expected a system of Kreisel's with a map or a closed form, got {system.name}. See kr.systems()."
+        )
+
+
+def _force(function: Any, what: str, model: Model, params: Mapping[str, Parameter]) -> Force:
+    """A function with the names that it takes.  Raises `InputError`."""
+    if not callable(function):
+        raise InputError(f"{what}: expected a function, such as lambda a, t, *, k: ..., got {shown(function)}.")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{what}: expected a Python function that says its arguments, got {shown(function)}."
+        ) from None
+    letters = (*model.system.space.letters, ORIENTATION, TIME)
+    known = (*params, *(p.letter for p in model.system.parameters))
+    arguments, parameters = [], []
+    for parameter in signature.parameters.values():
+        place = parameter.kind is PLACE
+        names, kind = (letters, "arguments") if place else (known, "parameters after *")
+        if parameter.kind not in (PLACE, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
+            raise InputError(
+                f"{what}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
+                f"{nearest(parameter.name, names)} Parameters stand after * and in params={{...}}."
+            )
+        (arguments if place else parameters).append(parameter.name)
+    return Force(function, tuple(arguments), tuple(parameters))
+
+
+def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
+    """The parameters of the user's functions, with their values as defaults.  Raises `InputError`."""
+    if not isinstance(params, Mapping):
+        raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
+    taken = {*(p.letter for p in model.system.parameters), *model.system.space.letters, ORIENTATION, TIME}
+    taken |= {DAMPING, INERTIA, *model.constants}
+    out = {}
+    for letter, value in params.items():
+        if not isinstance(letter, str) or not letter.isidentifier() or letter in taken:
+            raise InputError(
+                f"params: expected names of parameters other than {', '.join(sorted(taken))}, got {shown(letter)}."
+            )
+        out[letter] = Parameter(letter, _kind(value, model.n), "of the forces", default=value)
+    return out
+
+
+def _kind(value: Any, n: int) -> str:
+    """A list of n numbers is a vector; any other list is a number that varies by lane, an array of more axes is one."""
+    axes, shape = np.ndim(value), np.shape(value)
+    if axes == 0 or (axes == 1 and shape != (n,)):
+        return "scalar"
+    return "vector" if shape[-1] == n and axes <= 2 else "array"
+
+
+def _damping_and_inertia(model: Model, damping: Any, inertia: Any) -> dict[str, Parameter]:
+    out = {}
+    if damping is not None:
+        kind = "vector" if np.shape(damping)[-1:] == (3,) and model.n == 3 else "scalar"
+        meaning = "rate of linear damping, M' = -damping M, of all axes or of each"
+        out[DAMPING] = Parameter(DAMPING, kind, meaning, default=damping)
+    if inertia is not None:
+        out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", _moments, inertia)
+    return out
+
+
+def _moments(value: Array, name: str) -> None:
+    if not (value > 0).all():
+        raise InputError(f"{name}: expected three moments of inertia > 0, got {shown(value.tolist())}.")
+
+
+def _require_suitable(model: Model, record: Perturbation) -> None:
+    """Raises `InputError` for forces that this system cannot have."""
+    system, space = model.system, model.system.space
+    momenta = [letter for i, letter in enumerate(space.letters) if i not in space.carried]
+    if record.potential is not None and any(record.potential.names(letter) for letter in momenta):
+        raise InputError(
+            f"potential: expected a function of {', '.join((*_carried(system), ORIENTATION, TIME))}, got one of the "
+            f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or damping=..."
+        )
+    turns = record.torque is not None or record.damping or record.inertia or record.names(ORIENTATION)
+    if turns and (space.kinds[0] != "skew" or system.velocity is None):
+        raise InputError(
+            f"{system.name}: expected a potential alone, since its first component is no momentum in so(n)."
+        )
+    if record.inertia and (model.n != 3 or system.frame is not Frame.MOVING or system.inverse_inertia is None):
+        raise InputError(
+            f"inertia: expected a body in its own frame, n = 3, such as kr.LagrangeTopMoving or kr.EulerTop, got "
+            f"{system.name}, n = {model.n}."
+        )
+    if record.inertia:
+        _require_principal(model)
+    if record.damping and system.frame is Frame.REST and not space.carried:
+        raise InputError(f"damping: expected a body with an axis, got {system.name}.")
+
+
+def _require_principal(model: Model) -> None:
+    """The axes of coordinates must be principal axes of the integrable part."""
+    rows = [algebra.axial(call(model.system.inverse_inertia, (algebra.hat(e),), model.constants)) for e in np.eye(3)]
+    inverse = np.stack(rows, -1)
+    off = abs(inverse * (1 - np.eye(3))).max()
+    if off > DIAGONAL * abs(inverse).max():
+        raise InputError(
+            f"inertia: expected {model.system.name} with principal axes along the axes of coordinates, got others. Turn "
+            "the body frame, so that its axis is (0, 0, 1)."
+        )
+
+
+def _carried(system: System) -> list[str]:
+    return [system.space.letters[i] for i in system.space.carried]
+
+
+def _system(model: Model, record: Perturbation, own: list[Parameter], name: str | None) -> System:
+    """The record of the perturbed system: what is known of the integrable part and does not hold any more is left out."""
+    base = model.system
+    if name is not None and (not isinstance(name, str) or not name.isprintable() or not name.strip()):
+        raise InputError(f"name: expected a name, got {shown(name)}.")
+    made = replace(
+        base,
+        name=name or f"perturbed-{base.name}",
+        title=f"{base.title}, perturbed",
+        equations=f"{base.equations}; perturbed by {_in_words(record)}",
+        parameters=(*base.parameters, *own),
+        integrals=dict(base.integrals),
+        invariant={},
+        commuting=(),
+        lax=None,
+        inverse_inertia=None,
+        spin=None,
+        map=None,
+        baecklund=None,
+        relations=(),
+        top=None,
+        moments=None,
+        notes="",
+        perturbation=record,
+    )
+    axes = {**model.axes, **{p.letter: {"scalar": 0, "vector": 1}.get(p.kind, np.ndim(p.default)) for p in own}}
+    where = [letter for letter in (ORIENTATION, TIME) if record.names(letter)]
+    functions = _functions(made, axes)
+    return replace(made, **{what: _naming(f, (*axes, *where)) for what, f in functions.items()})
+
+
+def _in_words(record: Perturbation) -> str:
+    parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
+    parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
+    return ", ".join(parts)
+
+
+def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
+    """Flow, energy and velocity of the perturbed system, those that the integrable one states."""
+    record = kicks.perturbation_of(system)
+    base = record.base
+
+    def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
+        rates, _ = kicks.rates(system, _body(state, known), known, axes)
+        return tuple(x + y for x, y in zip(call(base.flow, state, known), rates, strict=True))
+
+    def energy(*state: Array, **known: Any) -> Array:
+        V, _ = kicks.potential(system, _body(state, known), known, axes)
+        out = call(base.energy, state, known) + V
+        if not record.inertia:
+            return out
+        M = algebra.axial(state[0])
+        return out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
+
+    def velocity(*state: Array, **known: Any) -> Array:
+        return kicks.velocity(system, state, known)
+
+    found = {"flow": flow, "energy": energy, "velocity": velocity}
+    return {what: function for what, function in found.items() if getattr(base, what) is not None}
+
+
+def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
+    return Body(state, known.get(ORIENTATION), known.get(TIME))
+
+
+def _naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
+    """The function as one that takes just these parameters by keyword."""
+    one = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
+    more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
+    function.__dict__["__signature__"] = inspect.Signature([one, *more])
+    return function
+
+
+def _try(model: Model) -> None:
+    """Run the functions once.  Raises `InputError` for whatever they raise."""
+    space, n = model.system.space, model.n
+    rng = np.random.default_rng(0)
+    draw = lambda shape: rng.normal(size=shape)  # noqa: E731 - as records draw
+    state = space.draw(n, draw) if space.draw else tuple(_random(kind, n, draw) for kind in space.kinds)
+    g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
+    known = {letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()}
+    try:
+        with np.errstate(all="ignore"):
+            kicks.rates(model.system, Body(state, g, np.float64(0.5)), known, model.axes)
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"{model.system.name}: a force cannot be computed: {type(error).__name__}: {error}. Usual cause: a function "
+            "that does not take numbers of every kind; use NumPy's operations, no math, no branches."
+        ) from error
+
+
+def _random(kind: str, n: int, draw: Callable[..., Array]) -> Array:
+    if kind == "vector":
+        return draw((n,))
+    return (
+        algebra.skew(draw((n * (n - 1) // 2,)), n)
+        if kind == "skew"
+        else algebra.symmetric(draw((n * (n + 1) // 2,)), n)
+    )

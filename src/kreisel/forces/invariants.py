@@ -1,0 +1,130 @@
+"""What survives a perturbation: the Casimirs and integrals whose derivative along it vanishes.
+
+Tested at random points, in rational numbers where the functions take them, else in doubles; with the parameters as they
+are, for up to some lanes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.gradient import gradient
+from kreisel.algebra.reuse import reused
+from kreisel.errors import InputError
+from kreisel.forces import kicks
+from kreisel.forces.kicks import Body
+from kreisel.record.contract import Function, PhaseSpace, call
+from kreisel.record.model import Model
+
+POINTS = 3
+MOST_LANES = 16
+ZERO = 1e-9  # of the terms, in doubles
+
+
+def conserved(model: Model) -> tuple[str, ...]:
+    """The names of the Casimirs ("casimir") and integrals that no force of a perturbed system changes."""
+    return reused((conserved, model.key), lambda: _conserved(model))
+
+
+def _conserved(model: Model) -> tuple[str, ...]:
+    lanes = [model]
+    if model.batch:
+        count = model.batch[0]
+        chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_LANES)).astype(int))
+        lanes = [_one(model, lane) for lane in chosen.tolist()]
+    return tuple(
+        name for name, function in candidates(model).items() if all(_survives(lane, function) for lane in lanes)
+    )
+
+
+def candidates(model: Model) -> dict[str, Function]:
+    """What the integrable part conserves, beside its energy."""
+    space = model.system.space
+    out = {} if space.casimirs is None else {"casimir": space.casimirs}
+    return {**out, **model.system.integrals}
+
+
+def _one(model: Model, lane: int) -> Model:
+    """The model of one lane, without a batch axis."""
+    chosen = model.lanes(np.array([lane]))
+    return Model(chosen.system, {k: v[0] if v.ndim > model.axes[k] else v for k, v in chosen.params.items()})
+
+
+def _survives(model: Model, function: Function) -> bool:
+    try:
+        exactly = Model(model.system, {k: _rationals(v) for k, v in model.params.items()})
+        return all(_exactly_zero(slope) for slope in _slopes(exactly, function, _fraction))
+    except (TypeError, AttributeError, ValueError, ZeroDivisionError, InputError):
+        pass
+    with np.errstate(all="ignore"):
+        return all(abs(total) <= ZERO * size for total, size in _slopes(model, function, lambda x: x))
+
+
+def _exactly_zero(slope: tuple[Any, Any]) -> bool:
+    if not isinstance(slope[0], Fraction | int):
+        raise TypeError("no rational number")
+    return slope[0] == 0
+
+
+def _rationals(x: Array) -> Array:
+    return np.array([Fraction(float(v)) for v in np.ravel(x)], dtype=object).reshape(np.shape(x))
+
+
+def _fraction(x: float) -> Fraction:
+    return Fraction(round(8 * x), 8)
+
+
+def _slopes(model: Model, function: Function, number: Callable[[float], Any]) -> Any:
+    """(the derivative along the perturbation, its scale) of each part of a function at random points."""
+    rng = np.random.default_rng(1)
+    space, n = model.system.space, model.n
+
+    def draw(shape: tuple[int, ...]) -> Array:
+        found = np.array([number(v) for v in rng.normal(size=shape).flat])
+        return found.reshape(shape)
+
+    for _ in range(POINTS):
+        state = _point(space, n, draw)
+        g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
+        rates, _ = kicks.rates(model.system, Body(state, g, draw((1,))[0]), model.constants, model.axes)
+        count = np.size(call(function, state, model.constants))
+        for part in range(count):
+
+            def of_part(*parts: Any, part: int = part) -> Any:
+                return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
+
+            slope = np.concatenate([np.ravel(v) for v in _derivative(space, n, of_part, state)])
+            along = [algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rates, strict=True)]
+            rate = np.concatenate([np.ravel(v) for v in along])
+            yield sum(slope * rate), max(abs(slope)) * max(abs(rate))
+
+
+def _derivative(space: PhaseSpace, n: int, function: Callable[..., Any], state: tuple[Array, ...]) -> list[Array]:
+    """By the independent coordinates of each component."""
+    flat = [algebra.coordinates_of(kind, z) for kind, z in zip(space.kinds, state, strict=True)]
+
+    def of_coordinates(*parts: Array) -> Any:
+        made = [
+            algebra.skew(x, n) if kind == "skew" else algebra.symmetric(x, n) if kind == "symmetric" else x
+            for kind, x in zip(space.kinds, parts, strict=True)
+        ]
+        return function(*made)
+
+    return gradient(of_coordinates, [(x, 1) for x in flat])[1]
+
+
+def _point(space: PhaseSpace, n: int, draw: Callable[..., Array]) -> tuple[Array, ...]:
+    if space.draw is not None:
+        return tuple(space.draw(n, draw))
+    out: Mapping[str, Callable[[], Array]] = {
+        "vector": lambda: draw((n,)),
+        "skew": lambda: algebra.skew(draw((n * (n - 1) // 2,)), n),
+        "symmetric": lambda: algebra.symmetric(draw((n * (n + 1) // 2,)), n),
+    }
+    return tuple(out[kind]() for kind in space.kinds)

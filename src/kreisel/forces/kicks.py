@@ -1,0 +1,280 @@
+"""What the forces of a perturbed system do: their potential, the rates of the state, and their flows alone.
+
+The flow of the perturbation for a time h, with g and the state of the integrable motion standing still:
+
+    damping   M -> exp(-damping h) M                                      exact
+    kick      M -> M + h (force of the potential + torque)                exact unless the torque depends on M
+    inertia   a turn about each principal axis by (1/I_i - 1/I_i of the integrable motion) M_i h   exact for one axis
+
+`work` is what the energy gains by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.gradient import cos, exp, gradient, sin, traced
+from kreisel.errors import InputError
+from kreisel.record.contract import Frame, System, call, component_axes
+from kreisel.record.perturbation import TIME, Force, Perturbation
+
+ORIENTATION = "g"
+DAMPING, INERTIA = "damping", "inertia"
+
+Constants = Mapping[str, Any]
+
+
+class Body(NamedTuple):
+    """Where a body is: the components of the state, the orientation as a matrix or None, the time or None."""
+
+    state: tuple[Array, ...]
+    g: Array | None = None
+    t: Any = None
+
+
+def perturbation_of(system: System) -> Perturbation:
+    """Raises `TypeError` for a system that is no perturbation."""
+    if system.perturbation is None:
+        raise TypeError(f"{system.name} has no perturbation")
+    return system.perturbation
+
+
+# -- values ------------------------------------------------------------------------------------------
+
+
+def potential(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[Any, dict[str, Array]]:
+    """V, and its derivatives by the letters, g and t that it takes."""
+    force = perturbation_of(system).potential
+    if force is None:
+        return 0, {}
+    given, places = _arguments(system, force, body)
+    more = [(known[name], axes[name]) for name in force.parameters]
+
+    def of_numbers(*numbers: Any) -> Any:
+        return _called(force, numbers)
+
+    try:
+        value, slopes = gradient(of_numbers, [*given, *more])
+    except InputError as error:
+        raise InputError(f"potential: {error}") from None
+    return value, {
+        name: _back(system, name, slope, body) for name, slope in zip(places, slopes[: len(places)], strict=True)
+    }
+
+
+def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
+    """tau as a skew matrix (..., n, n); None without one."""
+    force = perturbation_of(system).torque
+    if force is None:
+        return None
+    given, _ = _arguments(system, force, body)
+    tape: list[Any] = []
+    more = [(known[name], axes[name]) for name in force.parameters]
+    found = np.asarray(_called(force, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
+    n = body.state[0].shape[-1]
+    if found.shape not in ((3,), (n, n))[n != 3 :]:
+        wanted = "3 numbers, an axial vector" if n == 3 else f"a skew {n} x {n} matrix"
+        raise InputError(f"torque: expected {wanted}, got shape {found.shape}.")
+    return algebra.hat(_values(found, body)) if found.shape == (3,) else _values(found, body)
+
+
+def _arguments(system: System, force: Force, body: Body) -> tuple[list[tuple[Any, int]], list[str]]:
+    """What a force takes of the body, with the axes of each, and the names."""
+    known: dict[str, tuple[Any, int]] = {}
+    for (letter, kind), z in zip(system.space.components, body.state, strict=True):
+        axial = kind == "skew" and z.shape[-1] == 3
+        known[letter] = (algebra.axial(z), 1) if axial else (z, component_axes(kind))
+    known |= {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
+    return [known[name] for name in force.arguments], list(force.arguments)
+
+
+def _called(force: Force, numbers: Sequence[Any]) -> Any:
+    own, more = numbers[: len(force.arguments)], numbers[len(force.arguments) :]
+    return force.function(*own, **dict(zip(force.parameters, more, strict=True)))
+
+
+def _back(system: System, name: str, slope: Array, body: Body) -> Array:
+    """A derivative by the axial vector of a skew matrix as a skew matrix: <X, Y> = x.y."""
+    kinds = dict(system.space.components)
+    return algebra.hat(slope) if kinds.get(name) == "skew" and body.state[0].shape[-1] == 3 else slope
+
+
+def _values(found: Array, body: Body) -> Array:
+    """The values of traced numbers, in the kind of number of the state."""
+    flat = [getattr(v, "value", v) for v in found.flat]
+    if algebra.holds_objects(body.state[0]):
+        out = np.empty(len(flat), dtype=object)
+        out[:] = flat
+        return out.reshape(found.shape)
+    columns = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in flat))
+    return np.stack(columns, -1).reshape((*columns[0].shape, *found.shape))
+
+
+# -- rates -------------------------------------------------------------------------------------------
+
+
+def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array]) -> tuple[Array, ...]:
+    """The rates of the state by V: {x, V} for what it is of the letters, and the torque of what it is of g."""
+    space, state = system.space, body.state
+    rates: list[Array] = [0 * z for z in state]
+    if any(letter in slopes for letter in space.letters):
+        by = [slopes.get(letter, 0 * z) for letter, z in zip(space.letters, state, strict=True)]
+        flat = np.concatenate([algebra.coordinates_of(k, v) for k, v in zip(space.kinds, by, strict=True)], -1)
+        rates = _components(system, algebra.act(space.tensor(*state).mT, flat), state)
+    if ORIENTATION in slopes:
+        G, g = slopes[ORIENTATION], body.g
+        turned = G @ g.mT if system.frame is Frame.REST else g.mT @ G  # type: ignore[union-attr]
+        rates[0] = rates[0] - (turned - turned.mT)
+    return tuple(rates)
+
+
+def _components(system: System, flat: Array, state: tuple[Array, ...]) -> list[Array]:
+    """Coordinates as the components of a state."""
+    out, start, n = [], 0, state[0].shape[-1]
+    for kind, z in zip(system.space.kinds, state, strict=True):
+        count = algebra.coordinates_of(kind, z).shape[-1]
+        x = flat[..., start : start + count]
+        out.append(algebra.skew(x, n) if kind == "skew" else algebra.symmetric(x, n) if kind == "symmetric" else x)
+        start += count
+    return out
+
+
+def inverse_moments(system: System, known: Constants) -> Array:
+    """1/I_i - 1/I_i of the integrable motion, n = 3 (..., 3): what the perturbation changes."""
+    base = perturbation_of(system).base
+    one = algebra.identity(3)
+    inverse = [
+        algebra.axial(call(base.inverse_inertia, (algebra.hat(one[i] + 0 * known[INERTIA]),), known))[..., i]
+        for i in range(3)
+    ]
+    return 1 / known[INERTIA] - np.stack(inverse, -1)
+
+
+def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Array:
+    """The angular velocity, with the moments of the perturbed body."""
+    record = perturbation_of(system)
+    out = call(record.base.velocity, state, known)
+    return out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0])) if record.inertia else out
+
+
+def damped(system: System, state: tuple[Array, ...], factors: Array) -> Array:
+    """The momentum with each part multiplied: a number for all, or one for each axis (..., 3), n = 3.
+
+    In the rest frame the last axis is that of the carried vector a, and the first two are alike.
+    """
+    M = state[0]
+    if factors.shape[-1:] != (3,):
+        return algebra.mat(factors) * M
+    m = algebra.axial(M)
+    if system.frame is Frame.MOVING:
+        return algebra.hat(factors * m)
+    a = state[system.space.carried[0]]
+    along = algebra.vec(algebra.dot(m, a) / algebra.dot(a, a)) * a
+    return algebra.hat(factors[..., :1] * (m - along) + factors[..., 2:] * along)
+
+
+def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Array, ...], Any]:
+    """The rates of the state by the perturbation alone, and of the work."""
+    record = perturbation_of(system)
+    _, slopes = potential(system, body, known, axes)
+    out = list(force_of_potential(system, body, slopes))
+    work = slopes.get(TIME, 0)
+    Omega = velocity(system, body.state, known) if record.torque is not None or record.damping else None
+    tau = torque(system, body, known, axes)
+    losses = [] if tau is None else [tau]
+    if record.damping:
+        losses.append(-damped(system, body.state, np.asarray(known[DAMPING])))
+    for rate in losses:
+        out[0] = out[0] + rate
+        work = work + algebra.pairing(Omega, rate)
+    if record.inertia:
+        X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
+        for i, kind in enumerate(system.space.kinds):
+            out[i] = out[i] - algebra.rate(kind, X, body.state[i])
+    return tuple(out), work
+
+
+# -- flows -------------------------------------------------------------------------------------------
+
+
+def kicked(
+    system: System, body: Body, h: Any, known: Constants, axes: Mapping[str, int]
+) -> tuple[tuple[Array, ...], Any]:
+    """The state after the kick for the time h, and the work."""
+    record = perturbation_of(system)
+    _, slopes = potential(system, body, known, axes)
+    forces = force_of_potential(system, body, slopes)
+    scale = [algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h) for k in system.space.kinds]
+    work = h * slopes[TIME] if TIME in slopes else 0
+    if record.torque is None:
+        return tuple(z + s * f for z, s, f in zip(body.state, scale, forces, strict=True)), work
+    if not record.torque.names(system.space.letters[0]):
+        tau = torque(system, body, known, axes)
+        M = body.state[0] + scale[0] * (forces[0] + tau)
+        middle = velocity(system, ((body.state[0] + M) / 2, *body.state[1:]), known)
+        work = work + h * algebra.pairing(middle, tau)
+        rest = (z + s * f for z, s, f in zip(body.state[1:], scale[1:], forces[1:], strict=True))
+        return (M, *rest), work
+    return _by_runge_kutta(system, body, h, forces, known, axes, work)
+
+
+def _by_runge_kutta(
+    system: System, body: Body, h: Any, forces: tuple[Array, ...], known: Constants, axes: Mapping[str, int], work: Any
+) -> tuple[tuple[Array, ...], Any]:
+    """The same with a torque that depends on M: the classical method of order 4 in M alone."""
+    start, scale = body.state[0], algebra.mat(h)
+    total, gain, M = 0 * start, 0, start
+    for weight, ahead in ((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 0.0)):
+        state = (M, *body.state[1:])
+        tau = torque(system, body._replace(state=state), known, axes)
+        slope = forces[0] + tau
+        total, M = total + weight * slope, start + ahead * scale * slope
+        gain = gain + weight * algebra.pairing(velocity(system, state, known), tau)
+    rest = (
+        z + (algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h)) * f
+        for z, f, k in zip(body.state[1:], forces[1:], system.space.kinds[1:], strict=True)
+    )
+    return (start + scale * total, *rest), work + h * gain
+
+
+def decayed(system: System, state: tuple[Array, ...], h: Any, known: Constants) -> tuple[tuple[Array, ...], Any]:
+    """The state after linear damping for the time h, exactly, and the work."""
+    factors = _exponential(-(algebra.vec(h) if np.ndim(known[DAMPING]) > np.ndim(h) else h) * known[DAMPING])
+    new = (damped(system, state, np.asarray(factors)), *state[1:])
+    return new, kinetic(system, new, known) - kinetic(system, state, known)
+
+
+def _exponential(x: Any) -> Array:
+    """exp of a number or of each entry of an array."""
+    if algebra.holds_objects(x):
+        return np.array([exp(v) for v in x.flat], dtype=object).reshape(x.shape)
+    return exp(x)
+
+
+def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
+    """<M, Omega>/2 with the moments of the perturbed body."""
+    return algebra.pairing(state[0], velocity(system, state, known)) / 2
+
+
+def turned_about_axis(
+    system: System, state: tuple[Array, ...], g: tuple[Array, ...], axis: int, h: Any, known: Constants
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """The flow of the change of one principal moment for the time h, n = 3, moving frame: a turn about the axis.
+
+    `g`: unit quaternions that are carried along.
+    """
+    angle = inverse_moments(system, known)[..., axis] * algebra.axial(state[0])[..., axis] * h
+    s, c = sin(angle / 2), cos(angle / 2)
+    one = algebra.identity(4)
+    q = algebra.vec(c) * one[0] + algebra.vec(s) * one[1 + axis]
+    W = algebra.rotation_matrix(q)
+    new = tuple(
+        algebra.act(W.mT, z) if kind == "vector" else W.mT @ z @ W
+        for kind, z in zip(system.space.kinds, state, strict=True)
+    )
+    return new, tuple(algebra.quaternion_product(x, q) for x in g)

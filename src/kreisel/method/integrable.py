@@ -1,0 +1,85 @@
+"""The integrable part of a splitting: its flow for a short time, with integrals that change from step to step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.exact import rotor_step
+from kreisel.forces.kicks import perturbation_of
+from kreisel.method.composition import symmetric_composition
+from kreisel.record.contract import Frame, Map, System, call
+from kreisel.record.model import Model
+
+State = tuple[Array, ...]
+Constants = Mapping[str, Array]
+ORDER = 8  # of a map, composed
+LONGEST_TURN = 8.0  # radians in a part of a step, of what is precise to lambda h = 1
+
+
+@dataclass(frozen=True)
+class Integrable:
+    """name; move(state, orientation, h, constants) -> both after the time h; reach(state, h, constants): at most 1
+    where the step is precise to rounding, None where there is no bound.
+    """
+
+    name: str
+    move: Callable[[State, State, Any, Constants], tuple[State, State]]
+    reach: Callable[[State, Any, Constants], Any] | None = None
+
+
+def integrable(model: Model) -> Integrable:
+    """Of the base of a perturbed system, the best that is known.  Raises `InputError` where none is."""
+    base = perturbation_of(model.system).base
+    if base.moments is not None and model.n == 3:
+        return _free_body(base)
+    if base.map is not None:
+        return _composed(base, base.map)
+    raise InputError(
+        f"perturbed: no map and no closed form of {base.name}, n = {model.n}, is known here. Use method='dop853'."
+    )
+
+
+def _free_body(base: System) -> Integrable:
+    def moments(known: Constants) -> Array:
+        return np.asarray(call(base.moments, (), known))
+
+    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+        M = algebra.axial(own[0])
+        start = g[0] if g else np.concatenate([1 + 0 * M[..., :1], 0 * M], -1)
+        N, q = rotor_step.step(M, start, h=h, **rotor_step.constants(moments(known)))
+        return (algebra.hat(N),), (q,) * len(g)
+
+    def reach(own: State, h: Any, known: Constants) -> Any:
+        inverse = 1 / moments(known)
+        M = algebra.axial(own[0])
+        turn = algebra.dot(M, M) * h * h
+        gaps = inverse - inverse[..., [1, 2, 0]]
+        return turn * algebra.maximum(algebra.dot(gaps, gaps) / 2, algebra.dot(inverse, inverse) / LONGEST_TURN**2)
+
+    return Integrable("the closed form of a free body", move, reach)
+
+
+def _composed(base: System, phi: Map) -> Integrable:
+    """The map of the system, made symmetric, in a composition of order 8."""
+    fractions = symmetric_composition(ORDER)
+
+    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+        for fraction in fractions:
+            more = {**known, "eps": float(fraction) * h}
+            old = own if phi.symmetric else call(phi.from_symmetric, own, more)
+            new = call(phi.step, old, more)
+            if g:
+                X = call(phi.generator, (*old, *new), more)
+                turn = algebra.turn_left(X, g[0]) if base.frame is Frame.REST else algebra.turn_right(g[0], X)
+                g = (turn,)
+            own = new if phi.symmetric else call(phi.to_symmetric, new, more)
+        return tuple(own), g
+
+    return Integrable("its map", move)

@@ -1,0 +1,213 @@
+"""method="splitting": perturbed bodies, by flows of the integrable part and of the perturbation in turn.
+
+A step is A for a_1 h, B for b_1 h, A for a_2 h, ..., symmetric (`splitting_coefficients`).  A is the integrable motion,
+in closed form where it is known as one short step, else by a map of high order; B is the flow of the perturbation with
+the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds in symmetric order,
+
+    damping, inertia about 1, 2, 3 | kick | inertia about 3, 2, 1, damping,
+
+which is exact for one kind, else off by O(eps^3 h^3), and by O(eps^5 h^5) three times in a row where the order asks for it.
+
+Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt with
+a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential or that depend
+on time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.forces import kicks
+from kreisel.forces.invariants import conserved
+from kreisel.forces.kicks import INERTIA, ORIENTATION, Body, perturbation_of
+from kreisel.method.driven import WORK, outcomes_of_work, require_orientation, with_work, zero
+from kreisel.method.integrable import Integrable, integrable
+from kreisel.method.observing import observer, orientation_outcome, with_orientation
+from kreisel.method.record import Method
+from kreisel.method.scheme import Guard, Outcome, Scheme
+from kreisel.method.splitting_coefficients import ORDERS, splitting
+from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
+
+DEFAULT = (8, 6, 4)
+FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
+SAME = 4e-16  # relative: inverse moments that differ by rounding
+COUNT, REACH = "count", "reach"
+
+State = tuple[Array, ...]
+Constants = Mapping[str, Array]
+
+
+class Splitting:
+    """The step of a perturbed body, and what is observed of it."""
+
+    def __init__(self, model: Model, dt: float, order: Any, oriented: bool):
+        self.model, self.dt, self.record = model, dt, perturbation_of(model.system)
+        self.count = len(model.system.space.letters)
+        self.oriented = oriented
+        require_orientation(model, oriented)
+        self.timed, self.driven = self.record.names(TIME), self.record.driven
+        self.fractions = splitting(order)
+        self.part: Integrable = integrable(model)
+        self.axes = _changed_axes(model) if self.record.inertia else []
+        kinds = len(self.axes) + bool(self.record.functions) + self.record.damping
+        self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
+
+    @property
+    def extra(self) -> tuple[str, ...]:
+        """The numbers that are carried beside state and orientation."""
+        names = {COUNT: self.timed, WORK: self.driven, REACH: self.part.reach is not None}
+        return tuple(name for name, there in names.items() if there)
+
+    def apart(self, z: State) -> tuple[State, State, dict[str, Array]]:
+        """The state, the orientation if there is one, the other numbers by name."""
+        end = self.count + self.oriented
+        return z[: self.count], z[self.count : end], dict(zip(self.extra, z[end:], strict=True))
+
+    def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **known: Array) -> State:
+        """A, then B."""
+        own, g, more = self.apart(z)
+        own, g, more = self.moved(own, g, more, _drift, known)
+        time = (more[COUNT] + _node) * known["_dt"] if self.timed else None
+        own, g, work = self.perturbed(own, g, time, _kick, known)
+        if self.driven:
+            more[WORK] = more[WORK] + work
+        return (*own, *g, *more.values())
+
+    def close(self, *z: Array, _last: Array, **known: Array) -> State:
+        """The last A, and the count of steps."""
+        own, g, more = self.apart(z)
+        own, g, more = self.moved(own, g, more, _last, known)
+        if self.timed:
+            more[COUNT] = more[COUNT] + 1
+        return (*own, *g, *more.values())
+
+    def moved(
+        self, own: State, g: State, more: dict[str, Array], h: Array, known: Constants
+    ) -> tuple[State, State, dict[str, Array]]:
+        """The integrable motion."""
+        if self.part.reach is not None:
+            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(own, h, known))}
+        own, g = self.part.move(own, g, h, known)
+        return own, g, more
+
+    def perturbed(self, own: State, g: State, t: Any, h: Array, known: Constants) -> tuple[State, State, Any]:
+        """The flow of the perturbation, and its work."""
+        work: Any = 0
+        for fraction in self.parts:
+            own, g, gained = self._once(own, g, t, fraction * h, known)
+            work = work + gained
+        return own, g, work
+
+    def _once(self, own: State, g: State, t: Any, h: Array, known: Constants) -> tuple[State, State, Any]:
+        """The same to order 2."""
+        own, before = self._damped(own, h / 2, known)
+        own, g = self._turned(own, g, self.axes, h / 2, known)
+        gained: Any = 0
+        if self.record.functions:
+            turn = algebra.rotation_matrix(g[0]) if g and self.model.n == 3 else g[0] if g else None
+            own, gained = kicks.kicked(self.model.system, Body(own, turn, t), h, known, self.model.axes)
+        own, g = self._turned(own, g, self.axes[::-1], h / 2, known)
+        own, after = self._damped(own, h / 2, known)
+        return own, g, before + gained + after
+
+    def _turned(self, own: State, g: State, axes: list[int], h: Array, known: Constants) -> tuple[State, State]:
+        for axis in axes:
+            own, g = kicks.turned_about_axis(self.model.system, own, g, axis, h, known)
+        return own, g
+
+    def _damped(self, own: State, h: Array, known: Constants) -> tuple[State, Any]:
+        return kicks.decayed(self.model.system, own, h, known) if self.record.damping else (own, 0)
+
+    def begin(self, x: State) -> State:
+        """The state and the orientation with the other numbers at time 0."""
+        return (*x, *(zero(self.model.system, x) for _ in self.extra))
+
+
+def _changed_axes(model: Model) -> list[int]:
+    """The axes whose moment is not that of the integrable part, in some lane."""
+    change = kicks.inverse_moments(model.system, model.constants)
+    return np.flatnonzero(abs(change).reshape(-1, 3).max(0) > SAME * (1 / model.constants[INERTIA]).max()).tolist()
+
+
+def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
+    """The splitting with step dt of that order.  Raises `InputError` where a force takes an orientation and none is."""
+    body = Splitting(model, dt, order, oriented)
+    a, b = (np.array(x) for x in body.fractions)
+    observe, outcomes = _observer(body, order)
+    stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
+    constants = {"_last": np.array(a[-1] * dt), "_dt": np.array(dt)}
+    return Scheme(
+        name="splitting",
+        components=(*with_orientation(model, oriented), *((name, "scalar") for name in body.extra)),
+        constants={**model.constants, **constants},
+        axes={**model.axes, **dict.fromkeys((*stages, *constants), 0)},
+        stages=stages,
+        n=model.n,
+        prepare=body.begin,
+        step=body.step,
+        close=body.close,
+        observe=observe,
+        reopen=body.begin,
+        outcomes=outcomes,
+        options={"order": order},
+        guard=None if body.part.reach is None else _guard(body.part),
+    )
+
+
+def _guard(part: Integrable) -> Guard:
+    return Guard(
+        REACH,
+        1.0,
+        f"A part of the step is longer than {part.name} is precise for",
+        "a step in which the body turns by more than some radians, or a perturbation that sped the body up. Use a "
+        "smaller dt.",
+    )
+
+
+def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
+    """The variables of the system, and of driven bodies the work and the balance of the energy."""
+    model, record = body.model, body.record
+    names = conserved(model)
+    bound = " + ".join(
+        f"O(eps{'' if k == 1 else f'^{k}'} dt^{p})" for k, p in enumerate(np.atleast_1d(order).tolist(), 1)
+    )
+    oscillates = f"not conserved: it oscillates by {bound}, without a trend"
+    energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
+    plain, outcomes = observer(model, None, None, conserved=names, told={"energy": energy}, continuous=True)
+    if body.oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model, continuous=True)
+    if body.driven:
+        outcomes |= outcomes_of_work(oscillates)
+
+    def observe(z: State, /, **constants: Array) -> dict[str, Array]:
+        own, g, more = body.apart(z)
+        where: dict[str, Any] = {}
+        if record.names(TIME):
+            where[TIME] = more[COUNT] * body.dt
+        if record.names(ORIENTATION):
+            where[ORIENTATION] = algebra.rotation_matrix(g[0]) if model.n == 3 else g[0]
+        out = plain((*own, *g), **constants, **where)
+        return with_work(out, more[WORK]) if body.driven else out
+
+    return observe, outcomes
+
+
+METHOD = Method(
+    name="splitting",
+    title="splittings of perturbed bodies: the integrable motion and the perturbation in turn",
+    needs="a perturbed body (kr.perturbed)",
+    applies=lambda s: s.perturbation is not None,
+    orders=ORDERS,
+    default=DEFAULT,
+    poisson="yes, without torque and damping",
+    conserves="Casimirs and integrals that no force changes",
+    sources=("laskar2001", "blanes2013"),
+    make=make,
+    rank=0,
+)

@@ -1,0 +1,145 @@
+"""Symmetric splittings of H = A + eps B: A for a_1 h, B for b_1 h, A for a_2 h, ... B for b_s h, A for a_(s+1) h.
+
+In the picture that moves with A, B acts at the times c_i h, c_i = a_1 + ... + a_i, with the weights b_i; the exact
+solution is the series of integrals of products of eps B over ordered times.  So the terms of eps^k are right up to h^p
+if the sums over ordered products of the b_i are the integrals for all monomials in k times of degree at most p - k:
+
+    sum_(i_1 <= ... <= i_k) w b_(i_1) c_(i_1)^(p_1) ... = int_(0 <= t_1 <= ... <= t_k <= 1) t_1^(p_1) ...,
+
+w = 1/m! for m equal indices.  A splitting is of the order (p_1, p_2, ...) with p_k that of eps^k, the last one that of
+all further powers too: its error is O(eps h^(p_1) + eps^2 h^(p_2) + ...).
+[Laskar, Robutel 2001; Blanes et al. 2013]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from itertools import product
+from typing import Any, NamedTuple
+
+from kreisel.method.composition import FIRST_HALVES
+
+DIGITS = 40
+HOLDS = 1e-14  # what a condition may lack: published digits have 16 and more
+
+# a_1 ... and b_1 ... up to the middle one; Blanes, Casas, Farres, Laskar, Makazaga, Murua 2013
+PUBLISHED = {
+    (8, 6, 4): (
+        (
+            "0.0711334264982231177779387300061549964174",
+            "0.241153427956640098736487795326289649618",
+            "0.521411761772814789212136078067994229991",
+            "-0.333698616227678005726562603400438876027",
+        ),
+        (
+            "0.183083687472197221961703757166430291072",
+            "0.310782859898574869507522291054262796375",
+            "-0.0265646185119588006972121379164987592663",
+            "0.0653961422823734184559721793911134363710",
+        ),
+    ),
+    (10, 6, 4): (
+        (
+            "0.03809449742241219545697532230863756534060",
+            "0.1452987161169137492940200726606637497442",
+            "0.2076276957255412507162056113249882065158",
+            "0.4359097036515261592231548624010651844006",
+            "-0.6538612258327867093807117373907094772607",
+        ),
+        (
+            "0.09585888083707521061077150377145884776921",
+            "0.2044461531429987806805077839164344779763",
+            "0.2170703479789911017143385924306336714532",
+            "-0.01737538195906509300561788011852699719871",
+        ),
+    ),
+}
+
+
+class Splitting(NamedTuple):
+    """The fractions of a step: a has one more than b."""
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+
+
+ORDERS: tuple[Any, ...] = ((2, 2), (4, 2), (6, 2), (8, 2), *PUBLISHED, *(p for p in FIRST_HALVES if p > 2))
+
+
+@cache
+def splitting(order: Any) -> Splitting:
+    """The splitting of that order: (2 n, 2) of n kicks, a published one, or one order for all powers of eps.
+
+    Raises `ArithmeticError` where an order condition does not hold.
+    """
+    import mpmath
+
+    with mpmath.workdps(DIGITS):
+        a, b = _fractions(order)
+        orders = order if isinstance(order, tuple) else (order,)
+        for k, degrees in conditions(orders):
+            off = abs(ordered_sum(a, b, degrees) - ordered_integral(degrees))
+            if off > HOLDS:
+                raise ArithmeticError(f"splitting {order}: the condition of eps^{k} on {degrees} is off by {off}")
+        return Splitting(tuple(map(float, a)), tuple(map(float, b)))
+
+
+def _fractions(order: Any) -> tuple[list[Any], list[Any]]:
+    import mpmath
+
+    if order in PUBLISHED:
+        a, b = ([mpmath.mpf(text) for text in half] for half in PUBLISHED[order])
+        odd = len(a) > len(b)  # the middle one is an a
+        return a + (a[-2::-1] if odd else a[::-1]), b + (b[::-1] if odd else b[-2::-1])
+    if isinstance(order, tuple):
+        return _gauss(order[0] // 2)
+    half = [mpmath.mpf(gamma) for gamma in FIRST_HALVES[order]]
+    half[-1] = 1 - 2 * sum(half[:-1])
+    b = half + half[-2::-1]
+    ends = [0, *b, 0]
+    return [(x + y) / 2 for x, y in zip(ends, ends[1:], strict=False)], b
+
+
+def _gauss(count: int) -> tuple[list[Any], list[Any]]:
+    """Kicks at the nodes of Gauss and Legendre, with their weights."""
+    import mpmath
+
+    nodes = sorted(mpmath.polyroots(mpmath.taylor(lambda x: mpmath.legendre(count, x), 0, count)[::-1]), key=mpmath.re)
+    weights = [2 / ((1 - x * x) * mpmath.diff(lambda t: mpmath.legendre(count, t), x) ** 2) for x in nodes]
+    times = [mpmath.mpf(0), *((1 + x) / 2 for x in nodes), mpmath.mpf(1)]
+    return [y - x for x, y in zip(times, times[1:], strict=False)], [w / 2 for w in weights]
+
+
+def conditions(orders: tuple[int, ...]) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """(k, degrees) of all conditions: monomials t_1^p_1 ... t_k^p_k with k + sum p <= the order in eps^k."""
+    for k in range(1, max(orders) + 1):
+        most = orders[min(k, len(orders)) - 1] - k
+        for degrees in product(range(most + 1), repeat=k):
+            if sum(degrees) <= most:
+                yield k, degrees
+
+
+def ordered_sum(a: list[Any], b: list[Any], degrees: tuple[int, ...]) -> Any:
+    """sum_(i_1 <= ... <= i_k) w b_(i_1) c_(i_1)^(p_1) ..., w = 1/m! for m equal indices."""
+    totals = [1, *(0 for _ in degrees)]  # of the first j factors, over the kicks so far
+    time = 0
+    for step, weight in zip(a, b, strict=False):
+        time += step
+        for last in range(len(degrees), 0, -1):
+            here: Any = 1
+            for m in range(1, last + 1):  # the last m of the factors fall on this kick
+                here = here * weight * time ** degrees[last - m] / m
+                totals[last] += totals[last - m] * here
+    return totals[-1]
+
+
+def ordered_integral(degrees: tuple[int, ...]) -> Any:
+    """int_(0 <= t_1 <= ... <= t_k <= 1) t_1^p_1 ... t_k^p_k = prod_j 1/(p_1 + ... + p_j + j)."""
+    import mpmath
+
+    out, total = mpmath.mpf(1), 0
+    for j, degree in enumerate(degrees, 1):
+        total += degree
+        out /= total + j
+    return out

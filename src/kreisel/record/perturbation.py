@@ -1,0 +1,57 @@
+"""What acts on a body beside an integrable motion: a part of the record of a perturbed system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kreisel.record.contract import System
+
+TIME = "t"
+
+
+@dataclass(frozen=True)
+class Force:
+    """A function of a user's own, and what it takes: letters of the state, g and t by place, parameters by keyword."""
+
+    function: Callable[..., Any]
+    arguments: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    def names(self, letter: str) -> bool:
+        """Whether it takes this letter."""
+        return letter in self.arguments
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """Forces around the motion of the system `base`.
+
+    potential   V: H = H_base + V, of what the body carries, the orientation g and the time t
+    torque      the rate tau of the momentum beside, in the frame of the state; an axial vector for n = 3
+    damping     whether there is a parameter `damping`: M' = -damping M beside, a rate for all axes or one for each
+    inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
+    """
+
+    base: System
+    potential: Force | None = None
+    torque: Force | None = None
+    damping: bool = False
+    inertia: bool = False
+
+    @property
+    def functions(self) -> dict[str, Force]:
+        """The forces that are functions."""
+        named = {"potential": self.potential, "torque": self.torque}
+        return {what: force for what, force in named.items() if force is not None}
+
+    def names(self, letter: str) -> bool:
+        """Whether a force takes this letter."""
+        return any(force.names(letter) for force in self.functions.values())
+
+    @property
+    def driven(self) -> bool:
+        """Whether the energy changes by work: forces without a potential, or that depend on time."""
+        return self.torque is not None or self.damping or self.names(TIME)
