@@ -25,11 +25,11 @@ import kreisel.sweeps.sweep
 import kreisel.viewer.plots  # noqa: F401
 
 PARTS = [
-    Part("kills", kills.case, 400, 0.38, seconds=60, warm=kills.warm),
+    Part("kills", kills.case, 300, 0.30, seconds=60, warm=kills.warm),
     Part("clusters", clusters.case, 12, 0.05, seconds=200, before=clusters.make),
-    Part("modes", modes.case, 100, 0.03, before=corruptions.make),
+    Part("modes", modes.case, 100, 0.05, before=corruptions.make),
     Part("corruptions", corruptions.case, 1000, 0.08, before=corruptions.make),
-    Part("calls", calls.case, 40_000, 0.14, seconds=40, before=calls.make, warm=arguments.make),
-    Part("configurations", configurations.case, 10_000, 0.32, before=corruptions.make),
+    Part("calls", calls.case, 40_000, 0.18, seconds=40, before=calls.make, warm=arguments.make),
+    Part("configurations", configurations.case, 10_000, 0.34, before=corruptions.make),
 ]
 warnings.simplefilter("ignore")

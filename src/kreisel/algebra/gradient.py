@@ -195,5 +195,5 @@ def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
     batch = np.shape(x)[: np.ndim(x) - axes]
     kind = np.result_type(x.dtype, *(np.asarray(v).dtype for v in found))
     columns = [np.broadcast_to(np.asarray(v, dtype=kind), np.broadcast_shapes(batch, np.shape(v))) for v in found]
-    columns = np.broadcast_arrays(*columns)
-    return np.stack(columns, -1).reshape((*columns[0].shape, *shape))
+    spread = np.broadcast_arrays(*columns)
+    return np.stack(spread, -1).reshape((*spread[0].shape, *shape))

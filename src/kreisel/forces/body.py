@@ -43,8 +43,8 @@ def perturbed(
                (rest frame: in space, moving frame: in the body); for n = 3 an axial vector
     damping    gamma in M' = -gamma M: a number, or one for each axis of the body (for a symmetric body in the rest
                frame the last is that of its axis).  Exact
-    inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part; moving
-               frame, n = 3
+    inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
+               moving frame, n = 3
     params     the parameters that the functions name after `*`, by name: numbers, or arrays; a number may vary by lane
     name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
 
@@ -85,7 +85,8 @@ def _require_base(model: Model) -> None:
         )
     if system.flow is None or system.numbers != "any":
         raise InputError(
-            f"perturbed: expected a system of Kreisel's with a map or a closed form, got {system.name}. See kr.systems()."
+            f"perturbed: expected a system of Kreisel's with a map or a closed form, got {system.name}; see "
+            "kr.systems()."
         )
 
 
@@ -101,7 +102,8 @@ def _force(function: Any, what: str, model: Model, params: Mapping[str, Paramete
         ) from None
     letters = (*model.system.space.letters, ORIENTATION, TIME)
     known = (*params, *(p.letter for p in model.system.parameters))
-    arguments, parameters = [], []
+    arguments: list[str] = []
+    parameters: list[str] = []
     for parameter in signature.parameters.values():
         place = parameter.kind is PLACE
         names, kind = (letters, "arguments") if place else (known, "parameters after *")
@@ -161,7 +163,8 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
     if record.potential is not None and any(record.potential.names(letter) for letter in momenta):
         raise InputError(
             f"potential: expected a function of {', '.join((*_carried(system), ORIENTATION, TIME))}, got one of the "
-            f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or damping=..."
+            f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
+            "damping=..."
         )
     turns = record.torque is not None or record.damping or record.inertia or record.names(ORIENTATION)
     if turns and (space.kinds[0] != "skew" or system.velocity is None):
@@ -186,8 +189,8 @@ def _require_principal(model: Model) -> None:
     off = abs(inverse * (1 - np.eye(3))).max()
     if off > DIAGONAL * abs(inverse).max():
         raise InputError(
-            f"inertia: expected {model.system.name} with principal axes along the axes of coordinates, got others. Turn "
-            "the body frame, so that its axis is (0, 0, 1)."
+            f"inertia: expected {model.system.name} with principal axes along the axes of coordinates, got others. "
+            "Turn the body frame, so that its axis is (0, 0, 1)."
         )
 
 
@@ -196,7 +199,7 @@ def _carried(system: System) -> list[str]:
 
 
 def _system(model: Model, record: Perturbation, own: list[Parameter], name: str | None) -> System:
-    """The record of the perturbed system: what is known of the integrable part and does not hold any more is left out."""
+    """The record of the perturbed system, without what is known of the integrable part alone."""
     base = model.system
     if name is not None and (not isinstance(name, str) or not name.isprintable() or not name.strip()):
         raise InputError(f"name: expected a name, got {shown(name)}.")
@@ -223,7 +226,8 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
     axes = {**model.axes, **{p.letter: {"scalar": 0, "vector": 1}.get(p.kind, np.ndim(p.default)) for p in own}}
     where = [letter for letter in (ORIENTATION, TIME) if record.names(letter)]
     functions = _functions(made, axes)
-    return replace(made, **{what: _naming(f, (*axes, *where)) for what, f in functions.items()})
+    named: dict[str, Any] = {what: _naming(f, (*axes, *where)) for what, f in functions.items()}
+    return replace(made, **named)
 
 
 def _in_words(record: Perturbation) -> str:
@@ -272,7 +276,10 @@ def _try(model: Model) -> None:
     """Run the functions once.  Raises `InputError` for whatever they raise."""
     space, n = model.system.space, model.n
     rng = np.random.default_rng(0)
-    draw = lambda shape: rng.normal(size=shape)  # noqa: E731 - as records draw
+
+    def draw(shape: tuple[int, ...]) -> Array:
+        return rng.normal(size=shape)
+
     state = space.draw(n, draw) if space.draw else tuple(_random(kind, n, draw) for kind in space.kinds)
     g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
     known = {letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()}
@@ -283,8 +290,8 @@ def _try(model: Model) -> None:
         raise
     except Exception as error:
         raise InputError(
-            f"{model.system.name}: a force cannot be computed: {type(error).__name__}: {error}. Usual cause: a function "
-            "that does not take numbers of every kind; use NumPy's operations, no math, no branches."
+            f"{model.system.name}: a force cannot be computed: {type(error).__name__}: {error}. Usual cause: a "
+            "function that does not take numbers of every kind; use NumPy's operations, no math, no branches."
         ) from error
 
 

@@ -54,7 +54,7 @@ def find(name: Any) -> Method:
     return _found()[name]
 
 
-def scheme(model: Model, method: str | None, dt: float, order: int | None, oriented: bool) -> Scheme:
+def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool) -> Scheme:
     """The scheme of that name.  Raises `InputError` for a wrong name or order, and where the method does not apply."""
     record = find(default_method(model.system) if method is None else method)
     record.check(model)

@@ -6,10 +6,11 @@ the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds i
 
     damping, inertia about 1, 2, 3 | kick | inertia about 3, 2, 1, damping,
 
-which is exact for one kind, else off by O(eps^3 h^3), and by O(eps^5 h^5) three times in a row where the order asks for it.
+which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
+asks for that.
 
-Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt with
-a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential or that depend
+Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
+with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential or that depend
 on time.
 """
 

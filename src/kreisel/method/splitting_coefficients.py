@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 from kreisel.method.composition import FIRST_HALVES
@@ -98,7 +98,7 @@ def _fractions(order: Any) -> tuple[list[Any], list[Any]]:
     half[-1] = 1 - 2 * sum(half[:-1])
     b = half + half[-2::-1]
     ends = [0, *b, 0]
-    return [(x + y) / 2 for x, y in zip(ends, ends[1:], strict=False)], b
+    return [(x + y) / 2 for x, y in pairwise(ends)], b
 
 
 def _gauss(count: int) -> tuple[list[Any], list[Any]]:
@@ -108,7 +108,7 @@ def _gauss(count: int) -> tuple[list[Any], list[Any]]:
     nodes = sorted(mpmath.polyroots(mpmath.taylor(lambda x: mpmath.legendre(count, x), 0, count)[::-1]), key=mpmath.re)
     weights = [2 / ((1 - x * x) * mpmath.diff(lambda t: mpmath.legendre(count, t), x) ** 2) for x in nodes]
     times = [mpmath.mpf(0), *((1 + x) / 2 for x in nodes), mpmath.mpf(1)]
-    return [y - x for x, y in zip(times, times[1:], strict=False)], [w / 2 for w in weights]
+    return [y - x for x, y in pairwise(times)], [w / 2 for w in weights]
 
 
 def conditions(orders: tuple[int, ...]) -> Iterator[tuple[int, tuple[int, ...]]]:

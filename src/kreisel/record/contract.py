@@ -304,8 +304,8 @@ class System:
     n                        the dimension, where the parameters do not tell it
     numbers                  "any": the functions take any kind of number; "jax": floats and JAX arrays
                              (`kreisel.reduction`), and steps are compiled by JAX
-    perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`); then
-                             flow and energy may take by keyword the orientation g, as a matrix, and the time t
+    perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
+                             then flow and energy may take by keyword the orientation g, as a matrix, and the time t
     """
 
     name: str

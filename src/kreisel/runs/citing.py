@@ -36,7 +36,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     import kreisel
 
     method: str | None = None
-    order: int | None = None
+    order: int | tuple[int, ...] | None = None
     if isinstance(what, Model | System):
         method = default_method(what.system) if isinstance(what, Model) else None
         told, version = _told(what.system if isinstance(what, Model) else what), kreisel.__version__
