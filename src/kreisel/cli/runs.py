@@ -81,7 +81,7 @@ def run(
         return shout(broken(table))
     say(f"{result.attrs['title']}: {model}")
     if told["options"]:
-        say(", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in told["options"].items()))
+        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in told["options"].items()))
     say(f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)")
     print_drift(table)
     if figure:
@@ -261,3 +261,8 @@ def _serve(archive: Path, host: str, port: int, lane: int) -> None:
             serving.serve_forever()
         except KeyboardInterrupt:
             print("ended", file=sys.stderr)
+
+
+def _text(value: Any) -> str:
+    """A number, or several as a tuple."""
+    return f"({', '.join(map(_text, value))})" if isinstance(value, list) else f"{value:g}"

@@ -13,6 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, nearest, shown
 from kreisel.forces import kicks
+from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.record.contract import Frame, Parameter, System, call
 from kreisel.record.model import Model
@@ -71,10 +72,9 @@ def perturbed(
     )
     _require_suitable(system, record)
     own |= _damping_and_inertia(system, damping, inertia)
-    made = _system(system, record, list(own.values()), name)
-    model = Model(made, {**system.params, **{letter: p.default for letter, p in own.items()}})
+    model = Model(_system(system, record, list(own.values()), name), {})
     _try(model)
-    return model
+    return Model(_with_own_casimirs(model), {})
 
 
 def _require_base(model: Model) -> None:
@@ -208,7 +208,7 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         name=name or f"perturbed-{base.name}",
         title=f"{base.title}, perturbed",
         equations=f"{base.equations}; perturbed by {_in_words(record)}",
-        parameters=(*base.parameters, *own),
+        parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *own),
         integrals=dict(base.integrals),
         invariant={},
         commuting=(),
@@ -224,10 +224,27 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         perturbation=record,
     )
     axes = {**model.axes, **{p.letter: {"scalar": 0, "vector": 1}.get(p.kind, np.ndim(p.default)) for p in own}}
-    where = [letter for letter in (ORIENTATION, TIME) if record.names(letter)]
-    functions = _functions(made, axes)
-    named: dict[str, Any] = {what: _naming(f, (*axes, *where)) for what, f in functions.items()}
+    return _with_functions(made, axes)
+
+
+def _with_functions(made: System, axes: Mapping[str, int]) -> System:
+    record = kicks.perturbation_of(made)
+    names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
+    named: dict[str, Any] = {what: _naming(f, names) for what, f in _functions(made, axes).items()}
     return replace(made, **named)
+
+
+def _with_own_casimirs(model: Model) -> System:
+    """The record with those Casimirs alone that no force changes."""
+    system, space = model.system, model.system.space
+    if space.casimirs is None:
+        return system
+    given, parts = space.casimirs, surviving_parts(model, space.casimirs)
+    if all(parts):
+        return system
+    chosen = np.flatnonzero(parts)
+    casimirs = (lambda *state: given(*state)[..., chosen]) if len(chosen) else None
+    return replace(system, space=replace(space, casimirs=casimirs))
 
 
 def _in_words(record: Perturbation) -> str:

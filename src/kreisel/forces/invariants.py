@@ -6,7 +6,7 @@ are, for up to some lanes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -39,8 +39,13 @@ def _conserved(model: Model) -> tuple[str, ...]:
         chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_LANES)).astype(int))
         lanes = [_one(model, lane) for lane in chosen.tolist()]
     return tuple(
-        name for name, function in candidates(model).items() if all(_survives(lane, function) for lane in lanes)
+        name for name, function in candidates(model).items() if all(all(_survives(lane, function)) for lane in lanes)
     )
+
+
+def surviving_parts(model: Model, function: Function) -> list[bool]:
+    """Which parts of a function of the state no force changes, in the first lane."""
+    return _survives(_one(model, 0) if model.batch else model, function)
 
 
 def candidates(model: Model) -> dict[str, Function]:
@@ -56,20 +61,27 @@ def _one(model: Model, lane: int) -> Model:
     return Model(chosen.system, {k: v[0] if v.ndim > model.axes[k] else v for k, v in chosen.params.items()})
 
 
-def _survives(model: Model, function: Function) -> bool:
+def _survives(model: Model, function: Function) -> list[bool]:
+    """Which parts of a function do, in rational numbers if possible."""
     try:
         exactly = Model(model.system, {k: _rationals(v) for k, v in model.params.items()})
-        return all(_exactly_zero(slope) for slope in _slopes(exactly, function, _fraction))
+        return _all_of_parts(exactly, function, _fraction, lambda slope, scale: _is_zero(slope))
     except (TypeError, AttributeError, ValueError, ZeroDivisionError, InputError):
-        pass
-    with np.errstate(all="ignore"):
-        return all(abs(total) <= ZERO * size for total, size in _slopes(model, function, lambda x: x))
+        with np.errstate(all="ignore"):
+            return _all_of_parts(model, function, float, lambda slope, scale: abs(slope) <= ZERO * scale)
 
 
-def _exactly_zero(slope: tuple[Any, Any]) -> bool:
-    if not isinstance(slope[0], Fraction | int):
-        raise TypeError("no rational number")
-    return slope[0] == 0
+def _all_of_parts(
+    model: Model, function: Function, number: Callable[[float], Any], still: Callable[[Any, Any], bool]
+) -> list[bool]:
+    points = [[bool(still(*slope)) for slope in point] for point in _slopes(model, function, number)]
+    return [all(part) for part in zip(*points, strict=True)]
+
+
+def _is_zero(slope: Any) -> bool:
+    if not isinstance(slope, Fraction | int):
+        raise TypeError(f"expected a rational number, got {type(slope).__name__}")
+    return slope == 0
 
 
 def _rationals(x: Array) -> Array:
@@ -80,8 +92,8 @@ def _fraction(x: float) -> Fraction:
     return Fraction(round(8 * x), 8)
 
 
-def _slopes(model: Model, function: Function, number: Callable[[float], Any]) -> Any:
-    """(the derivative along the perturbation, its scale) of each part of a function at random points."""
+def _slopes(model: Model, function: Function, number: Callable[[float], Any]) -> Iterator[list[tuple[Any, Any]]]:
+    """(the derivative along the perturbation, its scale) of each part of a function, at random points."""
     rng = np.random.default_rng(1)
     space, n = model.system.space, model.n
 
@@ -93,8 +105,8 @@ def _slopes(model: Model, function: Function, number: Callable[[float], Any]) ->
         state = _point(space, n, draw)
         g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
         rates, _ = kicks.rates(model.system, Body(state, g, draw((1,))[0]), model.constants, model.axes)
-        count = np.size(call(function, state, model.constants))
-        for part in range(count):
+        parts = []
+        for part in range(np.size(call(function, state, model.constants))):
 
             def of_part(*parts: Any, part: int = part) -> Any:
                 return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
@@ -102,7 +114,8 @@ def _slopes(model: Model, function: Function, number: Callable[[float], Any]) ->
             slope = np.concatenate([np.ravel(v) for v in _derivative(space, n, of_part, state)])
             along = [algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rates, strict=True)]
             rate = np.concatenate([np.ravel(v) for v in along])
-            yield sum(slope * rate), max(abs(slope)) * max(abs(rate))
+            parts.append((sum(slope * rate), max(abs(slope)) * max(abs(rate))))
+        yield parts
 
 
 def _derivative(space: PhaseSpace, n: int, function: Callable[..., Any], state: tuple[Array, ...]) -> list[Array]:

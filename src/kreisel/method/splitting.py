@@ -10,8 +10,8 @@ which is exact for one kind, else off by O(eps^3 h^3); three times in a row it i
 asks for that.
 
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
-with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential or that depend
-on time.
+with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential and by
+those that depend on time.
 """
 
 from __future__ import annotations
@@ -208,7 +208,7 @@ METHOD = Method(
     default=DEFAULT,
     poisson="yes, without torque and damping",
     conserves="Casimirs and integrals that no force changes",
-    sources=("laskar2001", "blanes2013"),
+    sources=("touma1994", "laskar2001", "blanes2013"),
     make=make,
     rank=0,
 )

@@ -13,6 +13,7 @@ from typing import Any
 
 from kreisel.errors import InputError, nearest, shown
 from kreisel.record.contract import System
+from kreisel.record.model import Model
 from kreisel.system import REGISTRY, find
 
 
@@ -24,14 +25,15 @@ def load(name: str, file: Path | None) -> System:
         raise InputError(f"There is no file {file}, which [system] names; it is looked for beside the TOML file.")
     own = own_systems(executed(file))
     if name in own:
-        if name in REGISTRY:
+        if own[name].name in REGISTRY:
             raise InputError(
-                f"{file} calls its system {shown(name)}, as one of Kreisel's is called. Choose another name."
+                f"{file} calls its system {shown(own[name].name)}, as one of Kreisel's is called. Choose another name."
             )
         return own[name]
     raise InputError(
         f"{file} defines no system called {shown(name)} at its top level.{nearest(name, own)} "
-        f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...)."
+        f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...) or "
+        "kr.perturbed(...)."
     )
 
 
@@ -48,6 +50,12 @@ def executed(file: Path) -> dict[str, Any]:
 
 
 def own_systems(defined: dict[str, Any]) -> dict[str, System]:
-    """The systems among them that are not Kreisel's."""
+    """The systems among them that are not Kreisel's; perturbed ones also by the name of the variable."""
     systems = {value.name: value for value in defined.values() if isinstance(value, System)}
-    return {k: v for k, v in systems.items() if REGISTRY.get(k) is not v}
+    perturbed = {
+        name: value.system
+        for variable, value in defined.items()
+        if isinstance(value, Model) and value.system.perturbation is not None
+        for name in (variable, value.system.name)
+    }
+    return {k: v for k, v in (systems | perturbed).items() if REGISTRY.get(k) is not v}
