@@ -22,7 +22,7 @@ RANK = {  # a part imports what stands on its own line or above
             ("algebra",),
             ("record", "units"),
             ("baecklund", "implicit"),
-            ("system", "reduction"),
+            ("system", "reduction", "forces"),
             ("method", "exact"),
             ("physical", "kernels"),
             ("runs", "storage", "sweeps"),

@@ -581,7 +581,8 @@ def test_the_correction_is_stored_and_shown(often: int, top: Any, x0: Any, tmp_p
 
 
 def test_the_interval_is_a_small_share(top: Any) -> None:
-    assert corrections.interval(1, 10) == 100
+    assert corrections.interval(1, 10) == 10
+    assert corrections.interval(12, 10) == 200
     assert corrections.interval(1200, 50) == 2500
     assert all(10**9 % k == 0 for k in corrections.INTERVALS if k < 10**5)
 

@@ -257,6 +257,7 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
     """Flow, energy and velocity of the perturbed system, those that the integrable one states."""
     record = kicks.perturbation_of(system)
     base = record.base
+    turned = base.frame is Frame.REST and (record.torque or record.damping or record.names(ORIENTATION))
 
     def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
         rates, _ = kicks.rates(system, _body(state, known), known, axes)
@@ -265,10 +266,10 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
     def energy(*state: Array, **known: Any) -> Array:
         V, _ = kicks.potential(system, _body(state, known), known, axes)
         out = call(base.energy, state, known) + V
-        if not record.inertia:
-            return out
-        M = algebra.axial(state[0])
-        return out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
+        if record.inertia:
+            M = algebra.axial(state[0])
+            out = out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
+        return out + kicks.energy_of_spin(system, state, known) if turned else out
 
     def velocity(*state: Array, **known: Any) -> Array:
         return kicks.velocity(system, state, known)

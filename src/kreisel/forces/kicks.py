@@ -261,6 +261,14 @@ def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
     return algebra.pairing(state[0], velocity(system, state, known)) / 2
 
 
+def energy_of_spin(system: System, state: tuple[Array, ...], known: Constants) -> Any:
+    """What the Hamiltonian of the rest frame leaves out, since it is a function of Casimirs there: that of the spin."""
+    base = perturbation_of(system).base
+    at_rest = (0 * state[0], *state[1:])
+    in_hamiltonian = call(base.energy, state, known) - call(base.energy, at_rest, known)
+    return algebra.pairing(state[0], call(base.velocity, state, known)) / 2 - in_hamiltonian
+
+
 def turned_about_axis(
     system: System, state: tuple[Array, ...], g: tuple[Array, ...], axis: int, h: Any, known: Constants
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

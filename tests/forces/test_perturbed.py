@@ -1,0 +1,203 @@
+"""Perturbed bodies: the forces against bodies whose equations are known, energy and work, what survives, bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.forces import kicks
+from kreisel.forces.invariants import conserved
+from kreisel.forces.kicks import Body
+from kreisel.record.model import Model
+
+I = np.array([1.0, 1.3, 0.5])  # noqa: E741
+MASS = I.sum() / 2 - I
+REST = kr.LagrangeTop(p=(0.1, -0.3, 1), alpha=0.7)
+MOVING = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)
+FREE = kr.EulerTop(J=MASS)
+FLUID = kr.Clebsch(b=(1.0, 0.5, -0.4))
+
+
+def swing(a: Any, t: Any, *, k: Any) -> Any:
+    return k * a[0] ** 2 * np.sin(t) + np.sqrt(1 + a[1] ** 2)
+
+
+BODIES: dict[str, Model] = {
+    "potential of a and t": kr.perturbed(REST, potential=swing, params={"k": 0.3}),
+    "potential of g, at rest": kr.perturbed(REST, potential=lambda g, a: g[0, 1] * a[2] + g[2, 0] ** 2),
+    "potential of P": kr.perturbed(MOVING, potential=lambda P, *, A: (P @ A) ** 3 + P[0]),
+    "potential of g": kr.perturbed(FREE, potential=lambda g, t: np.cos(t) * g[2, 2] ** 2 + g[0, 1]),
+    "potential in a fluid": kr.perturbed(FLUID, potential=lambda P: P[0] * P[1]),
+    "torque in the body": kr.perturbed(MOVING, torque=lambda P, t: 0.1 * np.sin(t) * P),
+    "torque of M": kr.perturbed(FREE, torque=lambda M, *, k: [k * M[1], M[0] * M[2], -k * M[2]], params={"k": 0.2}),
+    "torque in space": kr.perturbed(REST, torque=lambda m, a: np.cross(m, a) - 0.1 * m),
+    "damping": kr.perturbed(FREE, damping=(0.1, 0.2, 0.3)),
+    "damping at rest": kr.perturbed(REST, damping=(0.1, 0.1, 0.3)),
+    "inertia": kr.perturbed(MOVING, inertia=I),
+    "all": kr.perturbed(
+        MOVING,
+        inertia=I,
+        damping=0.1,
+        potential=lambda P, g, t: P[0] * g[1, 1] * t,
+        torque=lambda M, P: P - 0.1 * M,
+    ),
+}
+cases = pytest.mark.parametrize("name", BODIES)
+
+
+def somewhere(model: Model, seed: int = 0) -> Body:
+    rng = np.random.default_rng(seed)
+    state = [algebra.hat(rng.normal(size=3)) if k == "skew" else rng.normal(size=3) for k in model.system.space.kinds]
+    g = algebra.cayley(algebra.hat(rng.normal(size=3)))
+    return Body(tuple(state), g, np.float64(rng.random()))
+
+
+def known(model: Model, body: Body) -> dict[str, Any]:
+    return {**model.constants, "g": body.g, "t": body.t}
+
+
+def rates(model: Model, body: Body) -> tuple[tuple[Any, ...], Any]:
+    return kicks.rates(model.system, body, known(model, body), model.axes)
+
+
+def energy(model: Model, body: Body) -> float:
+    return float(model.call(model.system.energy, *body.state, g=body.g, t=body.t))
+
+
+def moved(model: Model, body: Body, h: float) -> Body:
+    """By Euler's method along the flow, time and orientation too."""
+    flow = model.call(model.system.flow, *body.state, g=body.g, t=body.t)
+    omega = model.call(model.system.velocity, *body.state)
+    g = (
+        algebra.cayley(h / 2 * omega) @ body.g
+        if model.system.frame.value == "rest"
+        else body.g @ algebra.cayley(h / 2 * omega)
+    )
+    return Body(tuple(z + h * f for z, f in zip(body.state, flow, strict=True)), g, body.t + h)
+
+
+@cases
+def test_the_energy_changes_by_the_work(name: str) -> None:
+    """H' = Omega.tau + dV/dt along the flow; so every sign of a force is that of its potential."""
+    model = BODIES[name]
+    for seed in range(3):
+        body = somewhere(model, seed)
+        h = 1e-5
+        change = (energy(model, moved(model, body, h)) - energy(model, moved(model, body, -h))) / (2 * h)
+        assert abs(change - rates(model, body)[1]) < 1e-6 * (1 + abs(change))  # up to 5e-9
+
+
+def test_a_wrong_sign_of_a_force_changes_the_energy(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = kicks.force_of_potential
+    monkeypatch.setattr(kicks, "force_of_potential", lambda *a: tuple(-f for f in right(*a)))
+    for name in ("potential of P", "potential of g", "potential of g, at rest", "potential in a fluid"):
+        with pytest.raises(AssertionError):
+            test_the_energy_changes_by_the_work(name)
+
+
+@cases
+def test_the_flows_begin_as_the_rates(name: str) -> None:
+    """Kick, damping and turns for a short time are the rates of state and work; the orientation turns along."""
+    model = BODIES[name]
+    system, body, h = model.system, somewhere(model), 1e-6
+    record, consts = kicks.perturbation_of(system), known(model, body)
+    ends = []
+    for time in (h, -h):
+        state, work = body.state, 0.0
+        if record.functions:
+            state, work = kicks.kicked(system, body, time, consts, model.axes)
+        if record.damping:
+            state, gained = kicks.decayed(system, state, time, consts)
+            work = work + gained
+        for axis in range(3) if record.inertia else ():
+            state, _ = kicks.turned_about_axis(system, state, (), axis, time, consts)
+        ends.append((state, work))
+    (up, gain), (down, loss) = ends
+    wanted, power = rates(model, body)
+    for x, y, want in zip(up, down, wanted, strict=True):
+        assert abs((x - y) / (2 * h) - want).max() < 1e-7  # 1e-9
+    assert abs((gain - loss) / (2 * h) - power) < 1e-7
+
+
+def test_a_heavy_top_is_a_perturbed_lagrange_top() -> None:
+    heavy = kr.HeavyTop(J=MASS, A=(0.2, 0, 1))
+    body = kr.perturbed(MOVING, inertia=I, potential=lambda P: 0.2 * P[0])
+    x = somewhere(body)
+    for got, want in zip(body.flow(*x.state), heavy.flow(*x.state), strict=True):
+        assert abs(got - want).max() < 1e-14
+    assert abs(energy(body, x) - heavy.call(heavy.system.energy, *x.state)) < 1e-14
+
+
+def test_a_free_body_with_a_weight_is_a_heavy_top() -> None:
+    heavy = kr.HeavyTop(J=MASS, A=(0.2, 0, 1))
+    body = kr.perturbed(FREE, potential=lambda g: g[2] @ np.array([0.2, 0, 1]))
+    x = somewhere(body)
+    P = x.g[2]  # type: ignore[index]
+    got = body.call(body.system.flow, *x.state, g=x.g)[0]
+    assert abs(got - heavy.flow(x.state[0], P)[0]).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("body", "stays"),
+    [
+        (kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: a[2] ** 2), {"casimir", "noether"}),
+        (kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: np.sqrt(3 + a[2])), {"casimir", "noether"}),
+        (kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: a[0]), {"casimir"}),
+        (kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), torque=lambda a: 0.1 * a), {"casimir"}),
+        (kr.perturbed(MOVING, inertia=(1.2, 1.2, 0.5)), {"casimir", "noether"}),
+        (kr.perturbed(MOVING, inertia=I), {"casimir"}),
+        (kr.perturbed(FREE, potential=lambda g: g[2, 2]), set()),
+        (kr.perturbed(FREE, inertia=2 * I), {"casimir", "spectrum"}),
+        (kr.perturbed(FREE, inertia=I[::-1]), {"casimir"}),
+        (kr.perturbed(MOVING, potential=lambda P, *, k: k * P[0], params={"k": [0.0, 0.1]}), {"casimir"}),
+        (kr.perturbed(kr.LagrangeTop(p=(0, 0, 0, 1)), potential=lambda a: a[3] ** 2), {"casimir", "noether"}),
+    ],
+)
+def test_what_survives(body: Model, stays: set[str]) -> None:
+    assert set(conserved(body)) == stays
+
+
+def test_casimirs_that_a_torque_changes_are_left_out() -> None:
+    body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), torque=lambda a: 0.1 * a)
+    state = body.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+    assert body.call(body.system.space.casimirs, *state.values()).tolist() == [1.0]  # |a|^2 without (m.a)^2
+
+
+def test_without_forces_nothing_changes() -> None:
+    assert kr.perturbed(MOVING) is MOVING
+
+
+BAD: dict[str, tuple[Callable[[], Any], str]] = {
+    "no system": (lambda: kr.perturbed(3, damping=0.1), "a system with its parameters"),
+    "a perturbed one": (lambda: kr.perturbed(BODIES["damping"], damping=0.1), "an integrable system"),
+    "no function": (lambda: kr.perturbed(REST, potential=3), "expected a function"),
+    "a wrong letter": (lambda: kr.perturbed(REST, potential=lambda b: b[0]), "among m, a, g, t"),
+    "a wrong parameter": (lambda: kr.perturbed(REST, potential=lambda a, *, k: k), "p, alpha"),
+    "stars": (lambda: kr.perturbed(REST, potential=lambda *a: 0), "got 'a'"),
+    "of the momentum": (lambda: kr.perturbed(REST, potential=lambda m: m @ m), "inertia="),
+    "a vector": (lambda: kr.perturbed(REST, potential=lambda a: a), "expected one number"),
+    "a list": (lambda: kr.perturbed(REST, potential=lambda a: [1, 2]), "expected one number"),
+    "a branch": (lambda: kr.perturbed(REST, potential=lambda a: abs(a[0])), "without branches"),
+    "an error": (lambda: kr.perturbed(REST, potential=lambda a: a[7]), "IndexError"),
+    "a torque of two": (lambda: kr.perturbed(REST, torque=lambda a: a[:2]), "3 numbers"),
+    "inertia at rest": (lambda: kr.perturbed(REST, inertia=I), "LagrangeTopMoving"),
+    "inertia below 0": (lambda: kr.perturbed(MOVING, inertia=(1, 1, -1)), "> 0"),
+    "no numbers": (lambda: kr.perturbed(MOVING, damping="much"), "real numbers"),
+    "params of no dict": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params=3), "a dict"),
+    "a taken name": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params={"p": 1}), "other than"),
+    "an own name": (lambda: kr.perturbed(REST, damping=0.1, name=""), "a name"),
+    "axes": (lambda: kr.perturbed(kr.LagrangeTopMoving(A=(0, 1, 1), alpha=0.5), inertia=I), "principal axes"),
+    "no momentum": (lambda: kr.perturbed(kr.Neumann(b=(1, 2, 3)), damping=0.1), "a potential alone"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_refused(case: str) -> None:
+    make, words = BAD[case]
+    with pytest.raises(kr.InputError, match=words):
+        make()
