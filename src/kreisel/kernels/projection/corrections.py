@@ -10,7 +10,7 @@ from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 
 FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
-# K: parts of 10^k, from 10 on.  With SHARE projections take 1 to 5 % of the time, measured for n = 3, 5, 10, alone and in lanes.
+# K: parts of 10^k, from 10 on.  With SHARE projections take 1 to 5 % of the time: n = 3, 5, 10, alone and in lanes.
 INTERVALS = tuple(int(m * 10**e / 10) for e in range(1, 12) for m in (10, 20, 25, 40, 50, 80))
 SHARE = 0.011  # operations of a projection that an operation of a step may cost
 
