@@ -88,7 +88,7 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
     return RunError(f"{path} could not {what}: {error.strerror or error}. {fix}{kept}")
 
 
-def nearest(word: object, known: Iterable[str]) -> str:
+def hint(word: object, known: Iterable[str]) -> str:
     """' Did you mean 'x'?' for the known word most like `word`, or nothing."""
     if not isinstance(word, str):
         return ""

@@ -26,7 +26,7 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 import kreisel as kr
-from kreisel.runs import config, march
+from kreisel.runs import config, integration
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking
 from kreisel.storage.opening import too_large
@@ -318,8 +318,8 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("stores")
     top = kr.LagrangeTop(p=(0, 0, 1))
     x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
-    before = march.BLOCK_BYTES
-    march.BLOCK_BYTES = 6 * 8 * 20
+    before = integration.BLOCK_BYTES
+    integration.BLOCK_BYTES = 6 * 8 * 20
     try:
         kr.simulate(top, x0, dt=0.1, steps=100, every=2, path=folder / "run.zarr")
         two = top.state(m=[[0.1, 0.2, 1.5], [0.3, 0.2, 1.5]], a=(0.6, 0, 0.8))
@@ -332,7 +332,7 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         design = kr.Design(together={"system.alpha": [1.0, 0.0, 1.2]})
         kr.sweep(top, x0, design, dt=0.1, steps=20, path=folder / "sweep.zarr", workers=0, **told)
     finally:
-        march.BLOCK_BYTES = before
+        integration.BLOCK_BYTES = before
     return sorted(folder.iterdir())
 
 

@@ -97,7 +97,7 @@ def test_what_no_gpu_runs(top: object, x0: object) -> None:
 def test_products_are_rounded_and_literals_are_of_the_precision(top: object, precision: str) -> None:
     plan = scheme(top, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    text = cuda.source(cuda.recorded(plan, constants, columns, stages), precision)
+    text = cuda.cuda_source(cuda.recorded_for_gpu(plan, constants, columns, stages), precision)
     body = text.partition("def kernel(")[2]
     assert " * " not in body
     assert "cuda.fma(" in body
@@ -106,4 +106,4 @@ def test_products_are_rounded_and_literals_are_of_the_precision(top: object, pre
     plan = scheme(big, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
     with pytest.raises(kr.InputError, match="n = 11"):
-        cuda.recorded(plan, constants, columns, stages)
+        cuda.recorded_for_gpu(plan, constants, columns, stages)

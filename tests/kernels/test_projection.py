@@ -15,11 +15,11 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import invariants
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.projection import corrections
 from kreisel.kernels.projection.arrays import Observed
 from kreisel.kernels.projection.gradients import Traced, gradient
-from kreisel.kernels.projection.program import _gradients, program_of
+from kreisel.kernels.projection.program import _register_gradients, program_of
 from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
@@ -497,7 +497,7 @@ def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
     many.engine.advance(rows, 175)
     for lane in (0, 7, 10):
         scheme_of_lane = many.scheme
-        one = Kernel(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
+        one = CpuEngine(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
         alone = random_lane(many, start, lane)
         each = np.empty((700, 1, start.shape[1]))
         for first, stop in ((0, 1), (1, 130), (130, 700)):
@@ -513,7 +513,7 @@ def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
     assert (again.z == many.engine.z).all() and (again.projection.worst == many.engine.projection.worst).all()
 
 
-def random_lane(plan: Any, start: np.ndarray, lane: int) -> Kernel:
+def random_lane(plan: Any, start: np.ndarray, lane: int) -> CpuEngine:
     """One lane of a plan as a kernel of its own."""
     axes = plan.scheme.axes
     parts: dict[str, Any] = {
@@ -523,7 +523,7 @@ def random_lane(plan: Any, start: np.ndarray, lane: int) -> Kernel:
         }
         for part in ("constants", "stages")
     }
-    return Kernel(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
+    return CpuEngine(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
 
 
 def test_enough_invariants_are_chosen() -> None:
@@ -545,7 +545,7 @@ def left_out(monkeypatch: pytest.MonkeyPatch, most: float) -> float:
     everything = program_of(found, columns)
     assert some is not None and everything is not None and len(some.names) < len(everything.names)
     x = np.random.default_rng(9).normal(size=(50, everything.registers))
-    J = _gradients(everything, x)
+    J = _register_gradients(everything, x)
     J /= np.sqrt((J * J).sum(-1, keepdims=True))
     chosen = [everything.labels.index(label) for label in some.labels]
     weight = J @ np.linalg.pinv(J[:, chosen], rcond=1e-7)

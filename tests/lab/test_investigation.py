@@ -98,7 +98,7 @@ def test_residues_are_a_field() -> None:
     with pytest.raises(fields.Pole):
         1 / (a - a)
     for q in (F(3, 7), F(-22, 5), F(0), F(12)):
-        assert fields.lifted(fields.residue(q, p), p) == q
+        assert fields.reconstructed(fields.residue(q, p), p) == q
 
 
 # -- degrees ----------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ def test_negative_controls_grow_exponentially(step: object, expected: float) -> 
 
 
 def test_a_sequence_without_a_recurrence_is_estimated() -> None:
-    found = growth.fitted(tuple(math.floor(1.5**k + 3 * math.sin(k * k)) + 5 for k in range(12)))
+    found = growth.fitted_growth(tuple(math.floor(1.5**k + 3 * math.sin(k * k)) + 5 for k in range(12)))
     assert found.recurrence is None
     assert abs(found.entropy - math.log(1.5)) < found.uncertainty
 

@@ -142,7 +142,7 @@ def test_proofs() -> None:
 
 def test_the_recorded_tangent_map_is_the_jacobian() -> None:
     x = dynamics.float_start(TOP, 1)
-    orbit = dynamics.Orbit(TOP, x, np.eye(6))
+    orbit = dynamics.CompiledOrbit(TOP, x, np.eye(6))
     new = orbit.advance(1)[0]
     images = TOP.step(independent(x), **TOP.floats)
     assert np.allclose(orbit.vectors.T, np.asarray(slopes(images, 6), dtype=float), rtol=1e-13, atol=1e-14)

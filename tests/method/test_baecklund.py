@@ -12,7 +12,7 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
 from kreisel.method import scheme
@@ -100,7 +100,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool)
     z += (np.array([1.0, 0, 0, 0]),) if oriented else ()
     plan = scheme(model, "baecklund", 0.1, order, oriented).on(z)
     kinds = [kind for _, kind in plan.components]
-    kernel = Kernel(plan, layout.flatten(z, kinds)[None])
+    kernel = CpuEngine(plan, layout.flatten(z, kinds)[None])
     out = np.empty((1, 1, kernel.z.shape[1]))
     kernel.advance(out, 3)
     for _ in range(3):

@@ -19,7 +19,7 @@ from kreisel.cli import NOT_CONSERVED, app
 from kreisel.lab import exact
 from kreisel.method import scheme
 from kreisel.record.contract import System
-from kreisel.runs import drift, march, scales
+from kreisel.runs import drift, integration, scales
 from kreisel.sweeps import broken_lanes
 from kreisel.system import REGISTRY
 
@@ -185,7 +185,7 @@ def test_a_right_map_never_shouts(name: str, n: int, method: str) -> None:
 
 def test_leaving_an_equilibrium_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first block is at rest to 1e-13, rounding errors of the rest are those of 1: the band is measured again."""
-    monkeypatch.setattr(march, "BLOCK_BYTES", 4 * 6 * 8 * 100)
+    monkeypatch.setattr(integration, "BLOCK_BYTES", 4 * 6 * 8 * 100)
     p = np.array((0.3, -0.2, 1))
     top, up = kr.LagrangeTop(p=p), p / np.linalg.norm(p)
     many = top.state(m=np.array([[1e-13, 2e-13, 3e-14], [1, 1, 1], [1, 0, 1], [0, 1, 1.0]]), a=np.stack([up] * 4))
@@ -203,8 +203,10 @@ def test_drift_reads_blocks_of_rows(top: System, x0: object, tmp_path: Path, mon
     """The figures of the definition, from pieces of the variables."""
     kr.simulate(top, x0, dt=0.05, steps=5000, path=tmp_path / "top.zarr")
     run = kr.open_run(tmp_path / "top.zarr")
-    largest, whole = [], drift.read
-    monkeypatch.setattr(drift, "read", lambda variable, *name: largest.append(variable.size) or whole(variable, *name))
+    largest, whole = [], drift.read_values
+    monkeypatch.setattr(
+        drift, "read_values", lambda variable, *name: largest.append(variable.size) or whole(variable, *name)
+    )
     monkeypatch.setattr(drift, "NUMBERS_AT_ONCE", 700)
     table = kr.drift(run)
     assert max(largest) <= 700

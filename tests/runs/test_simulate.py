@@ -10,7 +10,7 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.lab import exact
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.system import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None and not system.map.symmetric]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs import march
-from kreisel.runs.own import load
+from kreisel.runs import integration
+from kreisel.runs.own import load_system
 from kreisel.sweeps import workers
 from support import ROOT, ended, started
 
@@ -62,15 +62,15 @@ def test_fast_motion_within_the_limit_of_dop853(top: object) -> None:
 
 def stop_within_a_call(calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A signal while the engine is at work on a call that lasts, after so many calls."""
-    original, count = march.March._call, iter(range(10**9))
+    original, count = integration.Integration._call, iter(range(10**9))
 
-    def call(self: march.March, out: np.ndarray, every: int) -> None:
+    def call(self: integration.Integration, out: np.ndarray, every: int) -> None:
         if next(count) == calls:
             os.kill(os.getpid(), signal.SIGTERM)
         original(self, out, every)
 
-    monkeypatch.setattr(march, "LONG_SECONDS", -1.0)
-    monkeypatch.setattr(march.March, "_call", call)
+    monkeypatch.setattr(integration, "LONG_SECONDS", -1.0)
+    monkeypatch.setattr(integration.Integration, "_call", call)
 
 
 @pytest.mark.parametrize("method", ["dop853", "exact"])
@@ -90,7 +90,7 @@ def test_a_signal_within_a_call_keeps_the_last_checkpoint(
 
 
 def test_loops_of_jax_are_stopped_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    own = load("my-kovalevskaya-top", ROOT / "examples" / "own_lagrangian.py")(c=1.0)
+    own = load_system("my-kovalevskaya-top", ROOT / "examples" / "own_lagrangian.py")(c=1.0)
     x0 = own.state(M=(1.2, 0.4, 0.9), P=(0.6, 0.0, 0.8))
     with pytest.raises(kr.RunError, match="stopped by SIGTERM after 0 steps"):
         stop_within_a_call(3, monkeypatch)

@@ -13,7 +13,7 @@ import xarray as xr
 import zarr
 
 import kreisel as kr
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.storage import archive as archives
 from kreisel.storage import manifest
 from kreisel.storage.checking import check_archive

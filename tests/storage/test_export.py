@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import kreisel as kr
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.storage import exporting
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}

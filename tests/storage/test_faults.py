@@ -18,7 +18,7 @@ import pytest
 import zarr
 
 import kreisel as kr
-from kreisel.runs import march
+from kreisel.runs import integration
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking, manifest
 from kreisel.storage.checkpoint import Lock
@@ -33,7 +33,7 @@ SWEPT: dict[str, Any] = {
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(march, "BLOCK_BYTES", 6 * 8 * 50)
+    monkeypatch.setattr(integration, "BLOCK_BYTES", 6 * 8 * 50)
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
 
 
@@ -146,14 +146,14 @@ def test_a_read_only_disk(top: object, x0: object, disk: Path) -> None:
 
 
 def test_a_directory_that_vanishes(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    original, count = march.March._advance, iter(range(10**9))
+    original, count = integration.Integration._advance, iter(range(10**9))
 
-    def advance(self: march.March) -> None:
+    def advance(self: integration.Integration) -> None:
         if next(count) == 5:
             shutil.rmtree(tmp_path / "deep")
         original(self)
 
-    monkeypatch.setattr(march.March, "_advance", advance)
+    monkeypatch.setattr(integration.Integration, "_advance", advance)
     with pytest.raises(kr.RunError, match="vanished during the run"):
         kr.simulate(top, x0, path=tmp_path / "deep" / "run.zarr", dt=0.1, steps=10**6, every=1)
 

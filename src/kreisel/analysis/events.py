@@ -14,7 +14,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
-from kreisel.runs.settings import flag, number
+from kreisel.runs.settings import finite_number, flag
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,12 +47,12 @@ def events(
     """
     import xarray as xr
 
-    model, value = model_for(run, system), number(value, "value")
+    model, value = model_for(run, system), finite_number(value, "value")
     if rising is not None:
         flag(rising, "rising")
     measure = of_state(quantity, model)
     oriented = ORIENTATION in run and model.n == 3
-    rows = _rows(run, model, oriented)
+    rows = _components_and_orientation(run, model, oriented)
     time, lanes = np.asarray(run["time"].values), rows[0].shape[1]
     flat = tuple(v.reshape(-1, *v.shape[2:]) for v in rows)
     f = np.asarray(measure(flat[: len(model.system.space.letters)]) - value).reshape(len(time), lanes)
@@ -64,7 +64,7 @@ def events(
     state = tuple(v[place, lane] for v in rows)
     if len(place):
         carry = _carrier(model, rows)
-        h = _times(carry, measure, value, time, f, place, lane, len(model.system.space.letters))
+        h = _crossing_times(carry, measure, value, time, f, place, lane, len(model.system.space.letters))
         state = carry(h, place, lane)
     order = np.argsort(time[place] + h, kind="stable")
     data: dict[str, Any] = {"rising": ("event", upward[order])}
@@ -80,7 +80,7 @@ def events(
     return xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
 
 
-def _rows(run: xr.Dataset, model: Model, oriented: bool) -> tuple[Array, ...]:
+def _components_and_orientation(run: xr.Dataset, model: Model, oriented: bool) -> tuple[Array, ...]:
     """Components and orientation matrices, (time, lane, ...)."""
     parts = components(run, model)
     if oriented:
@@ -110,7 +110,7 @@ def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
     return carry
 
 
-def _times(
+def _crossing_times(
     carry: Any, measure: Any, value: float, time: Array, f: Array, place: Array, lane: Array, count: int
 ) -> Array:
     """The time of each crossing after its row."""
@@ -129,14 +129,14 @@ def _times(
             break
         right = np.where(outside, 1.25 * right, right)
         ends = off(right, number)
-    found = _root(off, right, number)
+    found = _roots_within(off, right, number)
     at_row = f[place, lane] == 0
     if not (np.isfinite(found) | at_row).all():
         raise InputError("A crossing between two rows could not be found again by the flow: save more often (every).")
     return np.where(at_row, 0.0, found)
 
 
-def _root(off: Any, right: Array, number: Array) -> Array:
+def _roots_within(off: Any, right: Array, number: Array) -> Array:
     """The roots in [0, right] of off(h, number), NaN where there is none.
 
     On the polynomial through NODES points, then by Newton's method with its slope; where that is not enough, on `off`.

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.bench.cases import Case, cases, machine
+from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build
 from kreisel.runs.plan import make_plan
 
@@ -37,7 +37,7 @@ CHAINS = (1, 2, 3, 4)
 VECTOR = re.compile(r"[yz]mm")
 ANALYSER_SECONDS = 60  # llvm-mca takes less than one
 
-March = Callable[[int], None]
+InPlaceStepper = Callable[[int], None]
 
 
 def gigahertz(library: ctypes.CDLL) -> float:
@@ -53,8 +53,8 @@ def gigahertz(library: ctypes.CDLL) -> float:
 class Contest:
     """The contenders for one map, each on rows of its own from the same start."""
 
-    def __init__(self, case: Case, library: ctypes.CDLL | None):
-        state = {k: _spread(v) for k, v in case.states["standard"].items()}
+    def __init__(self, case: BenchCase, library: ctypes.CDLL | None):
+        state = {k: _tiled(v) for k, v in case.states["standard"].items()}
         plan = make_plan(case.model, case.model.state(**state), dt=DT, steps=1, every=1, method="suris", order=1,
                          orientation=None)  # fmt: skip
         self.engine: Any = plan.engine
@@ -63,7 +63,7 @@ class Contest:
         self._constants, self._out = np.tile(one, (LANES, 1)), np.empty((1, *self.start.shape))
         self.rows = self.start.copy()
         symbol = case.name.replace("-", "_")
-        self.march: dict[str, March] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
+        self.march: dict[str, InPlaceStepper] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
         if library is None:
             return
         self.march |= {f"cpp {k}": self._by_hand(library[f"{symbol}_{k}"]) for k in CHAINS}
@@ -77,7 +77,7 @@ class Contest:
     def _on_all_cores(self, steps: int) -> None:
         self.engine.advance(self._out, steps)
 
-    def _by_hand_on_all_cores(self, function: Any) -> March:
+    def _by_hand_on_all_cores(self, function: Any) -> InPlaceStepper:
         """What the machine gives: C++ on so many threads, each with its share of the lanes."""
         function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
         shares = np.array_split(np.arange(LANES), os.cpu_count() or 1)
@@ -94,7 +94,7 @@ class Contest:
 
         return march
 
-    def _by_hand(self, function: Any) -> March:
+    def _by_hand(self, function: Any) -> InPlaceStepper:
         function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
         return lambda steps: function(self.rows.ctypes.data, self._constants.ctypes.data, LANES, steps)
 
@@ -129,7 +129,7 @@ class Contest:
         return {name: np.array(values) for name, values in out.items()}
 
 
-def _spread(v: Any) -> Array:
+def _tiled(v: Any) -> Array:
     return np.tile(np.asarray(v, dtype=float), (LANES, 1))
 
 
@@ -182,7 +182,7 @@ def _longest_loop(assembly: str) -> list[str]:
     return best
 
 
-def summary(ns: dict[str, Array]) -> dict[str, Any]:
+def ensemble_summary(ns: dict[str, Array]) -> dict[str, Any]:
     """Medians, quartiles and ratios; of C++ the number of chains that is fastest."""
     row: dict[str, Any] = {}
     by_hand = [n for n in ns if n.startswith("cpp") and not n.endswith(BY_THE_CLOCK)]
@@ -221,7 +221,7 @@ def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
             contest = Contest(case, library)
             apart, least = contest.agreement(), bound(contest.engine._kernel)
             cycles = gigahertz(library)
-            row = {**summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
+            row = {**ensemble_summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
             if least:
                 part = least["cycles_a_lane_step"] / cycles / row["kernel"]["least"]
                 row["bound"] = {**least, "fraction_reached": round(part, 2)}

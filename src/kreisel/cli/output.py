@@ -69,23 +69,23 @@ def parameter_of(told: str) -> tuple[str, Any]:
 
 
 def print_finding(finding: Any) -> None:
-    """What came of a row of `kreisel verify`."""
-    from kreisel.lab.paper import rows
+    """The result for one statement of `kreisel verify`."""
+    from kreisel.lab.paper import statements
 
-    n, over_q, floats, verdict = rows.cells(finding)
-    row = finding.row
-    print(f"{row.name}: {row.place}\n    {row.statement}")
+    n, over_q, floats, verdict = statements.cells(finding)
+    statement = finding.statement
+    print(f"{statement.name}: {statement.place}\n    {statement.text}")
     print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
 
 
 def finding_data(finding: Any) -> dict[str, Any]:
     """The same as plain data."""
-    row = finding.row
+    statement = finding.statement
     return {
-        "row": row.name,
-        "place": row.place,
-        "statement": row.statement,
-        "erratum": row.erratum,
+        "row": statement.name,
+        "place": statement.place,
+        "statement": statement.text,
+        "erratum": statement.erratum,
         "n": finding.dimensions,
         "exact": finding.over_q,
         "float": finding.in_floats,

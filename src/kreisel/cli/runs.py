@@ -44,11 +44,11 @@ def run(
     """
     from kreisel.runs.config import read
     from kreisel.runs.drift import broken, drift
-    from kreisel.runs.own import load
+    from kreisel.runs.own import load_system
     from kreisel.runs.simulate import simulate
 
     asked = read(config)
-    model = load(asked.name, asked.file)(**asked.parameters)
+    model = load_system(asked.name, asked.file)(**asked.parameters)
     if figure:
         require_figure(asked.figure)
     begun = time.perf_counter()

@@ -53,8 +53,8 @@ def methods(
 
 @app.command()
 def verify(
-    name: Annotated[str | None, typer.Argument(help="A row, or the beginning of names, such as theorem.")] = None,
-    listed: Annotated[bool, typer.Option("--list", help="Name the rows without testing them.")] = False,
+    name: Annotated[str | None, typer.Argument(help="A statement, or the beginning of names, such as theorem.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Name the statements without testing them.")] = False,
     as_json: AsJson = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
 ) -> None:
@@ -62,29 +62,30 @@ def verify(
     from rich.console import Console
 
     from kreisel.lab import paper
-    from kreisel.lab.paper import rows
+    from kreisel.lab.paper import statements
 
     if listed:
-        for row in rows.chosen(name):
-            say(f"{row.name:32}{row.place}")
+        for statement in statements.chosen(name):
+            say(f"{statement.name:32}{statement.place}")
         return
     console = Console(stderr=True)
-    findings: list[paper.Finding] = []
-    asked = rows.chosen(name)
+    findings: list[paper.StatementResult] = []
+    asked = statements.chosen(name)
     with console.status("") as status:
-        for row in asked:
-            status.update(f"{row.name} ({len(findings) + 1} of {len(asked)})")
-            findings.append(paper.test(row))
+        for statement in asked:
+            status.update(f"{statement.name} ({len(findings) + 1} of {len(asked)})")
+            findings.append(paper.tested(statement))
             if not (as_json or markdown):
                 print_finding(findings[-1])
     if as_json:
         print_json([finding_data(finding) for finding in findings])
     elif markdown:
-        print(rows.markdown(findings), end="")
-    failing = [finding.row.name for finding in findings if not finding.holds]
+        print(statements.markdown(findings), end="")
+    failing = [finding.statement.name for finding in findings if not finding.holds]
     if not (as_json or markdown):
-        errata = sum(finding.row.printed is not None for finding in findings)
-        say(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
+        errata = sum(finding.statement.printed is not None for finding in findings)
+        holding = len(findings) - len(failing)
+        say(f"{len(findings)} statements, {holding} hold; {errata} printed forms fail, as they should")
     if failing:
         raise typer.Exit(1)
 
@@ -174,8 +175,8 @@ def investigate(
     if html is not None:
         found.save(html)
     if as_json:
-        print_json(report.plain(found))
+        print_json(report.plain_data(found))
     else:
-        print(report.text(found, width()))
+        print(report.terminal_table(found, width()))
         if html is not None:
             say(f"page: {html}")

@@ -192,7 +192,7 @@ def _order(c: Clues) -> Finding:
         return Finding("order", "no flow stated", "nothing to compare the map with")
     from scipy.integrate import solve_ivp
 
-    from kreisel.lab.orders import fitted
+    from kreisel.lab.orders import fitted_orders
 
     x, known = dynamics.float_start(what, c.seed), what.floats
     rate: Any = what.flow
@@ -201,11 +201,11 @@ def _order(c: Clues) -> Finding:
         ends = []
         for count in COUNTS:
             finer = replace(what, constants={**what.constants, "eps": TIME / count})
-            ends.append(dynamics.Orbit(finer, x).advance(count)[0])
+            ends.append(dynamics.CompiledOrbit(finer, x).advance(count)[0])
     except RunError as error:
         return Finding("order", "not told", str(error))
     errors = np.array([abs(end - exact).max() for end in ends])
-    (slope,) = fitted(TIME / np.array(COUNTS), errors[:, None])
+    (slope,) = fitted_orders(TIME / np.array(COUNTS), errors[:, None])
     agrees = slope > 0.8
     return Finding(
         "order",
@@ -257,13 +257,13 @@ def _integrals(c: Clues) -> Finding:
     if told is not None:
         count += f"; {told.with_more} on leaves of dimension {told.leaf}, "
         count += "in involution" if told.involution else "not all in involution"
-    shown = "; ".join(_short(str(f)) for f in c.found) or f"none of degree {c.degree} or less"
+    shown = "; ".join(_truncated(str(f)) for f in c.found) or f"none of degree {c.degree} or less"
     return Finding(
         "integrals", count if c.found else "none found", shown, 1 if told is not None and enough(told) else 0
     )
 
 
-def _short(text: str) -> str:
+def _truncated(text: str) -> str:
     return text if len(text) < 160 else text[:150] + " ..."
 
 

@@ -37,7 +37,7 @@ RULE = (
 )
 
 
-def text(told: Investigation, width: int = 110) -> str:
+def terminal_table(told: Investigation, width: int = 110) -> str:
     """A table for the terminal."""
     from rich.console import Console
     from rich.table import Table
@@ -70,18 +70,18 @@ def table_html(told: Investigation) -> str:
     )
 
 
-def page(told: Investigation) -> str:
+def report_page(told: Investigation) -> str:
     """One HTML file: no script, nothing from elsewhere."""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="Kreisel">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
         f"<title>{escape(told.name)}: {escape(told.verdict)}</title><style>{STYLE}</style></head><body>"
-        f'{table_html(told)}{_degrees(told.degrees)}<p class="about">{RULE}</p></body></html>\n'
+        f'{table_html(told)}{_degree_chart(told.degrees)}<p class="about">{RULE}</p></body></html>\n'
     )
 
 
-def _degrees(degrees: tuple[int, ...]) -> str:
+def _degree_chart(degrees: tuple[int, ...]) -> str:
     """The degrees against the iterate, both on logarithmic scales: a power is a straight line."""
     known = [(k, d) for k, d in enumerate(degrees) if k and d > 0]
     if len(known) < 3:
@@ -114,7 +114,7 @@ def save(told: Investigation, path: Any) -> None:
     Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
     """
     with written(place(path, "The page needs a name such as map.html")) as scratch:
-        scratch.write_text(page(told), encoding="utf-8")
+        scratch.write_text(report_page(told), encoding="utf-8")
 
 
 def markdown(results: list[tuple[str, Investigation]]) -> str:
@@ -128,7 +128,7 @@ def markdown(results: list[tuple[str, Investigation]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def plain(told: Investigation) -> dict[str, Any]:
+def plain_data(told: Investigation) -> dict[str, Any]:
     """The same as plain data."""
     findings = [{"question": f.question, "answer": f.answer, "evidence": f.evidence} for f in told.findings]
     return {

@@ -105,7 +105,7 @@ def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
     return explicit(lambda P, eps: 2 * c * eps * (B * P), "quadratic", len(b))
 
 
-def axial(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
+def axial_potential(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
     """The potential U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
     axis = _exact([0, 0, 1])
     beta, kappa, mu = (_exact(v) for v in (beta, kappa, mu))
@@ -283,7 +283,8 @@ def search(
 ) -> Ranking:
     """Judge every member of a family and rank them.
 
-    family     parameters -> a model, or a `Subject`: `logarithmic`, `axial`, ... of this module or a function of yours
+    family     parameters -> a model, or a `Subject`: `logarithmic`, `axial_potential`, ... of this module, or a function
+               of yours
     grid       name -> values; all combinations
     workers    processes of Dask, as in `kr.sweep`; 0: this one.  `scheduler`: the address of one
     options    of `judge`: eps, degree, iterates, steps (0: no orbits in floats), orbits
@@ -299,14 +300,14 @@ def search(
     with pool(workers, scheduler, False) as who:
         for place, score in who.map(work, members):
             scores[place] = score
-    return Ranking(tuple(sorted(scores, key=_order)))
+    return Ranking(tuple(sorted(scores, key=_sort_key)))
 
 
 def _judged(family: Callable[..., Any], options: Mapping[str, Any], parameters: Mapping[str, Any]) -> Score:
     return judge(family, parameters, **options)
 
 
-def _order(s: Score) -> tuple[float, ...]:
+def _sort_key(s: Score) -> tuple[float, ...]:
     entropy = math.inf if math.isnan(s.entropy) else s.entropy
     exponent = math.inf if math.isnan(s.exponent) else s.exponent
     return (s.rank, s.needed - s.on_leaf, entropy, s.power or 0, exponent)
@@ -315,7 +316,7 @@ def _order(s: Score) -> tuple[float, ...]:
 __all__ = [
     "Ranking",
     "Score",
-    "axial",
+    "axial_potential",
     "explicit",
     "judge",
     "logarithmic",

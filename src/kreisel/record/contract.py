@@ -130,7 +130,7 @@ TWO_FIELDS_SPACE = semidirect(
 )
 
 
-def on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:
+def random_on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:
     """A random (x, q) with |x| = 1, <x, q> = 0 and all |x_i| > least/(2 sqrt(n))."""
     count = n * (n - 1) // 2
     while True:
@@ -148,7 +148,7 @@ SPHERE_SPACE = PhaseSpace(
     sign=+1,
     carried=(0,),
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
-    draw=on_sphere,
+    draw=random_on_sphere,
 )
 
 

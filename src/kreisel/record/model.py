@@ -17,7 +17,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import (
     PARAMETER_AXES,
     SKEW_TOLERANCE,
@@ -88,7 +88,7 @@ class Model:
         for letter in params:
             if letter not in known:
                 raise InputError(
-                    f"{system.name} has the parameters {', '.join(known)}, got {shown(letter)}.{nearest(letter, known)}"
+                    f"{system.name} has the parameters {', '.join(known)}, got {shown(letter)}.{hint(letter, known)}"
                 )
         self.params: dict[str, Array] = {}
         for p in system.parameters:
@@ -206,7 +206,7 @@ class Model:
             if letter not in space.letters:
                 raise InputError(
                     f"A state of {self.system.name} has the components {', '.join(space.letters)} "
-                    f"({self.system.frame.value} frame), got {shown(letter)}.{nearest(letter, space.letters)}"
+                    f"({self.system.frame.value} frame), got {shown(letter)}.{hint(letter, space.letters)}"
                 )
         parts = {}
         for letter, kind in space.components:

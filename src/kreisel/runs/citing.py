@@ -39,7 +39,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     order: int | None = None
     if isinstance(what, Model | System):
         method = default_method(what.system) if isinstance(what, Model) else None
-        told, version = _told(what.system if isinstance(what, Model) else what), kreisel.__version__
+        told, version = _sources(what.system if isinstance(what, Model) else what), kreisel.__version__
     else:
         attrs = getattr(what, "attrs", None)
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
@@ -65,7 +65,7 @@ def bibliography() -> dict[str, str]:
     return {re.split(r"[{,]", entry)[1]: entry.strip() for entry in re.split(r"\n(?=@)", text) if entry.strip()}
 
 
-def _told(system: System) -> str:
+def _sources(system: System) -> str:
     return system.source + (f"; {system.map.source}" if system.map is not None else "")
 
 

@@ -34,12 +34,12 @@ LOOKED_AT = 16  # lanes at most, whose band is measured again
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
 
 
-def _place(variable: xr.DataArray) -> tuple[bool, int]:
+def _place_in_table(variable: xr.DataArray) -> tuple[bool, int]:
     attrs = variable.attrs
     return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
 
 
-def read(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
+def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
     """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
     try:
         return np.asarray(variable.values)
@@ -130,7 +130,7 @@ def watched(run: xr.Dataset) -> xr.Dataset:
 def _watched(run: xr.Dataset) -> list[str]:
     """The Casimirs, integrals and relations, what is kept first."""
     found = [(str(name), v) for name, v in run.data_vars.items() if v.attrs.get("kind") in KINDS]
-    return [name for name, _ in sorted(found, key=lambda item: _place(item[1]))]
+    return [name for name, _ in sorted(found, key=lambda item: _place_in_table(item[1]))]
 
 
 class _Clock:
@@ -139,7 +139,7 @@ class _Clock:
     def __init__(self, run: xr.Dataset):
         self._time, self._asked = run["time"].variable, int(run.attrs.get("rows_in_block", 0))
         self.rows = run.sizes["time"]
-        ends = read(self._time[[0, -1]])
+        ends = read_values(self._time[[0, -1]])
         # those that are there: a run may be cut short; `kr.at` makes none
         dt = run.attrs.get("dt")
         self.steps = abs(float(ends[1] - ends[0])) / dt if isinstance(dt, int | float) and dt > 0 else 0.0
@@ -153,11 +153,11 @@ class _Clock:
 
     def centred(self, rows: slice) -> np.ndarray:
         """Times of some rows, less their mean over all rows."""
-        return np.asarray(read(self._time[rows]) - self.first - self._mean)
+        return np.asarray(read_values(self._time[rows]) - self.first - self._mean)
 
     @cached_property
     def _mean(self) -> float:
-        return sum(float((read(self._time[rows]) - self.first).sum()) for rows in self.blocks(1)) / self.rows
+        return sum(float((read_values(self._time[rows]) - self.first).sum()) for rows in self.blocks(1)) / self.rows
 
     @cached_property
     def spread(self) -> float:
@@ -188,7 +188,7 @@ class _Scan:
         self.slope = total / clock.spread if sloping and clock.spread > 0 else total
 
     def _rows(self, variable: xr.DataArray, rows: slice) -> np.ndarray:
-        values = read(variable.variable[rows], self.name).astype(np.float64)
+        values = read_values(variable.variable[rows], self.name).astype(np.float64)
         return values.reshape(len(values), *self.shape)
 
     def band(self) -> np.ndarray:
@@ -230,7 +230,7 @@ class _Judge:
         some = some.isel(lane=lane) if "lane" in some.dims else some
         states = [v for v in some.data_vars.values() if v.attrs.get("kind") == "state" and "time" in v.dims]
         blocks = list(_Clock(some).blocks(max((v[0].size for v in states), default=1)))
-        return [max(float(abs(read(v[rows])).max()) for rows in blocks) for v in states]
+        return [max(float(abs(read_values(v[rows])).max()) for rows in blocks) for v in states]
 
     def _look_again(self, suspects: np.ndarray) -> None:
         """Bands of the first of these lanes from states of the whole run: the first block may have been at rest.
@@ -278,7 +278,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
             lane = int(_ratio(scan.largest[:, part], scan.band()[:, part]).argmax()) if many else 0
             one = variable.isel(lane=lane) if "lane" in variable.dims else variable
             # one part at a time: an archive may be longer than memory
-            values = read(one[..., part] if one.ndim > 1 else one)
+            values = read_values(one[..., part] if one.ndim > 1 else one)
             at = float(scan.step_scale[lane, part]), float(scan.value_scale[lane, part])
             yield Series(label, name, scan.kind, scan.conserved, values, *at)
 

@@ -18,12 +18,12 @@ from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.opening import (
     MOST_INDEXED,
+    archive_attributes,
     is_cut,
     is_sweep,
     open_archive,
     opened,
     ordered,
-    read_attributes,
     require_sound,
     too_large,
 )
@@ -50,7 +50,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     path = settled(path)
     if is_sweep(path):
         return check_sweep(path)
-    attrs = read_attributes(path)
+    attrs = archive_attributes(path)
     require_sound(path)
     cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, attrs) else []
     try:
@@ -67,7 +67,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         where = f" in rows {first} to {last}" if "time" in run[name].dims else ""
         faults.append(f"{name} cannot be read{where}: {why}")
     run = run.drop_vars({name for name, _ in damaged})
-    faults += [] if faults else _numbers(run)
+    faults += [] if faults else _number_faults(run)
     few = "time" in run.coords and run.sizes["time"] <= MOST_INDEXED
     return (run.set_xindex("time") if few and "time" not in run.xindexes else run), [*cut, *faults]
 
@@ -194,7 +194,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
     require_replaceable(out)
-    attrs = read_attributes(path)
+    attrs = archive_attributes(path)
     require_sound(path)
     known = manifest.read(path) if manifest.begun(path) else None
     run = open_archive(path, indexed=False) if is_cut(path, attrs) else ordered(opened(path, known))
@@ -218,7 +218,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     return int(keep.sum()), rows
 
 
-def _numbers(run: xr.Dataset) -> list[str]:
+def _number_faults(run: xr.Dataset) -> list[str]:
     """Whether the numbers are finite, the times those of the steps, the integrals those of the states; block by block.
 
     And whether some rows follow from the row before.

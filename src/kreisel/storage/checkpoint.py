@@ -28,7 +28,7 @@ import numpy as np
 
 from kreisel.errors import InputError, disk_trouble
 from kreisel.kernels.layout import Floats
-from kreisel.runs.march import Snapshot
+from kreisel.runs.integration import Snapshot
 from kreisel.storage.manifest import replace_file
 from kreisel.storage.reading import parsed
 
@@ -121,7 +121,7 @@ class Lock:
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            told = _told(self._handle)
+            told = _lock_text(self._handle)
             os.close(self._handle)
             raise InputError(
                 f"{self.archive} is being written by {_owner(told)}. Wait for it, stop it, or choose another path."
@@ -129,7 +129,7 @@ class Lock:
         if not self._is_ours():  # unlinked by the writer before, between our open and our lock
             os.close(self._handle)
             return self.__enter__()
-        if not stat.S_ISREG(os.fstat(self._handle).st_mode) or not _is_lock(_told(self._handle)):
+        if not stat.S_ISREG(os.fstat(self._handle).st_mode) or not _is_lock(_lock_text(self._handle)):
             os.close(self._handle)
             raise InputError(f"{self.path} is no lock of Kreisel and is left as it is. {LOCK_REMEDY}")
         os.ftruncate(self._handle, 0)
@@ -151,7 +151,7 @@ class Lock:
 LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
 
 
-def _told(handle: int) -> str:
+def _lock_text(handle: int) -> str:
     """What a file says, as far as it can be read."""
     try:
         return os.pread(handle, 4096, 0).decode(errors="replace")

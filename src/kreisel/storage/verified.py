@@ -103,7 +103,7 @@ def edited(store: Path) -> Iterator[Any]:
     after = {name: data.to_bytes() for name, data in memory._store_dict.items()}
     changed = {name: data for name, data in after.items() if before.get(name) != data}
     both = [(name, hashlib.sha256(data).hexdigest()) for told in (before, changed) for name, data in told.items()]
-    manifest.replace_file(store / manifest.METADATA, manifest.text(both))
+    manifest.replace_file(store / manifest.METADATA, manifest.manifest_text(both))
     for name, data in changed.items():
         manifest.replace_file(store / name, data)
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from kreisel.errors import ConservationWarning, InputError
 from kreisel.kernels.layout import Floats
-from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, MACHINE_EPSILON, far, lane_scales, read
-from kreisel.runs.march import March
+from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, MACHINE_EPSILON, far, lane_scales, read_values
+from kreisel.runs.integration import Integration
 from kreisel.storage.reading import parsed
 from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep
 
@@ -40,7 +40,9 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
         sweep = Sweep(parsed(result.attrs["sweep"], "The attribute sweep"), file)
     except (InputError, KeyError):
         return []
-    score = np.where(read(result["failed"]) == COMPUTED, np.max([_score(*pair) for pair in changes.values()], 0), 0.0)
+    score = np.where(
+        read_values(result["failed"]) == COMPUTED, np.max([_score(*pair) for pair in changes.values()], 0), 0.0
+    )
     lanes = np.argsort(-score)[:LOOKED_AT]
     told = []
     for lane in lanes[score[lanes] > FAR_RELATIVE].tolist():
@@ -70,8 +72,8 @@ def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
         if str(variable.attrs.get("long_name", "")).endswith("not conserved"):
             continue
         family = str(name).removesuffix("_drift")
-        start = read(result[f"{family}_start"].transpose("lane", ...))
-        drift = read(variable.transpose("lane", ...))
+        start = read_values(result[f"{family}_start"].transpose("lane", ...))
+        drift = read_values(variable.transpose("lane", ...))
         out[family] = start.reshape(len(start), -1), drift.reshape(len(drift), -1)
     return out
 
@@ -91,7 +93,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         plan = _begun(sweep, lane)
         steps, few = plan.steps, min(plan.steps, BEGUN)
         plan.settings = plan.settings.but(steps=few, every=max(1, few // ROWS))
-        run = in_memory(plan, list(March(plan).blocks()))
+        run = in_memory(plan, list(Integration(plan).blocks()))
     except TROUBLES:
         return []
     largest = 0.0
@@ -122,4 +124,4 @@ def _begun(sweep: Sweep, lane: int) -> Plan:
 def _extreme(result: xr.Dataset, name: str, lane: int) -> float:
     """The largest entry of a component of the state over the whole run, where it was saved."""
     saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
-    return max((float(abs(read(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
+    return max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)

@@ -23,7 +23,7 @@ from kreisel.storage.reading import parsed
 from kreisel.storage.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
-from kreisel.sweeps.design import Quantity, as_json
+from kreisel.sweeps.design import Varied, as_json
 from kreisel.sweeps.summaries import FEWEST_ROWS, PARTS
 from kreisel.sweeps.workers import LOST
 
@@ -91,7 +91,7 @@ class Store:
         return manifest.begun(where)
 
     def _same(self, where: Path) -> None:
-        attrs = read_attributes(where)
+        attrs = sweep_attributes(where)
         require_sound(where)
         if attrs["sweep"] != self._text or attrs["block_lanes"] != self.width:
             raise InputError(
@@ -213,7 +213,7 @@ class Store:
 
     def failed_lanes(self) -> int:
         """How many lanes failed, of a store that is whole."""
-        return int(read_attributes(self.path)["failed_lanes"])
+        return int(sweep_attributes(self.path)["failed_lanes"])
 
 
 def _sweep_up(store: Path) -> None:
@@ -326,7 +326,7 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     return int(min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS)))
 
 
-def _input(quantity: Quantity, example: Array, sweep: Sweep) -> tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]:
+def _input(quantity: Varied, example: Array, sweep: Sweep) -> tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]:
     """Shape, dimensions and attributes of the values of a quantity that varies."""
     attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
     if example.dtype.kind == "U":
@@ -369,7 +369,7 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
     return out
 
 
-def read_attributes(store: Path) -> dict[str, Any]:
+def sweep_attributes(store: Path) -> dict[str, Any]:
     """The attributes of a sweep, checked.  Raises `InputError` for what is none."""
     attrs = metadata(store)
     if attrs.get("kreisel_sweep") != FORMAT:

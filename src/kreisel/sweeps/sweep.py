@@ -23,7 +23,7 @@ from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
 from kreisel.sweeps.broken_lanes import watched_lanes
 from kreisel.sweeps.design import Design, described
-from kreisel.sweeps.store import Store, read_attributes
+from kreisel.sweeps.store import Store, sweep_attributes
 from kreisel.sweeps.workers import Tasks, check_workers, pool
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def carry_out(
 ) -> Report:
     """Make a sweep, or go on with it, from its description; `file` defines a system of the user's own."""
     begun = time.perf_counter()
-    plain = _checked(described(shallow(description, "The description of the sweep")), file)
+    plain = _checked_description(described(shallow(description, "The description of the sweep")), file)
     check_workers(workers, scheduler)
     store = Store(path, Sweep(plain, file))
     with Lock(path):
@@ -155,7 +155,7 @@ def carry_out(
         return report
 
 
-def _checked(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
+def _checked_description(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
     """With its defaults filled in.  Raises `InputError`."""
     told = {k: v for k, v in description["sweep"].items() if v is not None}
     saved = told.setdefault("save", [*DEFAULT_SAVE])
@@ -179,7 +179,7 @@ def open_sweep(path: Path) -> xr.Dataset:
 
     from kreisel.storage.verified import Verified
 
-    attrs = read_attributes(path)
+    attrs = sweep_attributes(path)
     require_sound(path)
     store = Verified(path, known := manifest.read(path), partial=not attrs["complete"])
     for name in {*manifest.metadata_files(path), *(n for n in known if n.endswith("zarr.json"))}:
@@ -206,7 +206,7 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
 
     if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
-    told = list(blocks.failures(run))
+    told = list(blocks.failed_lanes(run))
     ids = [lane for lane, _ in told]
     table = pd.DataFrame({"message": [why for _, why in told]}, index=pd.Index(ids, name="lane"))
     for name, variable in run.variables.items():

@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, System, on_sphere
+from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, System, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
 
@@ -105,7 +105,7 @@ SYSTEM = System(
     equations="x' = q,  q' = f - (<x, f> + |q|^2) x,  f_i = b_i x_i + mu_i^2/x_i^3",
     source="Rosochatius 1877; Moser 1980",
     frame=Frame.MOVING,
-    space=replace(SPHERE_SPACE, draw=lambda n, draw: on_sphere(n, draw, least=1)),
+    space=replace(SPHERE_SPACE, draw=lambda n, draw: random_on_sphere(n, draw, least=1)),
     parameters=(
         Parameter(
             "b",

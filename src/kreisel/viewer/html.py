@@ -31,7 +31,7 @@ def system_html(system: System) -> str:
     rows = [
         ("equations", system.equations),
         ("state", f"{state}; {where}"),
-        *((f"parameter {p.letter}", _parameter(p.meaning, p.default)) for p in system.parameters),
+        *((f"parameter {p.letter}", _parameter_text(p.meaning, p.default)) for p in system.parameters),
         ("integrals", ", ".join(["Casimirs", *told["integrals"]])),
         ("Lax pair", "yes" if told["lax"] else "none known"),
         ("map", "none known" if told["map"] is None else told["map"]["source"]),
@@ -39,7 +39,7 @@ def system_html(system: System) -> str:
         ("source", system.source),
         *([("note", system.notes)] if system.notes else []),
     ]
-    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _table(rows))
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
 
 
 def model_html(model: Model) -> str:
@@ -48,15 +48,15 @@ def model_html(model: Model) -> str:
     rows = [
         ("equations", system.equations),
         ("dimension", f"n = {model.n}" + (f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else "")),
-        *((letter, _numbers(value)) for letter, value in model.params.items()),
+        *((letter, _numbers_html(value)) for letter, value in model.params.items()),
         ("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components)),
     ]
-    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _table(rows))
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
 
 
 def state_html(state: State) -> str:
     """A state, with axial vectors for n = 3."""
-    return _block("State", _table((letter, _numbers(value)) for letter, value in state.axial.items()))
+    return _block("State", _html_table((letter, _numbers_html(value)) for letter, value in state.axial.items()))
 
 
 def run_html(run: xr.Dataset) -> str:
@@ -84,21 +84,21 @@ def run_html(run: xr.Dataset) -> str:
     )
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
     told = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
-    return _block(escape(attrs["title"]), _table(head) + table + told)
+    return _block(escape(attrs["title"]), _html_table(head) + table + told)
 
 
-def _parameter(meaning: str, default: Any) -> str:
+def _parameter_text(meaning: str, default: Any) -> str:
     return meaning + ("" if default is None else f" (default {default:g})")
 
 
-def _numbers(value: Any) -> str:
+def _numbers_html(value: Any) -> str:
     array = np.asarray(value)
     if array.size > MOST_NUMBERS:
         return f"array of shape {array.shape}"
     return np.array2string(array, separator=", ", precision=6) if array.dtype != object else str(array.tolist())
 
 
-def _table(rows: Iterable[tuple[str, str]]) -> str:
+def _html_table(rows: Iterable[tuple[str, str]]) -> str:
     cells = "".join(
         f"<tr><th style='text-align:left;vertical-align:top'>{escape(name)}</th>"
         f"<td style='text-align:left;white-space:pre-wrap'>{escape(told)}</td></tr>"
