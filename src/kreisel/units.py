@@ -2,7 +2,7 @@
 
     wheel = kr.physical.Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
     run = kr.simulate(wheel.model(), wheel.state(tilt="70 deg", spin="180 rpm"), dt=wheel.dt("1 ms"), steps=1000)
-    told = units.measured(run, wheel.scales(), time="ms")       # energy in J, m in kg m^2/s, time in ms
+    run = units.measured(run, wheel.scales(), time="ms")       # energy in J, m in kg m^2/s, time in ms
 
 Plain numbers are SI and need no pint.
 """
@@ -72,8 +72,8 @@ def si(value: Any, unit: str, name: str) -> Any:
 def quantity(variable: xr.DataArray) -> Any:
     """A variable of `measured` as a pint quantity.  Raises `InputError` where it has no units."""
     if "units" not in getattr(variable, "attrs", ()):
-        told = shown(getattr(variable, "name", variable))
-        raise InputError(f"{told} has no attribute units; take it from units.measured(run, scales).")
+        name = shown(getattr(variable, "name", variable))
+        raise InputError(f"{name} has no attribute units; take it from units.measured(run, scales).")
     return registry().Quantity(variable.values, _parsed_unit(variable.attrs["units"], str(variable.name)))
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-VERTICAL = 1e-9  # sin(theta) below which precession and spin are not told apart
+VERTICAL = 1e-9  # sin(theta) below which precession and spin cannot be separated
 
 
 def rotations(run: xr.Dataset) -> Rotation:
@@ -85,9 +85,9 @@ def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     dims = run[ORIENTATION].dims[:-1]
     names = {"phi": "precession", "theta": "tilt", "psi": "own turn"}
     data = {}
-    for k, (name, told) in enumerate(names.items()):
+    for k, (name, meaning) in enumerate(names.items()):
         value = angles[..., k] if name == "theta" else np.unwrap(angles[..., k], axis=0)
-        data[name] = (dims, value, {"long_name": told, "units": "rad"})
+        data[name] = (dims, value, {"long_name": meaning, "units": "rad"})
     return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _described(run))
 
 
@@ -273,20 +273,20 @@ def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
 
     start = {letter: run[letter].values[0] for letter in model.system.space.letters}
     try:
-        told = nutation(model, start)
+        motion = nutation(model, start)
     except InputError:
         return {}
     other = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
     carried = np.asarray(start[model.system.space.letters[model.system.space.leading]])
     size = float(np.linalg.norm(carried) * np.linalg.norm(other if other is not None else 1.0))
     return {
-        "nutation_period": told.period,
-        "nutation_frequency": 2 * np.pi / told.period,
-        "precession_per_period": told.precession,
-        "mean_precession": told.mean_precession,
-        "lowest": told.lowest / size,
-        "highest": told.highest / size,
-        "spin": told.spin,
+        "nutation_period": motion.period,
+        "nutation_frequency": 2 * np.pi / motion.period,
+        "precession_per_period": motion.precession,
+        "mean_precession": motion.mean_precession,
+        "lowest": motion.lowest / size,
+        "highest": motion.highest / size,
+        "spin": motion.spin,
     }
 
 

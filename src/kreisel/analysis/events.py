@@ -69,8 +69,8 @@ def events(
     order = np.argsort(time[place] + h, kind="stable")
     data: dict[str, Any] = {"rising": ("event", upward[order])}
     for (letter, kind), v in zip(model.system.space.components, state, strict=False):
-        told = algebra.axial(v) if kind == "skew" and model.n == 3 else v
-        data[letter] = (("event", *run[letter].dims[run[letter].ndim - told.ndim + 1 :]), told[order])
+        values = algebra.axial(v) if kind == "skew" and model.n == 3 else v
+        data[letter] = (("event", *run[letter].dims[run[letter].ndim - values.ndim + 1 :]), values[order])
     if oriented:
         data[ORIENTATION] = (("event", "quaternion"), algebra.unit_quaternion(state[-1][order]))
     coords = {"time": ("event", (time[place] + h)[order])}

@@ -158,12 +158,12 @@ def _throughput(analyser: str, assembly: str) -> float | None:
     """Cycles of a block; None where the tool does not read it: one older than Numba's LLVM does not know its syntax."""
     command = [analyser, "-mcpu=native", "-iterations=100"]
     try:
-        told = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
+        done = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
                               timeout=ANALYSER_SECONDS)  # fmt: skip
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
         return None
-    cycles = re.findall(r"Block RThroughput:\s+(\d+(?:\.\d+)?)\s", told.stdout)
-    return float(cycles[0]) if told.returncode == 0 and len(cycles) == 1 else None
+    cycles = re.findall(r"Block RThroughput:\s+(\d+(?:\.\d+)?)\s", done.stdout)
+    return float(cycles[0]) if done.returncode == 0 and len(cycles) == 1 else None
 
 
 def _longest_loop(assembly: str) -> list[str]:
@@ -188,16 +188,16 @@ def ensemble_summary(ns: dict[str, Array]) -> dict[str, Any]:
     by_hand = [n for n in ns if n.startswith("cpp") and not n.endswith(BY_THE_CLOCK)]
     best = min(by_hand, key=lambda n: np.median(ns[n]), default="")
     names = {"kernel": "kernel", "cpp": best, "all_cores": "all cores"}
-    for told, name in ((told, name) for told, name in names.items() if name):
+    for label, name in ((label, name) for label, name in names.items() if name):
         low, middle, high = np.percentile(ns[name], [25, 50, 75])
-        row[told] = {
+        row[label] = {
             "ns": round(middle, 2),
             "quartiles": [round(low, 2), round(high, 2)],
             "least": round(min(ns[name]), 2),
         }
     if best:
         row["chains"] = int(best[-1])
-    for told, over, under in (
+    for label, over, under in (
         ("kernel/cpp", "kernel", best),
         ("one/all_cores", "kernel" + BY_THE_CLOCK, "all cores"),
         ("one/all_cores, cpp", "cpp 2" + BY_THE_CLOCK, "all cores, cpp"),
@@ -205,8 +205,8 @@ def ensemble_summary(ns: dict[str, Array]) -> dict[str, Any]:
         if over not in ns or under not in ns:
             continue
         quartiles = np.percentile(ns[over] / ns[under], [25, 50, 75])
-        row[told] = round(float(quartiles[1]), 3)
-        row[f"{told} quartiles"] = [round(float(q), 3) for q in quartiles[::2]]
+        row[label] = round(float(quartiles[1]), 3)
+        row[f"{label} quartiles"] = [round(float(q), 3) for q in quartiles[::2]]
     return row
 
 
@@ -226,8 +226,8 @@ def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
                 part = least["cycles_a_lane_step"] / cycles / row["kernel"]["least"]
                 row["bound"] = {**least, "fraction_reached": round(part, 2)}
             rows[case.name] = row
-            told = [row[k]["ns"] for k in ("kernel", "cpp", "all_cores")]
-            print(f"{case.name:<21}{told[0]:>10.2f}{told[1]:>8.2f}{told[2]:>10.2f}"
+            times = [row[k]["ns"] for k in ("kernel", "cpp", "all_cores")]
+            print(f"{case.name:<21}{times[0]:>10.2f}{times[1]:>8.2f}{times[2]:>10.2f}"
                   f"{row['kernel/cpp']:>12.2f}{row['one/all_cores']:>7.2f}", flush=True)  # fmt: skip
     return {"machine": machine(), "flags": FLAGS, "lanes": LANES, "steps": steps, "turns": turns, "dt": DT,
             "load_average_before": load, "maps": rows}  # fmt: skip

@@ -95,8 +95,8 @@ def measure(turns: int = TURNS, part: int = 1) -> dict[str, Any]:
             if method == "baecklund" and case.model.system.baecklund is None:
                 continue
             rows[f"{case.name}, {method}"] = row = ratios(case, method, turns, part)
-            told = [f"{k}: {v['ratio']:.2f}" for k, v in row.items() if k.startswith("every")]
-            print(f"{case.name:<21}{method:<11}" + "   ".join(told), flush=True)
+            cells = [f"{k}: {v['ratio']:.2f}" for k, v in row.items() if k.startswith("every")]
+            print(f"{case.name:<21}{method:<11}" + "   ".join(cells), flush=True)
     peak = memory(30_000 // part)
     print(f"peak memory, MiB: {peak}")
     return {

@@ -98,7 +98,7 @@ def single_summary(ns: dict[str, Array]) -> dict[str, Any]:
 
 def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
     """Everything, as written to results/single.json."""
-    told = {"machine": machine(), "compiler": version(), "flags": FLAGS, "dt": DT, "steps": steps, "turns": turns}
+    setting = {"machine": machine(), "compiler": version(), "flags": FLAGS, "dt": DT, "steps": steps, "turns": turns}
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
         print(f"Building single.cpp with {version()} {' '.join(FLAGS[:2])} in a temporary folder.", flush=True)
@@ -110,7 +110,7 @@ def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
             apart = agreement(start, march, case.name)
             rows[case.name] = {**single_summary(timed(start, march, steps, turns)), "apart_after_1000": apart}
             print(_line(case.name, rows[case.name]), flush=True)
-    return {**told, "maps": rows}
+    return {**setting, "maps": rows}
 
 
 def _line(name: str, row: dict[str, Any]) -> str:

@@ -54,17 +54,17 @@ def width() -> int:
     return max(60, shutil.get_terminal_size((110, 24)).columns) if sys.stdout.isatty() else 110
 
 
-def parameter_of(told: str) -> tuple[str, Any]:
+def parameter_of(text: str) -> tuple[str, Any]:
     """A parameter and its numbers, from NAME=NUMBERS."""
     from fractions import Fraction
 
-    name, sign, value = told.partition("=")
+    name, sign, value = text.partition("=")
     try:
         numbers = [Fraction(part) for part in value.split(",")]
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not sign or not name or not numbers:
-        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(told)}.")
+        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
     return name, numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -118,7 +118,7 @@ def require_figure(target: Path) -> None:
 
 @contextlib.contextmanager
 def warnings_in_the_table() -> Iterator[None]:
-    """What is not conserved is told in the table and by the exit code: no warning beside."""
+    """The table and the exit code say what is not conserved; a warning would repeat it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConservationWarning)
         yield

@@ -98,11 +98,11 @@ def bench(as_json: AsJson = False) -> None:
     from kreisel.bench import short
 
     with Console(stderr=True).status("") as status:
-        told = short.bench(lambda name: status.update(f"{name}: kernels are compiled and timed"))
+        result = short.bench(lambda name: status.update(f"{name}: kernels are compiled and timed"))
     if as_json:
-        print_json(told)
+        print_json(result)
         return
-    _print_bench(told)
+    _print_bench(result)
 
 
 BENCH_COLUMNS = {
@@ -115,24 +115,24 @@ BENCH_COLUMNS = {
 }
 
 
-def _print_bench(told: dict[str, Any]) -> None:
+def _print_bench(result: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False, header_style="bold")
     grid.add_column("map, n = 3")
-    shown = [name for name in BENCH_COLUMNS if name in next(iter(told["maps"].values()))]
+    shown = [name for name in BENCH_COLUMNS if name in next(iter(result["maps"].values()))]
     for name in shown:
         grid.add_column(BENCH_COLUMNS[name], justify="right")
-    for label, row in told["maps"].items():
+    for label, row in result["maps"].items():
         grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
-    known = told["machine"]
+    known = result["machine"]
     print(
-        f"{known['cpu']}, {known['cores']} cores; load average {told['load_average']}; times are medians, of one core"
+        f"{known['cpu']}, {known['cores']} cores; load average {result['load_average']}; times are medians, of one core"
     )
-    if "note" in told:
-        print(told["note"])
+    if "note" in result:
+        print(result["note"])
 
 
 @app.command()
@@ -165,7 +165,7 @@ def investigate(
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
         require_file(html)
-    given = dict(parameter_of(told) for told in constants or [])
+    given = dict(parameter_of(text) for text in constants or [])
     file = what.endswith(".py")
     found = (
         investigation.investigate_file(Path(what), **known, **given)

@@ -40,11 +40,11 @@ def cache_folder() -> Path | None:
         if not own and not folder.is_absolute():  # no home
             return None
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        told = folder.stat()
+        status = folder.stat()
     except (OSError, RuntimeError, ValueError):  # a name that cannot be
         return None
-    if told.st_uid != os.geteuid() or told.st_mode & OTHERS_MAY_WRITE:
-        _refused(str(folder), told.st_uid, told.st_mode & 0o777)
+    if status.st_uid != os.geteuid() or status.st_mode & OTHERS_MAY_WRITE:
+        _refused(str(folder), status.st_uid, status.st_mode & 0o777)
         return None
     return folder
 

@@ -188,8 +188,8 @@ class JaxEngine:
         state = layout.restore(self.z[lane], self._kinds, self._scheme.n)
         constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
         why = self._scheme.explain(state, constants) if self._scheme.explain else "The step is not finite."
-        told = f" of lane {lane}" if lanes > 1 else ""
-        raise RunError(f"Step {step}{told} (time {step * self._dt:g}) could not be made. {why}")
+        where = f" of lane {lane}" if lanes > 1 else ""
+        raise RunError(f"Step {step}{where} (time {step * self._dt:g}) could not be made. {why}")
 
 
 def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:

@@ -2,7 +2,7 @@
 
 A bivector Pi with polynomial entries is preserved if J Pi(x) J^T = Pi(f(x)) with the Jacobian J of f; a density rho if
 rho(f(x)) det J = rho(x), or 1/rho if rho(f(x)) = rho(x) det J.  All are linear in the unknown coefficients, so a null
-space has them all.  Whether a bivector is a Poisson bracket is told by Jacobi's identity.
+space has them all.  Whether a bivector is a Poisson bracket is decided by Jacobi's identity.
 """
 
 from __future__ import annotations

@@ -82,8 +82,8 @@ def certify(
     if what.implicit:
         raise InputError(f"{what.implicit}: a certified step must be a rational function. Choose an explicit map.")
     if steps < 1 or precision < 24 or not tolerance > 0:
-        told = f"{steps}, {precision} and {tolerance}"
-        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {told}.")
+        given = f"{steps}, {precision} and {tolerance}"
+        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {given}.")
     flint = require_flint()
     with _working(flint, precision):
         known = {k: _balls(flint, v) for k, v in what.constants.items()}

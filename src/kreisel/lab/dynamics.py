@@ -72,7 +72,7 @@ class Dynamics:
         return self.sali > ALIGNED and float(self.exponents[0]) < self.threshold
 
     def __str__(self) -> str:
-        word = "chaotic" if self.chaotic else "regular" if self.regular else "not told"
+        word = "chaotic" if self.chaotic else "regular" if self.regular else "unknown"
         shown = ", ".join(f"{v:.2g}" for v in self.exponents)
         return (
             f"{word}: exponents a step {shown} (+- {self.errors[0]:.1g} of the first) over {self.steps:,} steps, "

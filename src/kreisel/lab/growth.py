@@ -184,7 +184,7 @@ def _recurrence(d: tuple[int, ...]) -> tuple[int, ...] | None:
 
 
 def _roots(recurrence: tuple[int, ...]) -> tuple[int | None, float]:
-    """The power of k, or the logarithm of the largest root.  Roots of 1 are told exactly, by cyclotomic factors."""
+    """The power of k, or the logarithm of the largest root.  Roots of 1 are found exactly, by cyclotomic factors."""
     flint = require_flint()
     multiplicity, largest = 0, 1.0
     for factor, power in flint.fmpz_poly(list(recurrence)).factor()[1]:

@@ -210,7 +210,7 @@ def rational_kernel(
         vector = np.array([_residue(terms.get(label, Fraction(0)), p) for label in labels]) if terms else None
         if vector is None or ((third * vector % p).sum(1) % p).any():
             raise InputError(
-                "A result has coefficients too large to be told from two primes. Usual cause: constants that are "
+                "A result has coefficients too large to be found from two primes. Usual cause: constants that are "
                 "floats such as 0.1; give whole numbers or fractions."
             )
         found.append(terms)

@@ -132,7 +132,7 @@ def discrete_euler_lagrange(case: Case) -> Sides:
         momentum = second[0]
 
     def action(function_of: Callable[[Array], tuple[Array, Array]]) -> Array:
-        varied = function_of(_varied(q1, rest, n))
+        varied = function_of(_perturbed_orientation(q1, rest, n))
         return slopes(case.call(case.map.lagrangian, *varied, *carried), n * (n - 1) // 2)
 
     before, after = action(lambda q: (q0, q)), action(lambda q: (q, q2))
@@ -145,7 +145,7 @@ def _turned_by_generator(case: Case, g: Array, old: tuple[Array, ...], new: tupl
     return algebra.turn_left(X, g) if case.system.frame is Frame.REST else algebra.turn_right(g, X)
 
 
-def _varied(q: Array, rest: bool, n: int) -> Array:
+def _perturbed_orientation(q: Array, rest: bool, n: int) -> Array:
     """exp(eta) g (rest frame), g exp(eta) (moving frame) or exp(-eta) x, to first order in eta's coordinates."""
     zero = 0 * algebra.coordinates(q if q.ndim == 2 else algebra.wedge(q, q))
     eta = algebra.skew(exact.independent(zero), n)

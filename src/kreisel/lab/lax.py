@@ -63,7 +63,7 @@ class Lax:
 
     @property
     def kept(self) -> bool:
-        """Whether the coefficients are integrals, as far as that could be told."""
+        """Whether the coefficients are integrals, as far as that is known."""
         return self.isospectral is not False and self.equation is not False and None in (self.involution, True)
 
     @property
@@ -78,10 +78,10 @@ class Lax:
         return commuting and self.torus < self.needed and self.with_more + self.torus == self.leaf
 
     def __str__(self) -> str:
-        told = {True: "yes", False: "no", None: "not told"}
+        words = {True: "yes", False: "no", None: "unknown"}
         text = (
-            f"V L' = L V: {told[self.equation]}; spectrum kept: {told[self.isospectral]}; in involution: "
-            f"{told[self.involution]}; {self.on_leaf} independent on leaves of dimension {self.leaf}, needed "
+            f"V L' = L V: {words[self.equation]}; spectrum kept: {words[self.isospectral]}; in involution: "
+            f"{words[self.involution]}; {self.on_leaf} independent on leaves of dimension {self.leaf}, needed "
             f"{self.needed}"
         )
         if self.with_more > self.on_leaf:

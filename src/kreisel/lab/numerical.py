@@ -58,7 +58,7 @@ class Numerical:
 
 
 def integrals_in_floats(what: Subject, degree: int = 2, seed: int = 0) -> Numerical:
-    """Polynomial integrals up to that degree, told from orbits in floats.
+    """Polynomial integrals up to that degree, found from orbits in floats.
 
     Raises `InputError` for too many monomials, and `RunError` where all orbits escape.
     """

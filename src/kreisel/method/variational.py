@@ -53,7 +53,7 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     system, space = model.system, model.system.space
     fractions = symmetric_composition(order)
     energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
-    observe, outcomes = observer(model, None, None, conserved=("casimir", "noether"), told={"energy": energy})
+    observe, outcomes = observer(model, None, None, conserved=("casimir", "noether"), meanings={"energy": energy})
     count = len(space.letters)
 
     def step(*z: Array, eps: Array, **consts: Array) -> State:

@@ -32,8 +32,8 @@ def si_numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], 
     array = _floats(si(value, unit, name))
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
-        told = " or ".join(map(str, shapes)) or "(..., 3)"
-        raise InputError(f"{name} must be finite numbers of shape {told}, got {shown(value)}.")
+        expected = " or ".join(map(str, shapes)) or "(..., 3)"
+        raise InputError(f"{name} must be finite numbers of shape {expected}, got {shown(value)}.")
     return array
 
 

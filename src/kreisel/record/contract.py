@@ -348,8 +348,8 @@ class System:
 
     def __post_init__(self) -> None:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
-        told = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
-        object.__setattr__(self, "__doc__", told)
+        text = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
+        object.__setattr__(self, "__doc__", text)
 
     @property
     def __signature__(self) -> inspect.Signature:

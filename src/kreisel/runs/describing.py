@@ -58,11 +58,11 @@ def versions() -> dict[str, str]:
     from numba import config
 
     packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
-    told = {
+    out = {
         "python": platform.python_version(),
         "processor": getattr(config, "CPU_NAME", None) or llvm.get_host_cpu_name(),
     }
-    return told | {p: importlib.metadata.version(p) for p in packages}
+    return out | {p: importlib.metadata.version(p) for p in packages}
 
 
 def describe(plan: Plan) -> dict[str, Any]:

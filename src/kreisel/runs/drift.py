@@ -121,9 +121,9 @@ def _sentence(name: str, row: Any) -> str:
 def watched(run: xr.Dataset) -> xr.Dataset:
     """The run itself.  Warns with `ConservationWarning` where something is broken, as `broken` says."""
     kept = [name for name in _watched(run) if run[name].attrs.get("conserved")]
-    told = [_sentence(name, row) for name, row in _rows(run, kept, sloping=False).items() if row["broken"]]
-    if told:
-        warnings.warn(" ".join(told), ConservationWarning, stacklevel=3)
+    sentences = [_sentence(name, row) for name, row in _rows(run, kept, sloping=False).items() if row["broken"]]
+    if sentences:
+        warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
     return run
 
 
@@ -296,14 +296,14 @@ def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
     """
     parts = variable.shape[-1] if variable.ndim > 1 + ("lane" in variable.dims) else 1
     try:
-        told = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
+        values = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{variable.name} is damaged: its attribute {key} does not belong to it.") from None
-    if len(told) == 1 or "lane" not in variable.coords:
-        return told.max(0, keepdims=True)
+    if len(values) == 1 or "lane" not in variable.coords:
+        return values.max(0, keepdims=True)
     lanes = np.atleast_1d(variable["lane"].values)
-    fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(told)).all()
-    return told[lanes] if fits else told.max(0, keepdims=True)
+    fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(values)).all()
+    return values[lanes] if fits else values.max(0, keepdims=True)
 
 
 def _ratio(change: Any, band: Any) -> Any:

@@ -56,7 +56,7 @@ def simulate(
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
     engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
-                 Clebsch; both are chosen by n and method unless told), "cuda" (an NVIDIA GPU, float64) or
+                 Clebsch; both are chosen by n and method unless given), "cuda" (an NVIDIA GPU, float64) or
                  "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is

@@ -74,8 +74,8 @@ class Archive:
         with self._disk("be opened again" if self._begun else "be created"):
             if not self._begun:
                 self._make_room()
-                told = {**describe(self.plan), "complete": False}
-                group = zarr.create_group(str(self.part), zarr_format=3, attributes=told)
+                attrs = {**describe(self.plan), "complete": False}
+                group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
                 group.create_group(checkpoint.NAME.split("/")[0])
                 if self._overwrite:
                     agree(self.path)

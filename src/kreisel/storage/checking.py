@@ -75,18 +75,18 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 def _unreadable(path: Path) -> list[str]:
     """What is wrong with the files of an archive that cannot be opened, apart from the first of them."""
     known = manifest.listed(path)
-    return [told for _, told in manifest.faults(path, known)] if known else []
+    return [message for _, message in manifest.faults(path, known)] if known else []
 
 
 def _file_faults(path: Path, attrs: Mapping[str, Any], known: manifest.Listed) -> list[str]:
     """What is wrong with files that are no chunks; an interrupted run may have some that are not listed yet."""
     found = manifest.faults(path, known)
     if not is_cut(path, attrs):
-        return [told for _, told in found]
+        return [message for _, message in found]
     flushed = checkpoint.read(path)[0].flushed
     return [
-        told
-        for name, told in found
+        message
+        for name, message in found
         if not (
             name == checkpoint.NAME
             or manifest.is_scratch(name)
@@ -109,8 +109,8 @@ def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         require_sound(path)
         return None, _unreadable(path) or [str(error)]
     faults = [
-        told
-        for name, told in manifest.faults(path, known)
+        message
+        for name, message in manifest.faults(path, known)
         if attrs["complete"] or not (manifest.is_chunk(name) or manifest.is_scratch(name))
     ]
     faults += too_large(run)
@@ -209,8 +209,8 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
     whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
-    told = "" if known else ", not compared with any checksum"
-    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{told}")
+    note = "" if known else ", not compared with any checksum"
+    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         whole.to_zarr(out, zarr_format=3)

@@ -71,7 +71,7 @@ def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
 
 def manifest_text(pairs: Iterable[tuple[str, str]]) -> bytes:
     """The lines of files and their SHA-256."""
-    return "".join(f"{told}  {name}\n" for name, told in sorted(pairs)).encode()
+    return "".join(f"{digest}  {name}\n" for name, digest in sorted(pairs)).encode()
 
 
 def _read_lines(path: Path) -> Iterator[tuple[str, str]]:
@@ -94,9 +94,9 @@ def listed(store: Path) -> Listed:
     found: dict[str, set[str]] = {}
     for path in files(store):
         with contextlib.suppress(InputError):
-            for name, told in _read_lines(path):
-                found.setdefault(name, set()).add(told)
-    return {name: frozenset(told) for name, told in found.items()}
+            for name, digest in _read_lines(path):
+                found.setdefault(name, set()).add(digest)
+    return {name: frozenset(digests) for name, digests in found.items()}
 
 
 def read(store: Path) -> Listed:
@@ -152,7 +152,7 @@ def seal(store: Path, others: Iterable[str]) -> None:
 
     Raises `FileNotFoundError` where a chunk that was written is gone.
     """
-    chunks = [(name, told) for name, (told, *_) in listed(store).items() if is_chunk(name)]
+    chunks = [(name, known) for name, (known, *_) in listed(store).items() if is_chunk(name)]
     for name, _ in chunks:
         os.stat(store / name)
     rest = [(name, digest(store / name)) for name in (*metadata_files(store), *others)]
@@ -176,8 +176,8 @@ def clear(store: Path) -> None:
 def unseal(store: Path, keep: int) -> None:
     """Back to files of blocks, of a store that goes on after its first `keep` blocks; of later ones nothing is left."""
     known = listed(store)
-    kept = [(n, t) for n, told in known.items() for t in told if is_chunk(n) and _block_of(n) < keep]
-    metadata = [(n, t) for n, told in known.items() for t in told if n.endswith("zarr.json")]
+    kept = [(n, t) for n, digests in known.items() for t in digests if is_chunk(n) and _block_of(n) < keep]
+    metadata = [(n, t) for n, digests in known.items() for t in digests if n.endswith("zarr.json")]
     (store / BLOCKS).mkdir(exist_ok=True)
     replace_file(store / BEFORE, manifest_text(kept))
     replace_file(store / METADATA, manifest_text(metadata))

@@ -89,12 +89,12 @@ def _node(folder: Path) -> dict[str, Any]:
             raise InputError(f"{folder} is damaged: its zarr.json is no plain file.")
         if size > LARGEST_METADATA:
             raise InputError(f"{folder} is damaged: its zarr.json has {size:,} bytes.")
-        told = parsed(path.read_bytes(), str(path))
+        metadata = parsed(path.read_bytes(), str(path))
     except OSError as error:
         raise InputError(f"{folder} cannot be read as a Zarr archive: {error}") from error
-    if not isinstance(told, dict):
-        raise InputError(f"{path} is damaged: expected an object, got {str(told)[:80]}.")
-    return told
+    if not isinstance(metadata, dict):
+        raise InputError(f"{path} is damaged: expected an object, got {str(metadata)[:80]}.")
+    return metadata
 
 
 def require_sound(store: Path) -> None:
@@ -124,8 +124,8 @@ def require_sound(store: Path) -> None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 if kind == "array":
-                    told = zarr.open_array(folder, mode="r", zarr_format=3).metadata
-                    axes = getattr(told, "dimension_names", None) or ()
+                    metadata = zarr.open_array(folder, mode="r", zarr_format=3).metadata
+                    axes = getattr(metadata, "dimension_names", None) or ()
                 else:
                     zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
         except Exception as error:  # whatever damaged metadata make the library raise
@@ -162,8 +162,8 @@ def archive_attributes(store: Path) -> dict[str, Any]:
     wrong = [key for key, kind in NEEDED.items() if key not in missing and not isinstance(attrs[key], kind)]
     wrong += [key for key in ("steps", "every", "n", "rows_in_block") if key not in missing + wrong and attrs[key] < 1]
     if missing or wrong:
-        told = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
-        raise InputError(f"{store} is damaged: its attributes {told}. Make it again from its TOML file.")
+        fault = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
+        raise InputError(f"{store} is damaged: its attributes {fault}. Make it again from its TOML file.")
     return attrs
 
 
@@ -235,8 +235,8 @@ def _array_lengths(store: Path) -> dict[str, int]:
     """The rows of each array; a kill may leave a run that is being lengthened with some of the new length."""
     found = {}
     for path in store.glob("*/zarr.json"):
-        told = _node(path.parent)
-        dims, shape = told.get("dimension_names"), told.get("shape")
+        metadata = _node(path.parent)
+        dims, shape = metadata.get("dimension_names"), metadata.get("shape")
         if isinstance(dims, list) and isinstance(shape, list) and dims[:1] == ["time"] and shape:
             found[path.parent.name] = shape[0] if isinstance(shape[0], int) else 0
     return found

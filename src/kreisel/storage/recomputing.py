@@ -47,8 +47,8 @@ def steps_again(run: xr.Dataset) -> list[str]:
             continue  # a state at the edge of what the method takes
         for name in names:
             value = saved[name].values[1]
-            off = _difference(here[name], value, name)
-            feels = _difference(here[name], nudged[name], name)
+            off = _difference_of_rows(here[name], value, name)
+            feels = _difference_of_rows(here[name], nudged[name], name)
             size = abs(value).max()
             if off > (LOOSE if attrs["method"] == "dop853" else CLOSE) * size + feels / 100:
                 return [f"{name} of row {row + 1} does not follow from row {row}: it is off by {off:.2g}"]
@@ -79,7 +79,7 @@ def _plan_from_row(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> P
     return plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)
 
 
-def _difference(one: Array, two: Array, name: str) -> float:
+def _difference_of_rows(one: Array, two: Array, name: str) -> float:
     """The largest difference; q and -q are the same orientation."""
     apart = abs(one - two)
     if name == ORIENTATION and one.shape[-1] == 4:
@@ -93,10 +93,10 @@ def lanes_again(run: xr.Dataset) -> list[str]:
     Nothing for a system of the user's own, whose file an archive does not hold, and for lanes that take too long.
     """
     attrs = run.attrs
-    told = parsed(attrs["sweep"], "The attribute sweep")
-    if "file" in told or json.loads(attrs["versions"]) != versions() or "resumed" in attrs:
+    spec = parsed(attrs["sweep"], "The attribute sweep")
+    if "file" in spec or json.loads(attrs["versions"]) != versions() or "resumed" in attrs:
         return []
-    sweep = Sweep(told)
+    sweep = Sweep(spec)
     arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}
     for lane in np.unique(np.linspace(0, attrs["lanes"] - 1, SAMPLES).astype(int)).tolist():
         values = sweep.lanes.values(lane, lane + 1)

@@ -48,11 +48,11 @@ class Sweep:
     """
 
     def __init__(self, description: Mapping[str, Any], file: Path | None = None):
-        self.description, told = description, description["sweep"]
+        self.description, spec = description, description["sweep"]
         base = dict(description["system"])
         self.system: System = load_system(base.pop("name"), file)
-        self.lanes = Lanes({**description, "system": base}, told)
-        self.save: tuple[str, ...] = tuple(told["save"])
+        self.lanes = Lanes({**description, "system": base}, spec)
+        self.save: tuple[str, ...] = tuple(spec["save"])
         self._kinds = {p.letter: p.kind for p in self.system.parameters}
         self._kinds_of_state = dict(self.system.space.components)
 
@@ -127,8 +127,8 @@ class Sweep:
     @property
     def automatic(self) -> bool:
         """Whether order="auto" occurs."""
-        told = [np.atleast_1d(v) for q, v in self.lanes.tables.items() if q.name == "run.order"]
-        return "auto" in (np.concatenate(told) if told else [self.lanes.base["run"].get("order")])
+        orders = [np.atleast_1d(v) for q, v in self.lanes.tables.items() if q.name == "run.order"]
+        return "auto" in (np.concatenate(orders) if orders else [self.lanes.base["run"].get("order")])
 
     def groups(self, values: Mapping[Varied, Array], count: int) -> list[Array]:
         """Lanes that can be stepped together: those whose run settings are the same."""
@@ -195,8 +195,8 @@ class Sweep:
             out |= summary.result()
         options = plan.scheme.options or {}
         if "order" in options:
-            told = (options["order"], plan.dt)
-            out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, told, strict=True)}
+            chosen = (options["order"], plan.dt)
+            out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, chosen, strict=True)}
         for value in out.values():
             value[list(failed)] = np.nan
         return out | {name: np.concatenate(values) for name, values in whole.items()}, failed
@@ -337,5 +337,5 @@ def _sync(store: Path, names: list[str]) -> None:
 def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:
     """Lane and message of each lane that failed."""
     for lane in np.flatnonzero(run["failed"].values == FAILED).tolist():
-        told = bytes(run["message"][lane].values.tolist()).rstrip(b"\0")
-        yield lane, told.decode(errors="replace")
+        message = bytes(run["message"][lane].values.tolist()).rstrip(b"\0")
+        yield lane, message.decode(errors="replace")

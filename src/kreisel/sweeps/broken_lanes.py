@@ -44,22 +44,22 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
         read_values(result["failed"]) == COMPUTED, np.max([_score(*pair) for pair in changes.values()], 0), 0.0
     )
     lanes = np.argsort(-score)[:LOOKED_AT]
-    told = []
+    sentences = []
     for lane in lanes[score[lanes] > FAR_RELATIVE].tolist():
         here = {name: (start[lane], drift[lane]) for name, (start, drift) in changes.items()}
-        told += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
+        sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
     return [
         f"{where} is not conserved, although the method conserves it. Usual cause: a step far too long for this state, "
         "or a map or an integral that is not what its record says. Use a smaller dt."
-        for where in told
+        for where in sentences
     ]
 
 
 def watched_lanes(result: xr.Dataset) -> xr.Dataset:
     """The sweep itself.  Warns with `ConservationWarning` where lanes are broken, as `broken_lanes` says."""
-    told = broken_lanes(result)
-    if told:
-        warnings.warn(" ".join(told), ConservationWarning, stacklevel=3)
+    sentences = broken_lanes(result)
+    if sentences:
+        warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
     return result
 
 

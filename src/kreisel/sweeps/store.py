@@ -120,8 +120,8 @@ class Store:
         out: dict[str, dict[str, Any]] = {}
 
         def add(name: str, rest: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **more: Any) -> None:
-            told = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
-            out[name] = {**told, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
+            layout = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
+            out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
 
         example = self.sweep.lanes.values(0, 1)
         for quantity in self.sweep.lanes.quantities:
@@ -134,8 +134,8 @@ class Store:
                 if name not in out:
                     add(name, rest, dims, attrs)
             if TRAJECTORIES in self.sweep.save:
-                for name, told in _trajectories(plan, total, width).items():
-                    out.setdefault(name, told)
+                for name, layout in _trajectories(plan, total, width).items():
+                    out.setdefault(name, layout)
         for name, meaning in blocks.CHOSEN.items() if self.sweep.automatic else ():
             add(name, (), (), {"long_name": meaning, "units": "1"})
         spare = {"dtype": np.dtype("u1"), "fill_value": 0}
@@ -175,8 +175,8 @@ class Store:
             group.create_array(
                 "time", data=times, chunks=times.shape, dimension_names=("time",), compressors=codecs, attributes=said
             )
-        for name, told in self._arrays().items():
-            more: dict[str, Any] = told
+        for name, layout in self._arrays().items():
+            more: dict[str, Any] = layout
             group.create_array(name, compressors=codecs, **more)
         group.create_group("engine")
         (self.part / manifest.BLOCKS).mkdir()
@@ -310,14 +310,14 @@ def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     """Lanes in a block: as asked for, or as many as memory and patience allow; never by the number of workers."""
-    told = sweep.description["sweep"]
+    spec = sweep.description["sweep"]
     each = max(8 * _floats_of_a_lane(sweep, plan) for plan in plans)
-    fitting = (told["memory"] << 20) // each
-    asked = told.get("block")
+    fitting = (spec["memory"] << 20) // each
+    asked = spec.get("block")
     if fitting < (asked or 1):
         raise InputError(
             f"{asked or 1} lanes need about {each * (asked or 1) / 2**20:.0f} MiB at once, more than "
-            f"memory = {told['memory']} in [sweep]. Save less often "
+            f"memory = {spec['memory']} in [sweep]. Save less often "
             "(every), save no trajectories or frequencies, or allow more memory."
         )
     if asked:

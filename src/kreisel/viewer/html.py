@@ -25,16 +25,16 @@ CONSERVED = {  # the cell of an integral that is (conserved, broken)
 
 def system_html(system: System) -> str:
     """The record of a system."""
-    told = summary(system)
-    state = ", ".join(f"{letter} ({kind})" for letter, kind in told["state"].items())
-    where = f"{told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}"
+    facts = summary(system)
+    state = ", ".join(f"{letter} ({kind})" for letter, kind in facts["state"].items())
+    where = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket, F' = {{H, F}}"
     rows = [
         ("equations", system.equations),
         ("state", f"{state}; {where}"),
         *((f"parameter {p.letter}", _parameter_text(p.meaning, p.default)) for p in system.parameters),
-        ("integrals", ", ".join(["Casimirs", *told["integrals"]])),
-        ("Lax pair", "yes" if told["lax"] else "none known"),
-        ("map", "none known" if told["map"] is None else told["map"]["source"]),
+        ("integrals", ", ".join(["Casimirs", *facts["integrals"]])),
+        ("Lax pair", "yes" if facts["lax"] else "none known"),
+        ("map", "none known" if facts["map"] is None else facts["map"]["source"]),
         ("scaling", system.scaling),
         ("source", system.source),
         *([("note", system.notes)] if system.notes else []),
@@ -83,8 +83,8 @@ def run_html(run: xr.Dataset) -> str:
         for name, row in found.iterrows()
     )
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
-    told = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
-    return _block(escape(attrs["title"]), _html_table(head) + table + told)
+    warnings = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
+    return _block(escape(attrs["title"]), _html_table(head) + table + warnings)
 
 
 def _parameter_text(meaning: str, default: Any) -> str:
@@ -101,8 +101,8 @@ def _numbers_html(value: Any) -> str:
 def _html_table(rows: Iterable[tuple[str, str]]) -> str:
     cells = "".join(
         f"<tr><th style='text-align:left;vertical-align:top'>{escape(name)}</th>"
-        f"<td style='text-align:left;white-space:pre-wrap'>{escape(told)}</td></tr>"
-        for name, told in rows
+        f"<td style='text-align:left;white-space:pre-wrap'>{escape(text)}</td></tr>"
+        for name, text in rows
     )
     return f"<table>{cells}</table>"
 

@@ -93,16 +93,16 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     if _advance_per_row(run, letter) < MOST_GAP * radius:
         shown = int(np.searchsorted(np.cumsum(arc), ARC_SHOWN * radius)) + 1
         axes.plot(*_on_sphere(xyz[:shown], radius).T, color=theme.colours[0], linewidth=0.8)
-        told = f"to time {float(run['time'][shown - 1]):.4g}"
+        span = f"to time {float(run['time'][shown - 1]):.4g}"
     else:
         axes.plot(*xyz[:MOST_DOTS].T, ".", color=theme.colours[0], markersize=1.0)
-        told = "saved states"
+        span = "saved states"
     axes.plot(*xyz[:1].T, "o", color=theme.colours[1], markersize=4)
     axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
-    axes.set_title(f"tip of ${letter}$ on its sphere, {told}", y=0.97)
+    axes.set_title(f"tip of ${letter}$ on its sphere, {span}", y=0.97)
 
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:

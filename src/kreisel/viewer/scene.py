@@ -69,7 +69,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     time = np.asarray(frames["time"].values, dtype=np.float64)
     return {
         "title": _text(run.attrs.get("title", "")),
-        "told": [_text(v) for v in _facts(run, lane, len(rows))],
+        "facts": [_text(v) for v in _facts(run, lane, len(rows))],
         "kind": shown.kind,
         "note": shown.note,
         "legend": {k: _text(v) for k, v in shown.legend.items()},
@@ -255,11 +255,11 @@ class _Shown:
         self.legend["tip"] = self.letter
         self.note = f"{self.letter} in three of its {n} coordinates, which can be chosen."
 
-    def _point_up(self, up: Array | None, size: float, told: str) -> Array:
+    def _point_up(self, up: Array | None, size: float, meaning: str) -> Array:
         if up is None:
             return np.eye(3)
         self.arrow = np.array([0.0, 0.0, 1.25 * size])
-        self.legend["arrow"] = told
+        self.legend["arrow"] = meaning
         return to_third_axis(up / np.linalg.norm(up))
 
 

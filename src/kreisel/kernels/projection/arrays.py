@@ -23,7 +23,7 @@ from kreisel.method.scheme import Scheme
 FLAT = 2.0**-4  # as in `kreisel.kernels.projection.text`, where values have more digits
 MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
 STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
-SAMPLES = 8  # states by which the size of an invariant's terms is told
+SAMPLES = 8  # states that give the size of an invariant's terms
 NONE = 1e-300  # instead of a length of 0
 EPS = float(np.finfo(np.float64).eps)
 MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and less than what then changes stays by itself
