@@ -458,39 +458,39 @@ def test_an_axis_that_passes_close_to_the_vertical(size: float, length: float) -
     p = np.array([0.662416675302187, -1.2184562792983742, -0.5012569866881104])
     m = size * np.array([-0.8135190021022613, -0.37707040028601764, -1.1295822720776918])
     a = np.array([0.6048879358306984, -0.43643615991794527, 0.6244064413481183])
-    told = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": length * a})
-    assert told.precession == pytest.approx(-np.pi, abs=3 * size / np.sqrt(length) + 1e-14)
+    figures = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": length * a})
+    assert figures.precession == pytest.approx(-np.pi, abs=3 * size / np.sqrt(length) + 1e-14)
 
 
 @pytest.mark.parametrize("number", range(6))
 def test_figures_against_the_motion(number: int) -> None:
     m, b, p = random_tops(20)[number]
     top, alpha = kr.LagrangeTop(p=p, alpha=0.6), 0.6
-    told = kr.nutation(top, {"m": m, "a": b})
+    figures = kr.nutation(top, {"m": m, "a": b})
     body = kr.nutation(kr.LagrangeTopMoving(A=b, alpha=alpha), {"M": m, "P": p})
-    assert body == told
-    run = kr.at(top, {"m": m, "a": b}, np.linspace(0, told.period, 4001))
+    assert body == figures
+    run = kr.at(top, {"m": m, "a": b}, np.linspace(0, figures.period, 4001))
     height = run.a.values @ p
     east = np.cross(p, [1.0, 0, 0])
     north = np.cross(east, p) / np.linalg.norm(p)
     azimuth = np.unwrap(np.arctan2(run.a.values @ east, run.a.values @ north))
-    assert height.min() == pytest.approx(told.lowest, abs=1e-4)
-    assert height.max() == pytest.approx(told.highest, abs=1e-4)
+    assert height.min() == pytest.approx(figures.lowest, abs=1e-4)
+    assert height.max() == pytest.approx(figures.highest, abs=1e-4)
     assert height[-1] == pytest.approx(height[0], abs=1e-13)
-    assert azimuth[-1] - azimuth[0] == pytest.approx(told.precession, abs=1e-12)
+    assert azimuth[-1] - azimuth[0] == pytest.approx(figures.precession, abs=1e-12)
     omega = algebra.axial(top.call(top.system.velocity, algebra.hat(m), b))
-    assert omega @ b / np.linalg.norm(b) == pytest.approx(told.spin, rel=1e-14)
+    assert omega @ b / np.linalg.norm(b) == pytest.approx(figures.spin, rel=1e-14)
     turn = float(nutation_of(m, b, p).period_turn())
-    assert math.cos(turn) == pytest.approx(math.cos(told.precession), abs=1e-13)
-    assert math.sin(turn) == pytest.approx(math.sin(told.precession), abs=1e-13)
+    assert math.cos(turn) == pytest.approx(math.cos(figures.precession), abs=1e-13)
+    assert math.sin(turn) == pytest.approx(math.sin(figures.precession), abs=1e-13)
 
 
 def test_steady_precession_in_closed_form() -> None:
     """m = Omega p + b/Omega turns about p at the rate Omega."""
     m, b, p = SPECIAL["steady precession"]
-    told = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b})
-    assert told.mean_precession == pytest.approx(0.5, rel=1e-15)
-    assert told.lowest == told.highest == 0.75
+    figures = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b})
+    assert figures.mean_precession == pytest.approx(0.5, rel=1e-15)
+    assert figures.lowest == figures.highest == 0.75
 
 
 @pytest.mark.parametrize(("spin", "stays"), [(1.9, False), (2.1, True)])

@@ -67,9 +67,9 @@ assert (more.a.values == whole.a.values).all()
 
 def test_the_kernel_of_the_gpu_is_the_definition(tmp_path: Path) -> None:
     """Per-lane parameters, orientation, stages and `close`, a recorded loop; the simulator does not fuse products."""
-    told = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
+    env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = [sys.executable, "-c", SIMULATED]
-    out = subprocess.run(run, capture_output=True, text=True, env=told, check=False, cwd=tmp_path, timeout=300)
+    out = subprocess.run(run, capture_output=True, text=True, env=env, check=False, cwd=tmp_path, timeout=300)
     assert out.returncode == 0, out.stderr
     apart = [line.split() for line in out.stdout.splitlines()]
     assert [name for name, _ in apart] == ["cuda", "cuda-float32"] * 2 + ["cuda", "projected", "cuda"]

@@ -173,8 +173,8 @@ def test_products_are_fused_into_the_sums_that_alone_need_them() -> None:
     values = [once + c, twice - a, twice + b, a / d, -b / d]
     outputs = [v.name for v in values]
     lines = arranged(tape.needed(outputs), outputs)
-    told = [line.text.partition(" = ")[2] for line in lines]
-    assert told == ["c * d", "fma(a, b, c)", "t1 - a", "b + t1", "1.0 / d", "a * rd", "b * rd"]
+    texts = [line.text.partition(" = ")[2] for line in lines]
+    assert texts == ["c * d", "fma(a, b, c)", "t1 - a", "b + t1", "1.0 / d", "a * rd", "b * rd"]
     short, new = folded(lines, [source_of(v) for v in values], {"b": 1.0, "d": 0.0}, "f")
     assert (short, new) == (lines, [source_of(v) for v in values])  # 1/0 stays for the run to find
     short, new = folded(lines, [source_of(v) for v in values], {"b": 1.0, "c": 0.0}, "f")
@@ -344,10 +344,10 @@ def test_parameters_that_vary_by_lane(method: str) -> None:
     """Lane i is the single run with its parameters."""
     x0 = {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}
     alpha = [0.5, 0.8, 1.3]
-    told = {"dt": 0.1, "steps": 20, "method": method}
-    lanes = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=alpha), x0, **told)
+    options = {"dt": 0.1, "steps": 20, "method": method}
+    lanes = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=alpha), x0, **options)
     for lane, value in enumerate(alpha):
-        one = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=value), x0, **told)
+        one = kr.simulate(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=value), x0, **options)
         np.testing.assert_allclose(lanes.M.values[:, lane], one.M.values, atol=1e-14)
 
 

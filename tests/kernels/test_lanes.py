@@ -135,24 +135,24 @@ def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_bound_is_that_of_the_loop_over_steps(kernel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An analyser that works is told the loop; the mutant counts a vector too many."""
+    """An analyser that works is given the loop; the mutant counts a vector too many."""
     seen = tmp_path / "seen"
     tool(tmp_path / "bin", "llvm-mca", f"cat > {seen}; echo 'Block RThroughput: 96.0'", monkeypatch)
-    told = ensemble.bound(kernel)
-    assert told is not None
-    assert told["vectors"] == 4
-    assert told["instructions"] == len(seen.read_text().splitlines()) > 4 * 20
-    assert told["cycles_a_lane_step"] == 96 / kernel.py_func.__globals__["LANES"]
+    bound = ensemble.bound(kernel)
+    assert bound is not None
+    assert bound["vectors"] == 4
+    assert bound["instructions"] == len(seen.read_text().splitlines()) > 4 * 20
+    assert bound["cycles_a_lane_step"] == 96 / kernel.py_func.__globals__["LANES"]
     monkeypatch.setitem(kernel.py_func.__globals__, "LANES", 3 * kernel.py_func.__globals__["LANES"] // 2)
     with pytest.raises(AssertionError, match="divisions in the loop"):
         ensemble.bound(kernel)
 
 
 def test_the_bound_by_the_analyser_that_is_there(kernel: Any) -> None:
-    told = ensemble.bound(kernel)
-    if told is None:
+    bound = ensemble.bound(kernel)
+    if bound is None:
         pytest.skip("no llvm-mca that reads this assembly")
-    assert told["cycles_a_lane_step"] > 0.5 * told["instructions"] / told["vectors"] / 8 / 6
+    assert bound["cycles_a_lane_step"] > 0.5 * bound["instructions"] / bound["vectors"] / 8 / 6
 
 
 @pytest.mark.parametrize(

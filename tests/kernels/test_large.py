@@ -141,12 +141,12 @@ def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -
 def test_dense_momentum_in_runs(tmp_path) -> None:
     """Chosen by itself; every integral kept, lanes are single runs, a resumed run has the same bits."""
     model, state = problem("clebsch", 10, (2,))
-    told = {"dt": DT, "every": 50, "method": "suris", "order": 1}
-    both = kr.simulate(model, model.state(**state), steps=5000, **told)
+    options = {"dt": DT, "every": 50, "method": "suris", "order": 1}
+    both = kr.simulate(model, model.state(**state), steps=5000, **options)
     assert both.attrs["engine"] == "large"
     walks.assert_still(both)
     single = model.state(**{k: v[1] for k, v in state.items()})
-    kr.simulate(model, single, steps=2500, path=tmp_path / "a.zarr", **told)
+    kr.simulate(model, single, steps=2500, path=tmp_path / "a.zarr", **options)
     longer = kr.resume(tmp_path / "a.zarr", extend=5000)
     for letter in ("M", "P", "energy_eps"):
         assert (longer[letter].values == both[letter].isel(lane=1).values).all()
@@ -256,9 +256,9 @@ def test_lane_is_the_single_run_and_a_longer_run_begins_the_same() -> None:
 
 def test_resumed_run_has_the_same_bits(tmp_path) -> None:
     model, state = problem("lagrange-top", 9)
-    x0, told = model.state(**state), {"dt": DT, "method": "suris", "order": 1}
-    whole = kr.simulate(model, x0, steps=60, every=4, **told)
-    kr.simulate(model, x0, steps=30, every=4, path=tmp_path / "a.zarr", **told)
+    x0, options = model.state(**state), {"dt": DT, "method": "suris", "order": 1}
+    whole = kr.simulate(model, x0, steps=60, every=4, **options)
+    kr.simulate(model, x0, steps=30, every=4, path=tmp_path / "a.zarr", **options)
     longer = kr.resume(tmp_path / "a.zarr", extend=60)
     assert longer.attrs["engine"] == "large"
     assert (longer.a.values == whole.a.values).all()

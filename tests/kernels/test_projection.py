@@ -59,8 +59,16 @@ def random_plan(
         for k, v in models[0].params.items()
     }
     state = {k: together([z[i] for z in states]) for i, k in enumerate(system.space.letters)}
-    told = {"dt": 0.1, "steps": 10_000, "every": 1, "orientation": None, "method": method, "order": order, **options}
-    return make_plan(system(**params), system(**params).state(**state), **told)
+    settings = {
+        "dt": 0.1,
+        "steps": 10_000,
+        "every": 1,
+        "orientation": None,
+        "method": method,
+        "order": order,
+        **options,
+    }
+    return make_plan(system(**params), system(**params).state(**state), **settings)
 
 
 def fraction(x: Any) -> np.ndarray:
@@ -246,9 +254,9 @@ def test_a_lane_that_does_not_conserve_fails_alone(often: int, tmp_path: Path) -
     given = {"dt": 40.0, "steps": 2000, "every": 2000, "order": 8, "workers": 0}
     x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
     sweep = kr.sweep(top, x0, kr.Design(together=values), path=tmp_path / "s.zarr", **given)
-    assert sweep.sizes["lane"] == 2  # whatever the long lane does, it is told or it is right
-    told = sweep["energy_drift"].values / abs(sweep["energy_start"].values)
-    assert ((told < 1e-9) | (sweep["failed"].values == 1)).all()
+    assert sweep.sizes["lane"] == 2  # the long lane is right, or it is named as failed
+    change = sweep["energy_drift"].values / abs(sweep["energy_start"].values)
+    assert ((change < 1e-9) | (sweep["failed"].values == 1)).all()
 
 
 DEGENERATE = {
@@ -428,7 +436,7 @@ def test_an_integral_without_a_gradient_leaves_the_state(often: int) -> None:
 
 
 def test_an_integral_that_is_not_defined_everywhere(often: int) -> None:
-    """sqrt(1 - <a, a>) is none for the states by which the size of its terms is told."""
+    """sqrt(1 - <a, a>) is none for the states that give the size of its terms."""
     model, x0 = own_top(12, own=lambda m, a, *, p: algebra.sqrt(1 - (a * a).sum(-1)))
     run = kr.simulate(model, x0, dt=0.05, steps=300, every=100, method="suris", order=1, engine="cpu")
     table = kr.drift(run)

@@ -137,11 +137,11 @@ def test_degrees_by_the_definition_of_degree() -> None:
 
     t = sympy.Symbol("t")
     for step in (mcmillan, lyness, henon):
-        x, told = array(2 + 3 * t, 5 - 7 * t), growth.degrees(plane(step), 2)
+        x, degrees = array(2 + 3 * t, 5 - 7 * t), growth.degrees(plane(step), 2)
         for k in range(1, 3):
             x = array(*(sympy.cancel(v) for v in step(array(*x))))
             top = sympy.cancel(3 * x[0] + 11 * x[1]).as_numer_denom()
-            assert max(sympy.degree(part, t) for part in top) == told[k]
+            assert max(sympy.degree(part, t) for part in top) == degrees[k]
 
 
 @pytest.mark.parametrize(("step", "expected"), [(naive, math.log((1 + math.sqrt(5)) / 2)), (perturbed, 1.27)])
@@ -231,7 +231,7 @@ def test_areas_of_the_plane() -> None:
 # -- input ------------------------------------------------------------------------------------------
 
 
-def test_maps_that_are_not_rational_are_told_so() -> None:
+def test_maps_that_are_not_rational_are_named() -> None:
     for step in (lambda x: array(np.sqrt(x[0]), x[1]), lambda x: array(x[0] if x[0] > 1 else x[1], x[1])):
         with pytest.raises(kr.InputError, match="rational"):
             growth.growth(plane(step), 2)

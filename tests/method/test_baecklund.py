@@ -137,7 +137,7 @@ def test_integrals_of_the_flow_stay_at_round_off(name: str, order: int) -> None:
 
 @pytest.mark.parametrize("size", [1e160, 1e308])
 @pytest.mark.parametrize("order", [2, 4])
-def test_states_whose_squares_overflow_are_told(size: float, order: int) -> None:
+def test_states_whose_squares_overflow_are_refused(size: float, order: int) -> None:
     body = kr.Neumann(b=(1.0, 2.0, 3.5))
     with pytest.raises(kr.InputError, match="so large that its square overflows"):
         kr.simulate(body, {"x": (1, 0, 0), "q": (0, size, 0.1)}, dt=0.05, steps=4, order=order)

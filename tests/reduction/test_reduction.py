@@ -584,7 +584,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("message", BAD)
-def test_bad_lagrangians_are_told_so(message: str) -> None:
+def test_bad_lagrangians_are_refused(message: str) -> None:
     with pytest.raises(kr.InputError, match=message):
         own(lagrangian=BAD[message])
 

@@ -39,10 +39,10 @@ def contents(store: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("size", [1e6, 1e9, 1e100, 1e200])
 def test_dop853_gives_up_where_it_would_not_end(size: float, top: object) -> None:
     begun = time.monotonic()
-    with pytest.raises(kr.RunError, match=r"expected .*, got .*Usual cause") as told:
+    with pytest.raises(kr.RunError, match=r"expected .*, got .*Usual cause") as error:
         kr.simulate(top, {"m": (0.1 * size, 0.2 * size, size), "a": (0.6, 0, 0.8)}, dt=0.05, steps=4, method="dop853")
     assert time.monotonic() - begun < 30
-    assert ("smaller dt" if size < 1e150 else "overflows") in str(told.value)
+    assert ("smaller dt" if size < 1e150 else "overflows") in str(error.value)
 
 
 def test_dop853_without_a_first_step() -> None:
@@ -140,7 +140,7 @@ def test_a_sweep_in_this_process_stops_within_a_block(
 ) -> None:
     original, count = workers.compute, iter(range(10**9))
     design = kr.Design(together={"system.alpha": [0.5, 1.0, 1.5, 2.0]})
-    told = {"design": design, "block": 1, "workers": 0, "dt": 0.1, "steps": 30}
+    options = {"design": design, "block": 1, "workers": 0, "dt": 0.1, "steps": 30}
 
     def compute(*args: object) -> dict[str, object]:
         if next(count) == 2:
@@ -149,9 +149,9 @@ def test_a_sweep_in_this_process_stops_within_a_block(
                 time.sleep(0.01)
         return original(*args)
 
-    kr.sweep(top, x0, path=tmp_path / "whole.zarr", **told)
+    kr.sweep(top, x0, path=tmp_path / "whole.zarr", **options)
     with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM after 2 of 4 blocks"):
         patch.setattr(workers, "compute", compute)
-        kr.sweep(top, x0, path=tmp_path / "s.zarr", **told)
-    kr.sweep(top, x0, path=tmp_path / "s.zarr", **told)
+        kr.sweep(top, x0, path=tmp_path / "s.zarr", **options)
+    kr.sweep(top, x0, path=tmp_path / "s.zarr", **options)
     assert contents(tmp_path / "s.zarr") == contents(tmp_path / "whole.zarr")

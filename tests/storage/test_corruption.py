@@ -69,9 +69,9 @@ def listen(path: Path) -> None:
 
 
 def reworded(path: Path) -> None:
-    told = json.loads(path.read_text())
-    told["attributes"]["dt"] = 0.2
-    path.write_text(json.dumps(told))
+    metadata = json.loads(path.read_text())
+    metadata["attributes"]["dt"] = 0.2
+    path.write_text(json.dumps(metadata))
 
 
 def added(store: Path) -> None:

@@ -45,9 +45,9 @@ def contents(store: Path) -> dict[str, object]:
         name = path.relative_to(store).as_posix()
         out[name] = path.read_bytes()
         if name == "zarr.json":
-            told = json.loads(path.read_text())
-            told["attributes"].pop("created")
-            out[name] = told
+            metadata = json.loads(path.read_text())
+            metadata["attributes"].pop("created")
+            out[name] = metadata
         elif name == "engine/checksums.sha256":
             out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
     return out
@@ -128,8 +128,8 @@ def another_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     """LAPACK rounds otherwise, and chooses other vectors where the matrix leaves a choice."""
     eigh, schur = np.linalg.eigh, scipy.linalg.schur
 
-    def turned(A: np.ndarray, **told: str) -> tuple[np.ndarray, np.ndarray]:
-        T, Z = schur(A, **told)
+    def turned(A: np.ndarray, **options: str) -> tuple[np.ndarray, np.ndarray]:
+        T, Z = schur(A, **options)
         one = np.eye(len(T))
         one[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]  # in the first plane
         return T, Z @ one
@@ -358,10 +358,10 @@ def test_a_claim_of_more_than_memory_is_not_read(top: object, x0: object, tmp_pa
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     for meta in path.glob("*/zarr.json"):
-        told = json.loads(meta.read_text())
-        if told["node_type"] == "array":
-            told["shape"][0] = 10**14
-            meta.write_text(json.dumps(told))
+        metadata = json.loads(meta.read_text())
+        if metadata["node_type"] == "array":
+            metadata["shape"][0] = 10**14
+            meta.write_text(json.dumps(metadata))
     assert any("a/zarr.json was changed" in fault for fault in checking.check_archive(path)[1])
     manifest.of_all(path)
     assert any("rows were expected, 100000000000000 are there" in fault for fault in checking.check_archive(path)[1])
@@ -479,10 +479,10 @@ def test_a_kill_while_arrays_are_lengthened(
         path, count = tmp_path / f"{last}.zarr", iter(range(10**9))
         slow_run(path, top, x0, short)
 
-        def replace_file(*told: Any, count: Any = count, last: int = last, **more: Any) -> None:
+        def replace_file(*arguments: Any, count: Any = count, last: int = last, **more: Any) -> None:
             if next(count) == last:
                 raise KeyboardInterrupt
-            original(*told, **more)
+            original(*arguments, **more)
 
         with monkeypatch.context() as patch:
             patch.setattr(manifest, "replace_file", replace_file)

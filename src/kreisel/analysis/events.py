@@ -91,7 +91,7 @@ def _components_and_orientation(run: xr.Dataset, model: Model, oriented: bool) -
 def _crossed(f: Array, rising: bool | None) -> Array:
     """Whether f goes from one side to the other, or leaves the value for the other side, between rows i and i + 1."""
     side = np.sign(f)
-    for row in range(1, len(side)):  # a row at the value belongs to the side that it came from
+    for row in range(1, len(side)):  # a row at the value belongs to the side of the row before
         np.copyto(side[row], side[row - 1], where=side[row] == 0)
     changed = side[1:] * side[:-1] < 0
     if rising is not None:

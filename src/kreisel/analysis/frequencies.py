@@ -36,7 +36,7 @@ class Lines:
     frequency   (lines,) angular, in radians and the run's unit of time; of a real signal those >= 0
     amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of Re(amplitude_j exp(i omega_j
     t)) rest        root mean square of what the lines leave of the signal
-    change      largest |change| of a frequency in the last sweep, a measure of how still they stand
+    change      largest |change| of a frequency in the last sweep, a measure of how constant they are
     """
 
     frequency: Array

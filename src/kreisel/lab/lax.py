@@ -1,4 +1,4 @@
-"""Lax pairs put to the test: whether the spectrum is kept, and whether its integrals are enough.
+"""Lax pairs put to the test: whether the spectrum is conserved, and whether its integrals are enough.
 
 For matrices L(x, lambda), V(x, lambda) of a map x -> x': the residual V L(x') - L(x) V, the coefficients of
 det(L(lambda) - mu) at x and x', the rank of their differentials, their brackets, and how many there are on a leaf
@@ -36,7 +36,7 @@ class Lax:
     """What a Lax pair is worth.
 
     equation     whether V L(x') = L(x) V, exactly; None without V, or for a map that is not rational
-    isospectral  whether the spectrum of L is kept; None for a map that is not rational
+    isospectral  whether the spectrum of L is conserved; None for a map that is not rational
     involution   whether the brackets of the coefficients vanish; None without a bracket
     rank         independent coefficients, Casimirs among them
     on_leaf      those on a generic leaf
@@ -62,7 +62,7 @@ class Lax:
         return self.leaf // 2
 
     @property
-    def kept(self) -> bool:
+    def conserved(self) -> bool:
         """Whether the coefficients are integrals, as far as that is known."""
         return self.isospectral is not False and self.equation is not False and None in (self.involution, True)
 
@@ -80,7 +80,7 @@ class Lax:
     def __str__(self) -> str:
         words = {True: "yes", False: "no", None: "unknown"}
         text = (
-            f"V L' = L V: {words[self.equation]}; spectrum kept: {words[self.isospectral]}; in involution: "
+            f"V L' = L V: {words[self.equation]}; spectrum conserved: {words[self.isospectral]}; in involution: "
             f"{words[self.involution]}; {self.on_leaf} independent on leaves of dimension {self.leaf}, needed "
             f"{self.needed}"
         )

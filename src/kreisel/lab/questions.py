@@ -60,7 +60,7 @@ class Clues:
         self.iterates = iterates or (ITERATES if what.dim <= 6 else FEWER)
         self.degree = degree or next(d for d in (4, 3, 2, 1) if math.comb(what.dim + d, d) <= MONOMIALS or d == 1)
         self.tensor: Callable[[Array], Array] | None = None  # of a bracket that is preserved
-        self.unaided = False  # that bracket was found: its Casimirs need not be kept
+        self.unaided = False  # that bracket was found: its Casimirs need not be conserved
         self.growth: growth.Growth | None = None
         self.found: list[Any] = []
         self.lax: Lax | None = None
@@ -125,7 +125,9 @@ def _tensor_of(bivector: brackets.Bivector, dim: int) -> Callable[[Array], Array
 def _volume(c: Clues) -> Finding:
     if c.what.model is not None and c.what.model.system.space.constraints:
         answer = "yes" if c.tensor is not None else "unknown"
-        return Finding("volume", answer, "its coordinates are not free; a Poisson map keeps the volume of the leaves")
+        return Finding(
+            "volume", answer, "its coordinates are not free; a Poisson map preserves the volume of the leaves"
+        )
     if not c.rational:
         det = float(np.linalg.det(c.float_jacobian()[2]))
         return Finding("volume", "yes" if abs(det - 1) < CLOSE else "no", f"det J - 1 = {det - 1:.1e} in floats")
@@ -268,7 +270,7 @@ def _truncated(text: str) -> str:
 
 
 def liouville(what: Subject, tensor: Callable[[Array], Array], found: list[Any], seed: int) -> Lax:
-    """The counts of `Lax` for functions that are known to be kept."""
+    """The counts of `Lax` for functions that are known to be conserved."""
     p = PRIMES[0]
     x = what.point(random_residues(np.random.default_rng([seed, 5]), p, 1))
     whole = np.array([int(np.ravel(v.v)[0]) for v in x], dtype=object)
@@ -354,10 +356,10 @@ def verdict(c: Clues) -> tuple[str, str]:
             for_it.append(f"{count} on leaves of dimension {c.ranks.leaf} found exactly")
         if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
             more = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
-            for_it.append(f"a Lax pair whose spectrum{more} is complete, kept {where}")
+            for_it.append(f"a Lax pair whose spectrum{more} is complete, conserved {where}")
         if c.numeric is not None and c.numeric.enough:
             count = _counted(c.numeric.on_leaf, "integral")
-            for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} kept in floats")
+            for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} conserved in floats")
     if c.growth is not None and _exponential(c.growth):
         against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
     chaotic = [o for o in c.orbits if o.chaotic]

@@ -127,8 +127,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for free bodies.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
-    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
-    `InputError` for n > 3.
+    all integrals are conserved.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.
+    Raises `InputError` for n > 3.
     """
     system = model.system
     free = system.moments is not None

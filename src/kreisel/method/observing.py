@@ -35,8 +35,9 @@ def functions(
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
     """Name -> (what it is, function, whether it takes the map's own variables).
 
-    With `eps` (a step of the map) those integrals are kept that the map's record names (`Map.conserves`).  Where they
-    take `eps`, they are kept deformed, under names ending in `_eps`, and the undeformed ones change by O(dt^order).
+    With `eps` (a step of the map) those integrals are conserved that the map's record names (`Map.conserves`).  Where
+    they take `eps`, they are conserved deformed, under names ending in `_eps`, and the undeformed ones change by
+    O(dt^order).
     Without `eps` only the names in `conserved` are.  `meanings` replaces what is said of some names.
     """
     system = model.system

@@ -26,7 +26,7 @@ class HeavyBody:
 
     Scaled as `HeavyTop`: J = (tr(I)/2 - I)/I0 with I0 = tr(I)/3, A = arm/|arm|, |P| = 1, time in sqrt(I0/(m g l)),
     momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.
-    For a symmetric body `Gyroscope` is the better choice: its default method keeps every integral.
+    For a symmetric body `Gyroscope` is the better choice: its default method conserves every integral.
     Raises `InputError` for moments that no body has.  [Goldstein, Classical Mechanics, 3rd ed., chapter 5]
     """
 

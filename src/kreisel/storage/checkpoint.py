@@ -176,7 +176,7 @@ def _owner(text: str) -> str:
 
 
 class Stop:
-    """Whether Ctrl-C or SIGTERM came; `signal` is its number."""
+    """Whether Ctrl-C or SIGTERM was received; `signal` is its number."""
 
     signal: int | None = None
 

@@ -64,7 +64,7 @@ def watched_lanes(result: xr.Dataset) -> xr.Dataset:
 
 
 def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
-    """Start and largest change (lanes, parts) of what is kept."""
+    """Start and largest change (lanes, parts) of what is conserved."""
     out = {}
     for name, variable in sorted(result.data_vars.items(), key=lambda item: str(item[0])):  # folders have no order
         if variable.attrs.get("kind") != "drift" or not str(name).endswith("_drift"):
@@ -108,8 +108,8 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         if name not in run or not run[name].attrs.get("conserved"):
             continue
         step, value = (lane_scales(run[name], key)[0] for key in ("roundoff_scale", "evaluation_scale"))
-        band = MACHINE_EPSILON * (step * np.sqrt(steps) + value)
-        bad = np.flatnonzero(far(drift, band, step + abs(start), plan.dt * largest))
+        width = MACHINE_EPSILON * (step * np.sqrt(steps) + value)
+        bad = np.flatnonzero(far(drift, width, step + abs(start), plan.dt * largest))
         out += [f"{name}[{part}]" if len(start) > 1 else name for part in bad]
     return out
 

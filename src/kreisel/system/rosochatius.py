@@ -1,8 +1,8 @@
 """Rosochatius's system: Neumann's particle with walls, potential sum mu_i^2/(2 x_i^2).  State (x, q) as in `neumann`.
 
 It is Neumann's system on S^(2n-1), each b_i twice, modulo the turns of the planes (y_i, z_i): x_i^2 = y_i^2 + z_i^2,
-and mu_i = y_i z_i' - z_i y_i' is kept.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax pair and the map
-are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
+and mu_i = y_i z_i' - z_i y_i' is conserved.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax pair and the
+map are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
 [Rosochatius 1877; the system is named in Suris 2001 with Neumann's]
 """
 

@@ -60,7 +60,7 @@ def state_html(state: State) -> str:
 
 
 def run_html(run: xr.Dataset) -> str:
-    """What a run is, and how still its Casimirs and integrals stand."""
+    """What a run is, and how far its Casimirs and integrals drift."""
     from kreisel.runs.drift import broken, drift
     from kreisel.storage.reading import a_run
 

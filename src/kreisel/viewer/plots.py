@@ -30,7 +30,7 @@ LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
-    The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
+    The change of each family of Casimirs and integrals that the method conserves is drawn on a logarithmic scale,
     relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
     `theme` is "light" or "dark".  Raises `InputError` if it is of another system, if the run lacks the vector that is
@@ -149,11 +149,11 @@ def _draw_drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: 
     ends = [0.0, *read_values(run["time"][[0, -1]]).tolist()]
     first, last = min(ends), max(ends) if max(ends) > min(ends) else run.attrs["dt"]
     time = np.linspace(0, last, 400)[1:]
-    band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
-    axes.plot(time, band, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
+    width = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
+    axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(first, last))
     axes.set_ylim(bottom=1e-17)
-    axes.set_title("integrals of the flow" if reference else "what the method keeps")
+    axes.set_title("integrals of the flow" if reference else "what the method conserves")
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
 
 

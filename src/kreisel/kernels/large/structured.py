@@ -336,7 +336,8 @@ class StructuredMatrix:
     def _own_pairs(self) -> list[tuple[Number, StructuredVector, StructuredVector]]:
         """The pairs, the numbers in s unless products with s are what costs.
 
-        Neumann's |x|^2 drifts by 3.7 bands in a million steps with <s, y> multiplied afterwards, by 0.2 like this.
+        In a million steps Neumann's |x|^2 drifts by 3.7 widths of a random walk with <s, y> multiplied afterwards, by
+        0.2 like this.
         """
         return [(c, s, t) if self.dense else (1.0, s * c, t) for c, s, t in self.pairs.values()]
 
