@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from kreisel.bench.cases import SEEDS, Case, cases, machine, unit
+from kreisel.bench.cases import SEEDS, BenchCase, cases, machine, unit
 
 RESULTS = Path(__file__).parent / "results"
 
-__all__ = ["RESULTS", "SEEDS", "Case", "cases", "machine", "parser", "unit", "write"]
+__all__ = ["RESULTS", "SEEDS", "BenchCase", "cases", "machine", "parser", "unit", "write"]
 
 
 def parser(doc: str | None, name: str) -> argparse.ArgumentParser:

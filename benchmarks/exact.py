@@ -23,7 +23,7 @@ from cases import RESULTS, machine
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.exact.motion import Motion, rotation
+from kreisel.exact.motion import TopMotion, rotation
 from kreisel.lab.taylor import quadrature, taylor
 from kreisel.runs.plan import make_plan
 
@@ -129,7 +129,7 @@ def rows(counts: tuple[int, ...]) -> list[dict[str, Any]]:
             row: dict[str, Any] = {"state": name, "dt": dt}
             start = {"m": m, "a": b}
             plan = make_plan(kr.LagrangeTop(p=p), start, **OPTIONS | {"dt": dt, "steps": 10**15}, orientation=IDENTITY)
-            here = Motion(m, b, p, reach=dt * counts[-1])
+            here = TopMotion(m, b, p, reach=dt * counts[-1])
             for count in counts:
                 plan.engine.restore({"steps": np.asarray(float(count - 200)), "z": plan.engine.z})
                 found = np.empty((200, 1, 10))
@@ -145,7 +145,7 @@ def rows(counts: tuple[int, ...]) -> list[dict[str, Any]]:
     return out
 
 
-def in_digits(here: Motion, time: Any) -> tuple[Any, Any]:
+def in_digits(here: TopMotion, time: Any) -> tuple[Any, Any]:
     """The m and b, and the orientation from time 0, at a time in the digits of the motion."""
     ctx, period = here.ctx, 2 * here.nutation.half_period
     m, b, q = here.jump(time - ctx.nint(time / period) * period)
@@ -190,7 +190,7 @@ def cost() -> dict[str, Any]:
         took.setdefault(name, []).append((time.thread_time() - begun) / unit)
 
     def set_up() -> None:
-        here = Motion(m, b, p, reach=1e9)
+        here = TopMotion(m, b, p, reach=1e9)
         for j in range(1 << here.places):
             here.place(j)
 

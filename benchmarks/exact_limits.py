@@ -17,7 +17,7 @@ from cases import machine, parser, write
 import kreisel as kr
 from exact import off, off_turn
 from kreisel import algebra
-from kreisel.lab.taylor import series, taylor
+from kreisel.lab.taylor import taylor, taylor_solution
 
 P, ALPHA, A = (0.0, 0.0, 2.25), 0.5, (0.0, 0.0, 4.0)
 SPIN = 6.0  # (m.a/|a|)^2 = 4 |a||p|: critical
@@ -79,7 +79,9 @@ def _a_step(model: Any, state: dict[str, np.ndarray]) -> float:
     worst = 0.0
     for steps in STEPS:
         run = kr.simulate(model, state, dt=1.0, steps=steps, every=steps, method="exact")
-        X, v = series(algebra.hat(state["M"]), state["P"], model.params["b"], float(steps), clebsch=True, digits=30)
+        X, v = taylor_solution(
+            algebra.hat(state["M"]), state["P"], model.params["b"], float(steps), clebsch=True, digits=30
+        )
         error = max(off(run.M.values[-1], algebra.axial(X)), off(run.P.values[-1], v))
         worst = max(worst, error / steps)
     return worst

@@ -19,10 +19,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from cases import Case, cases, machine, parser, write
+from cases import BenchCase, cases, machine, parser, write
 
-from kreisel.kernels.cpu import load
-from kreisel.kernels.cuda import PRECISIONS, source
+from kreisel.kernels.cpu import load_kernel
+from kreisel.kernels.cuda import PRECISIONS, cuda_source
 from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.method.scheme import Scheme
 from kreisel.runs.plan import make_plan
@@ -46,7 +46,7 @@ def tool(name: str) -> str:
     return found
 
 
-def scheme_of(case: Case, method: str, order: int) -> Scheme:
+def scheme_of(case: BenchCase, method: str, order: int) -> Scheme:
     """The scheme from the first of the case's states."""
     state = case.model.state(**next(iter(case.states.values())))
     return make_plan(case.model, state, dt=0.05, steps=1, every=1, method=method, order=order, orientation=None).scheme
@@ -57,7 +57,7 @@ def listing(plan: Scheme, engine: str, capability: tuple[int, int]) -> tuple[str
     from numba import cuda, float32, float64, int64
 
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    kernel = load(source(plan, constants, columns, stages, PRECISIONS[engine])).kernel.py_func
+    kernel = load_kernel(cuda_source(plan, constants, columns, stages, PRECISIONS[engine])).kernel.py_func
     real = {"float64": float64, "float32": float32}[PRECISIONS[engine]]
     arguments = (*[real[:, ::1]] * 2, *[real[:, :, ::1]] * 2, int64)
     ptx, _ = cuda.compile(kernel, arguments, cc=capability, output="ptx", device=False, abi="numba")

@@ -15,7 +15,7 @@ from cases import RESULTS, unit
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.lab.taylor import free_body, series
+from kreisel.lab.taylor import free_body, taylor_solution
 
 REFERENCE = RESULTS / "work_precision_reference.json"
 DIGITS = 24
@@ -84,7 +84,7 @@ class Problem:
             moments = self.fixed[[1, 2, 0]] + self.fixed[[2, 0, 1]]
             mu = free_body(algebra.axial(self.skew), moments, time, digits=DIGITS)
             return [float(x) for x in algebra.coordinates(algebra.hat(mu))]
-        X, v = series(self.skew, self.vector, self.fixed, time, clebsch=self.kind == "clebsch", digits=DIGITS)
+        X, v = taylor_solution(self.skew, self.vector, self.fixed, time, clebsch=self.kind == "clebsch", digits=DIGITS)
         return [float(x) for x in (*algebra.coordinates(X), *v)]
 
 

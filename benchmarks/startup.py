@@ -29,7 +29,7 @@ def first(*_):
     print(time.time(), time.process_time(), flush=True)
     os._exit(0)
 
-cpu.Kernel.advance = first
+cpu.CpuEngine.advance = first
 from kreisel.cli import main
 sys.argv = ["kreisel", "run", {path!r}, "--overwrite"]
 main()

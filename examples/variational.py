@@ -14,7 +14,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.record.contract import call
 
@@ -43,7 +43,7 @@ def rk4() -> tuple[np.ndarray, np.ndarray]:
     start = layout.flatten(tuple(TOP.state(**START).values()), kinds)
     rows = np.empty((STEPS // EVERY + 1, 1, 6))
     rows[0] = start
-    Kernel(plan, start[None]).advance(rows[1:], EVERY)
+    CpuEngine(plan, start[None]).advance(rows[1:], EVERY)
     M, P = layout.restore(rows[:, 0], kinds, 3)
     return TOP.call(TOP.system.energy, M, P), (P * P).sum(-1)
 

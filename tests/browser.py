@@ -60,10 +60,10 @@ class Browser:
 
     def ask(self, method: str, session: Any = "page", **params: Any) -> Any:
         self.number += 1
-        told = {"id": self.number, "method": method, "params": params}
+        request = {"id": self.number, "method": method, "params": params}
         if session is not None:
-            told["sessionId"] = self.session
-        os.write(self.out, json.dumps(told).encode() + b"\0")
+            request["sessionId"] = self.session
+        os.write(self.out, json.dumps(request).encode() + b"\0")
         while True:
             answer = self._next()
             if answer.get("id") == self.number:
@@ -77,9 +77,9 @@ class Browser:
             assert piece, "the browser ended"
             self.buffer += piece
         text, _, self.buffer = self.buffer.partition(b"\0")
-        told = json.loads(text)
-        self._note(told.get("method"), told.get("params", {}))
-        return told
+        reply = json.loads(text)
+        self._note(reply.get("method"), reply.get("params", {}))
+        return reply
 
     def _note(self, method: str | None, params: Any) -> None:
         if method == "Runtime.exceptionThrown":

@@ -38,9 +38,9 @@ def _forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
     """What is patched may change what is recorded: nothing that was made before, or with it, is used again."""
 
     @functools.wraps(method)
-    def forgotten(*args: Any, **told: Any) -> Any:
+    def forgotten(*args: Any, **options: Any) -> Any:
         forget()
-        return method(*args, **told)
+        return method(*args, **options)
 
     return forgotten
 

@@ -55,14 +55,14 @@ def cases() -> Iterator[tuple[str, Any]]:
             options: dict[str, Any] = {"dt": 0.02, "steps": 300, "every": 100, "progress": False}
             for method in METHODS:
                 for order in ORDERS:
-                    told = options | {"method": method, "order": order}
+                    settings = options | {"method": method, "order": order}
                     if n == 10 and order == 4:
                         continue
-                    yield f"{name} {n} {method} {order}", lambda m=model, s=state, t=told: kr.simulate(m, s, **t)
-                told = options | {"method": method}
+                    yield f"{name} {n} {method} {order}", lambda m=model, s=state, t=settings: kr.simulate(m, s, **t)
+                settings = options | {"method": method}
                 many = {k: np.stack([v, v * (1 + 1e-3)]) for k, v in state.items()}
-                yield f"{name} {n} {method} lanes", lambda m=model, s=many, t=told: kr.simulate(m, s, **t)
-                oriented = told | {"orientation": "identity"}
+                yield f"{name} {n} {method} lanes", lambda m=model, s=many, t=settings: kr.simulate(m, s, **t)
+                oriented = settings | {"orientation": "identity"}
                 yield f"{name} {n} {method} oriented", lambda m=model, s=state, t=oriented: kr.simulate(m, s, **t)
 
 
@@ -77,8 +77,8 @@ def stored(folder: Path) -> Iterator[tuple[str, Any]]:
 
     def swept() -> xr.Dataset:
         values = {"state.m": [(0.1, 0.2, 1.5), (0.3, 0.2, 1.1), (0.0, 0.2, 0.5)]}
-        told: dict[str, Any] = {"dt": 0.02, "steps": 500, "every": 100, "workers": 0}
-        return kr.sweep(model, model.state(**state), kr.Design(together=values), path=folder / "sweep.zarr", **told)
+        settings: dict[str, Any] = {"dt": 0.02, "steps": 500, "every": 100, "workers": 0}
+        return kr.sweep(model, model.state(**state), kr.Design(together=values), path=folder / "sweep.zarr", **settings)
 
     yield "archive", extended
     yield "sweep", swept

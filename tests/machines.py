@@ -2,7 +2,7 @@
 
     python tests/machines.py [--quick] [MACHINE ...]        # make test-machines
 
-OpenBLAS, Numba, NumPy and XLA choose their code by the processor, and each can be told to choose otherwise.  What
+OpenBLAS, Numba, NumPy and XLA choose their code by the processor, and each can be made to choose otherwise.  What
 compiles otherwise has a cache of kernels of its own, in out/machines; the processor's own code is `make test`.  --quick
 is the machine with all of it at once, on the tests that failed on one processor and not on another: .ci/run does that.
 """
@@ -77,14 +77,14 @@ OLDEST = {
 
 
 def environment(machine: dict[str, str]) -> dict[str, str]:
-    """What a process for that machine is told."""
-    told = {**os.environ, **machine}
+    """The environment of a process for that machine."""
+    env = {**os.environ, **machine}
     if machine.items() >= NO_VECTORS.items():
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
         found = " ".join(name for name in __cpu_dispatch__ if __cpu_features__[name])
-        told["NPY_DISABLE_CPU_FEATURES"] = os.environ.get("NPY_DISABLE_CPU_FEATURES", found)
-    return told
+        env["NPY_DISABLE_CPU_FEATURES"] = os.environ.get("NPY_DISABLE_CPU_FEATURES", found)
+    return env
 
 
 def tested(name: str, machine: dict[str, str], part: tuple[str, ...]) -> tuple[str, list[str]]:
@@ -95,10 +95,10 @@ def tested(name: str, machine: dict[str, str], part: tuple[str, ...]) -> tuple[s
     report.unlink(missing_ok=True)
     options = ["-q", "-n", "2", "--timeout", "800", "--timeout-method", "thread", "-p", "no:cacheprovider"]
     command = [sys.executable, "-m", "pytest", *options, f"--junitxml={report}", *(f"tests/{name}" for name in part)]
-    told = environment(machine)
+    env = environment(machine)
     if COMPILED_FOR & machine.keys():
-        told["KREISEL_CACHE"] = str(folder / "kernels")  # other code; the rest shares the kernels of `make test`
-    done = subprocess.run(command, cwd=ROOT, env=told, capture_output=True, text=True, check=False)
+        env["KREISEL_CACHE"] = str(folder / "kernels")  # other code; the rest shares the kernels of `make test`
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
     (folder / "log.txt").write_text(done.stdout + done.stderr)
     took = f"{time.monotonic() - begun:>8.0f}"
     if not report.exists():
@@ -114,10 +114,10 @@ def tested(name: str, machine: dict[str, str], part: tuple[str, ...]) -> tuple[s
 
 def main() -> int:
     """The table; 1 where a test failed."""
-    told = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    told.add_argument("--quick", action="store_true", help="the oldest machine and few tests")
-    told.add_argument("machine", nargs="*", choices=[[], *MACHINES], help=f"of {', '.join(MACHINES)}; default: all")
-    asked = told.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="the oldest machine and few tests")
+    parser.add_argument("machine", nargs="*", choices=[[], *MACHINES], help=f"of {', '.join(MACHINES)}; default: all")
+    asked = parser.parse_args()
     chosen = {"oldest": OLDEST} if asked.quick else {name: MACHINES[name] for name in asked.machine or MACHINES}
     print(f"{'machine':<16}{'passed':>8}{'failed':>8}{'skipped':>8}{'s':>8}", flush=True)
     failures = 0

@@ -9,7 +9,7 @@ sizes |d_k|, the sum S = d_1 + ... + d_R is then one of random signs, and with V
     E exp(s S^2/V^2) <= (1 - 2s)^(-1/2), E (S/V)^4 <= 3               (as for the square of a normal number)
 
 A drift m a row makes S/V about m R/sqrt(R (m^2 + sigma^2)), at most sqrt(R): 100 rows can tell it, a few cannot.
-How large the errors are is bounded apart, by V against the band of `kr.drift`.
+How large the errors are is bounded separately, by V against the width of `kr.drift`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ COMPARISONS = 20_000  # that the suite makes at most
 EACH = SUITE / COMPARISONS
 
 REACH = math.sqrt(2 * math.log(4 / EACH))  # of |S|/V, its largest over the rows too: 7.09
-# Of V in bands: 285 runs of every map and method had 1.25 at most; 100 normal d_k have V > 1.6 rms once in 1e13.
+# Of V in widths: 285 runs of every map and method had 1.25 at most; 100 normal d_k have V > 1.6 rms once in 1e13.
 SIZE = 3.0
 
 
@@ -55,9 +55,9 @@ def normalised(moves: np.ndarray) -> np.ndarray:
 
 
 class Walk(NamedTuple):
-    """What rounding does to one integral: max |S_k|/V, V over its band, and max |S_k| per step, in eps sensitivity.
+    """What rounding does to one integral: max |S_k|/V, V over its width, and max |S_k| per step, in eps sensitivity.
 
-    The band is eps (sensitivity sqrt(steps) + size sqrt(2 rows)): of the steps, and of computing the integral in rows.
+    The width is eps (sensitivity sqrt(steps) + size sqrt(2 rows)): of the steps, and of computing the integral in rows.
     """
 
     name: str
@@ -67,33 +67,33 @@ class Walk(NamedTuple):
 
 
 def walks(run: xr.Dataset) -> Iterator[Walk]:
-    """Of every integral that is kept."""
+    """Of every integral that is conserved."""
     steps = float(run.time[-1] - run.time[0]) / run.attrs["dt"]
     for series in all_series(run):
         if not series.conserved:
             continue
         moves = np.diff(series.values)
         size = math.sqrt(float(moves @ moves))
-        band = MACHINE_EPSILON * (series.step_scale * steps**0.5 + series.value_scale * (2 * len(moves)) ** 0.5)
+        width = MACHINE_EPSILON * (series.step_scale * steps**0.5 + series.value_scale * (2 * len(moves)) ** 0.5)
         most = float(abs(series.values - series.values[0]).max())
         if size == 0:
             yield Walk(series.name, 0.0, 0.0, 0.0)
         else:
             mean = most / (MACHINE_EPSILON * series.step_scale * steps) if series.step_scale else math.inf
-            yield Walk(series.name, most / size, size / band, mean)
+            yield Walk(series.name, most / size, size / width, mean)
 
 
 def troubles(run: xr.Dataset, size: float = SIZE, mean: float = 0.0) -> list[str]:
-    """What does not walk as rounding errors do: a trend of more than `mean` a step, or more than `size` bands."""
-    told = list(walks(run))
-    assert told
+    """What does not walk as rounding errors do: a trend of more than `mean` a step, or more than `size` widths."""
+    found = list(walks(run))
+    assert found
     return [
-        f"{w.name}: |S|/V = {w.turn:.3g} of {REACH:.3g}, V = {w.size:.3g} bands of {size:.3g}, {w.mean:.3g} eps a step"
-        for w in told
+        f"{w.name}: |S|/V = {w.turn:.3g} of {REACH:.3g}, V = {w.size:.3g} widths of {size:.3g}, {w.mean:.3g} eps a step"
+        for w in found
         if not ((w.turn < REACH or w.mean < mean) and w.size < size)
     ]
 
 
 def assert_still(run: xr.Dataset, size: float = SIZE, mean: float = 0.0) -> None:
-    """Every integral that is kept walks as rounding errors do."""
+    """Every integral that is conserved walks as rounding errors do."""
     assert not (bad := troubles(run, size, mean)), "\n".join(bad)

@@ -49,14 +49,14 @@ class _Clock(clock.datetime):
 
 def settle(rows: int = ROWS, sharded: bool = True) -> None:
     """Blocks of a few rows, a checkpoint whenever one may be made, and a clock that stands, in this process."""
-    from kreisel.runs import march
+    from kreisel.runs import integration
     from kreisel.runs import simulate as runs
 
     stand_still()
     runs.CHECKPOINT_SECONDS = 0.0
     if sharded:
-        march.SHARDED, march.CHUNKS = rows, rows
-    original = march.block_rows
+        integration.SHARDED, integration.CHUNKS = rows, rows
+    original = integration.block_rows
 
     def block_rows(plan: Any) -> int:
         return max(1, min(plan.rows, rows))
@@ -140,14 +140,14 @@ def values(path: Path) -> dict[str, np.ndarray]:
 
 def interrupted(path: Path, make: Callable[[Path], None], after: int) -> None:
     """What a run leaves that is stopped after so many calls of its engine: NAME.part."""
-    from kreisel.runs import march
+    from kreisel.runs import integration
 
-    original, count = march.March._advance, iter(range(10**9))
+    original, count = integration.Integration._advance, iter(range(10**9))
 
     class Enough(Exception):
         pass
 
-    def advance(self: march.March) -> None:
+    def advance(self: integration.Integration) -> None:
         if next(count) == after:
             keep = path.with_name(f"{path.name}.kept")
             shutil.copytree(path.with_name(f"{path.name}.part"), keep)
@@ -155,13 +155,13 @@ def interrupted(path: Path, make: Callable[[Path], None], after: int) -> None:
         self._burst = 1
         original(self)
 
-    march.March._advance = advance  # type: ignore[method-assign]
+    integration.Integration._advance = advance  # type: ignore[method-assign]
     try:
         make(path)
     except Enough:
         pass
     finally:
-        march.March._advance = original  # type: ignore[method-assign]
+        integration.Integration._advance = original  # type: ignore[method-assign]
     part = path.with_name(f"{path.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     path.with_name(f"{path.name}.kept").rename(part)

@@ -91,8 +91,8 @@ def main(names: list[str]) -> int:
             keep(run(script, root / "out" / "gallery", {}), docs / "gallery")
         except subprocess.CalledProcessError:  # it has said why
             failed.append(script.stem)
-        told = "failed" if script.stem in failed else ""
-        print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}  {told}", flush=True)
+        state = "failed" if script.stem in failed else ""
+        print(f"{time.perf_counter() - begun:6.1f} s  {script.stem}  {state}", flush=True)
     return len(failed)
 
 

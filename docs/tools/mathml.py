@@ -10,16 +10,16 @@ FENCE = re.compile(r"<mo(?: class=\"math(?:open|close)\")?>([⟨⟩|{}])</mo>")
 
 def mathml(tex, block=False):
     """A formula; bars and brackets keep their height, and a prime is a superscript."""
-    told = tex2mathml(re.sub(r"'", r"^{\\prime}", tex), as_block=block)
-    return FENCE.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', told)
+    markup = tex2mathml(re.sub(r"'", r"^{\\prime}", tex), as_block=block)
+    return FENCE.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', markup)
 
 
 def _draw(self, node, block):
     tex = node.astext().strip()
     if block and ("\\\\" in tex or "&" in tex) and "\\begin" not in tex:
         tex = f"\\begin{{aligned}}{tex}\\end{{aligned}}"
-    told = mathml(tex, block)
-    self.body.append(f'<div class="math">{told}</div>' if block else told)
+    markup = mathml(tex, block)
+    self.body.append(f'<div class="math">{markup}</div>' if block else markup)
     raise nodes.SkipNode
 
 

@@ -100,13 +100,13 @@ def task(name: str) -> tuple[str, float, list[str]]:
     begun = time.perf_counter()
     try:
         if name.endswith(".md"):
-            told = execute(Path(name))
+            message = execute(Path(name))
         else:
             __import__(name).write(DOCS)
-            told = []
+            message = []
     except Exception:
-        told = [f"{name}: {traceback.format_exc()}"]
-    return name, time.perf_counter() - begun, told
+        message = [f"{name}: {traceback.format_exc()}"]
+    return name, time.perf_counter() - begun, message
 
 
 def main(asked: list[str]) -> int:

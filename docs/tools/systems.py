@@ -116,8 +116,8 @@ def _parameters(system: System) -> str:
     rows = ["| parameter | kind | meaning | default | range |", "|---|---|---|---|---|"]
     for p in system.parameters:
         default = "none" if p.default is None else f"{p.default:g}" if np.ndim(p.default) == 0 else str(p.default)
-        told = inspect.getdoc(p.check) if p.check is not None else None
-        valid = told or (f"{p.check.__name__.replace('_', ' ')}" if p.check is not None else "any")
+        condition = inspect.getdoc(p.check) if p.check is not None else None
+        valid = condition or (f"{p.check.__name__.replace('_', ' ')}" if p.check is not None else "any")
         rows.append(f"| `{p.letter}` | {p.kind} | {_cell(p.meaning)} | {default} | {_cell(valid)} |")
     return "\n".join(rows)
 
@@ -127,8 +127,8 @@ def _cell(text: str) -> str:
 
 
 def _integrals(model: Any, dt: float) -> str:
-    """What is in a run, and which method keeps it, by what each method that takes the system says."""
-    told: dict[str, tuple[str, list[str]]] = {}
+    """What is in a run, and which method conserves it, by what each method that takes the system says."""
+    variables: dict[str, tuple[str, list[str]]] = {}
     for method in METHODS:
         try:
             outcomes = scheme(model, method, dt, None, False).outcomes
@@ -136,11 +136,12 @@ def _integrals(model: Any, dt: float) -> str:
             continue
         for name, outcome in outcomes.items():
             if outcome.kind in ("casimir", "integral", "relation"):
-                told.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.conserved)
+                variables.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.conserved)
     rows = [
-        f"| `{name}` | {_cell(meaning)} | {', '.join(kept) or 'no method'} |" for name, (meaning, kept) in told.items()
+        f"| `{name}` | {_cell(meaning)} | {', '.join(kept) or 'no method'} |"
+        for name, (meaning, kept) in variables.items()
     ]
-    return "\n".join(["| variable | meaning | kept by |", "|---|---|---|", *rows])
+    return "\n".join(["| variable | meaning | conserved by |", "|---|---|---|", *rows])
 
 
 def _components(system: System) -> list[str]:
@@ -172,8 +173,8 @@ def _components(system: System) -> list[str]:
 def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
-    told = "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$"
-    out = ["## Lax pair", f"$L' = [L, U]${told if 'spectrum' in system.integrals else ''}."]
+    note = "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$"
+    out = ["## Lax pair", f"$L' = [L, U]${note if 'spectrum' in system.integrals else ''}."]
     if system.numbers == "any":
         try:
             L, U = typeset(system).lax()
@@ -191,7 +192,7 @@ def _map(system: System) -> list[str]:
             + ("the variational integrator." if system.inverse_inertia is not None else '`method="dop853"`.'),
         ]
     phi: Map = system.map
-    known = [told for claim, told in MAP_CLAIMS.items() if getattr(phi, claim) is not None]
+    known = [words for claim, words in MAP_CLAIMS.items() if getattr(phi, claim) is not None]
     out = [
         "## Discretization",
         f"{phi.source}. Order {phi.order}"

@@ -148,8 +148,8 @@ def typeset(system: System) -> Symbolic:
 
 def _matrix(rows: list[list[Any]], simplified: Callable[[Any], Any]) -> str:
     lam = sp.Symbol("lambda")
-    told = [" & ".join(latex(sp.collect(simplified(x), lam)) for x in row) for row in rows]
-    return r"\begin{pmatrix}" + r" \\ ".join(told) + r"\end{pmatrix}"
+    rows_in_tex = [" & ".join(latex(sp.collect(simplified(x), lam)) for x in row) for row in rows]
+    return r"\begin{pmatrix}" + r" \\ ".join(rows_in_tex) + r"\end{pmatrix}"
 
 
 def _entries(X: np.ndarray) -> list[list[Any]]:
@@ -168,10 +168,10 @@ GREEK = {name: "\\" + name for name in ("Omega", "omega", "alpha", "gamma", "chi
 
 def from_text(text: str) -> str:
     """The one line of plain text of a record as LaTeX: m' = a ^ p, <x, Bx>, c_jk."""
-    told = re.sub(r" \^ ", r" \\wedge ", text)
-    told = re.sub(r"<([^<>]*)>", r"\\langle \1 \\rangle", told)
-    told = re.sub(r"\|([^|]+)\|", r"\\lvert \1\\rvert", told)
-    told = re.sub(r"_(\w\w+)", r"_{\1}", told)
-    for word, tex in GREEK.items():
-        told = re.sub(rf"\b{word}(?![a-z])", lambda _, tex=tex: tex, told)
-    return told.replace(",  ", r",\quad ")
+    tex = re.sub(r" \^ ", r" \\wedge ", text)
+    tex = re.sub(r"<([^<>]*)>", r"\\langle \1 \\rangle", tex)
+    tex = re.sub(r"\|([^|]+)\|", r"\\lvert \1\\rvert", tex)
+    tex = re.sub(r"_(\w\w+)", r"_{\1}", tex)
+    for word, symbol in GREEK.items():
+        tex = re.sub(rf"\b{word}(?![a-z])", lambda _, symbol=symbol: symbol, tex)
+    return tex.replace(",  ", r",\quad ")

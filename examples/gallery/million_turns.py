@@ -16,7 +16,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.record.contract import call
 from kreisel.viewer.charts import figure
@@ -50,7 +50,7 @@ def rk4(z0, dt, rows, every):
     start = layout.flatten(tuple(z0.values()), kinds)
     out = np.empty((rows + 1, 1, 6))
     out[0] = start
-    Kernel(plan, start[None]).advance(out[1:], every)
+    CpuEngine(plan, start[None]).advance(out[1:], every)
     return layout.restore(out[:, 0], kinds, 3)
 
 

@@ -28,8 +28,8 @@ def shown(value: object) -> str:
 
 def brief(text: object, most: int = LONGEST) -> str:
     """Printable text, its middle left out where it is longer."""
-    told, end = printable(text), most // 3
-    return told if len(told) <= most else f"{told[: most - end - 5]} ... {told[-end:]}"
+    readable, end = printable(text), most // 3
+    return readable if len(readable) <= most else f"{readable[: most - end - 5]} ... {readable[-end:]}"
 
 
 class InputError(ValueError):
@@ -51,7 +51,7 @@ class ConservationWarning(UserWarning):
 
 
 class Stopped(RunError):
-    """A run that was told to stop by a signal; what it had done is kept, and it can go on."""
+    """A run that a signal stopped; what it had done is kept, and it can go on."""
 
     def __init__(self, number: int, steps: int, part: object):
         self.number = number
@@ -64,7 +64,7 @@ class Stopped(RunError):
 
 
 class Interrupted(RunError):
-    """A sweep that was told to stop by a signal; the blocks that were done are kept."""
+    """A sweep that a signal stopped; the blocks that were done are kept."""
 
     def __init__(self, number: int, done: int, total: int, part: object):
         self.number = number
@@ -88,7 +88,7 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
     return RunError(f"{path} could not {what}: {error.strerror or error}. {fix}{kept}")
 
 
-def nearest(word: object, known: Iterable[str]) -> str:
+def hint(word: object, known: Iterable[str]) -> str:
     """' Did you mean 'x'?' for the known word most like `word`, or nothing."""
     if not isinstance(word, str):
         return ""

@@ -2,7 +2,7 @@
 
     wheel = kr.physical.Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
     run = kr.simulate(wheel.model(), wheel.state(tilt="70 deg", spin="180 rpm"), dt=wheel.dt("1 ms"), steps=1000)
-    told = units.measured(run, wheel.scales(), time="ms")       # energy in J, m in kg m^2/s, time in ms
+    run = units.measured(run, wheel.scales(), time="ms")       # energy in J, m in kg m^2/s, time in ms
 
 Plain numbers are SI and need no pint.
 """
@@ -59,9 +59,9 @@ def si(value: Any, unit: str, name: str) -> Any:
     """
     if isinstance(value, str):
         value = _parsed(value, unit, name)
-    elif isinstance(value, list | tuple) and any(isinstance(v, str) or _quantity(v) for v in value):
+    elif isinstance(value, list | tuple) and any(isinstance(v, str) or _is_quantity(v) for v in value):
         return np.array([si(v, unit, name) for v in value])
-    if not _quantity(value):
+    if not _is_quantity(value):
         return value
     try:
         return _converted(value, unit, name).magnitude * 1.0
@@ -72,9 +72,9 @@ def si(value: Any, unit: str, name: str) -> Any:
 def quantity(variable: xr.DataArray) -> Any:
     """A variable of `measured` as a pint quantity.  Raises `InputError` where it has no units."""
     if "units" not in getattr(variable, "attrs", ()):
-        told = shown(getattr(variable, "name", variable))
-        raise InputError(f"{told} has no attribute units; take it from units.measured(run, scales).")
-    return registry().Quantity(variable.values, _unit(variable.attrs["units"], str(variable.name)))
+        name = shown(getattr(variable, "name", variable))
+        raise InputError(f"{name} has no attribute units; take it from units.measured(run, scales).")
+    return registry().Quantity(variable.values, _parsed_unit(variable.attrs["units"], str(variable.name)))
 
 
 def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
@@ -108,7 +108,7 @@ def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
     return out
 
 
-def _quantity(value: Any) -> bool:
+def _is_quantity(value: Any) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
@@ -121,7 +121,7 @@ def _parsed(text: str, unit: str, name: str) -> Any:
         raise InputError(f"{name} must be a quantity such as '1 {unit}', got {shown(text)}: {error}.") from None
 
 
-def _unit(unit: str, name: str) -> Any:
+def _parsed_unit(unit: str, name: str) -> Any:
     try:
         return registry().Unit(unit)
     except Exception as error:  # as above
@@ -131,7 +131,7 @@ def _unit(unit: str, name: str) -> Any:
 def _converted(value: Any, unit: str, name: str) -> Any:
     import pint
 
-    target = _unit(unit, name)
+    target = _parsed_unit(unit, name)
     try:
         return value.to(target)
     except pint.DimensionalityError:

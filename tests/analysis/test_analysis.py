@@ -175,14 +175,14 @@ def test_a_section_carries_the_orientation(exact):
 def test_the_return_map_of_an_integrable_top_is_a_turn(exact):
     """On the section through the lowest points the azimuth advances by kr.nutation's precession."""
     top = kr.LagrangeTop(p=P, alpha=0.7)
-    told = kr.nutation(top, {"m": M0, "a": A0})
+    motion = kr.nutation(top, {"m": M0, "a": A0})
     climb = lambda m, a: m[..., 0] * a[..., 1] - m[..., 1] * a[..., 0]  # noqa: E731
     returns = analysis.return_map(exact, climb, lambda m, a: np.arctan2(a[..., 1], a[..., 0]))
-    turn = (returns.after - returns.here - told.precession) / (2 * np.pi)
+    turn = (returns.after - returns.here - motion.precession) / (2 * np.pi)
     assert abs(turn - np.round(turn)).max() < 1e-12
-    assert np.allclose(returns.elapsed, told.period, atol=1e-12)
+    assert np.allclose(returns.elapsed, motion.period, atol=1e-12)
     twice = analysis.return_map(exact, climb, "a[0]", returns=2)
-    assert np.allclose(twice.elapsed, 2 * told.period, atol=1e-12)
+    assert np.allclose(twice.elapsed, 2 * motion.period, atol=1e-12)
 
 
 def test_events_of_a_free_particle_on_the_sphere():
@@ -197,8 +197,8 @@ def test_events_of_a_free_particle_on_the_sphere():
 
 
 def test_events_complain(mapped):
-    for bad, told in (("b[0]", "no component"), ("a", "one number"), ("a[7]", "one number"), ("a[", "name such as")):
-        with pytest.raises(kr.InputError, match=told):
+    for bad, message in (("b[0]", "no component"), ("a", "one number"), ("a[7]", "one number"), ("a[", "name such as")):
+        with pytest.raises(kr.InputError, match=message):
             analysis.events(mapped, bad)
     with pytest.raises(kr.InputError, match="one number a state"):
         analysis.events(mapped, lambda m, a: a)
@@ -234,8 +234,8 @@ def test_few_samples_of_one_line_are_enough():
 
 def test_frequencies_of_the_top_are_those_of_the_closed_form(exact):
     """a_x + i a_y has the lines precession + k nutation, a_z those of nutation: to 1e-11."""
-    told = kr.nutation(kr.LagrangeTop(p=P, alpha=0.7), {"m": M0, "a": A0})
-    nutation, precession = 2 * np.pi / told.period, told.mean_precession
+    motion = kr.nutation(kr.LagrangeTop(p=P, alpha=0.7), {"m": M0, "a": A0})
+    nutation, precession = 2 * np.pi / motion.period, motion.mean_precession
     plane = analysis.frequencies(exact, lambda m, a: a[..., 0] + 1j * a[..., 1], 6)
     k = (plane.frequency - precession) / nutation
     assert abs(k - np.round(k)).max() < 1e-10
@@ -245,9 +245,9 @@ def test_frequencies_of_the_top_are_those_of_the_closed_form(exact):
 
 
 def test_the_power_spectrum_has_the_right_integral(exact):
-    told = analysis.power_spectrum(exact, "a[2]")
-    step = float(told.frequency[1] - told.frequency[0])
-    assert float(told.power.sum()) * step == pytest.approx(float(exact.a[:, 2].var()), rel=2e-2)
+    spectrum = analysis.power_spectrum(exact, "a[2]")
+    step = float(spectrum.frequency[1] - spectrum.frequency[0])
+    assert float(spectrum.power.sum()) * step == pytest.approx(float(exact.a[:, 2].var()), rel=2e-2)
     both = analysis.power_spectrum(exact, lambda m, a: a[..., 0] + 1j * a[..., 1])
     assert (np.diff(both.frequency) > 0).all() and float(both.frequency[0]) < 0
 

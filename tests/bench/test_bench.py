@@ -29,12 +29,12 @@ def test_without_a_compiler_the_comparison_is_left_out(
 ) -> None:
     monkeypatch.setenv("PATH", "")
     subjects.bench(as_json=True)
-    told = json.loads(capsys.readouterr().out)
-    assert told["note"] == compiled.MISSING
-    (row,) = told["maps"].values()
+    result = json.loads(capsys.readouterr().out)
+    assert result["note"] == compiled.MISSING
+    (row,) = result["maps"].values()
     assert all(value > 0 for value in row.values())
     assert not row.keys() & set(RATIOS)
-    subjects._print_bench(told)
+    subjects._print_bench(result)
     printed = capsys.readouterr().out
     assert "lagrange-top" in printed
     assert "g++ is not on the PATH" in printed
@@ -43,10 +43,10 @@ def test_without_a_compiler_the_comparison_is_left_out(
 @pytest.mark.skipif(compiled.compiler() is None, reason="no g++")
 @pytest.mark.usefixtures("quick")
 def test_with_a_compiler_the_kernels_are_compared() -> None:
-    told = short.bench()
-    (row,) = told["maps"].values()
+    result = short.bench()
+    (row,) = result["maps"].values()
     assert all(row[name] > 0 for name in RATIOS)
-    assert "note" not in told
+    assert "note" not in result
 
 
 @pytest.mark.skipif(compiled.compiler() is None, reason="no g++")

@@ -41,8 +41,8 @@ pool.GRACE = 1.0
 base = Path({base!r})
 sandbox.enter(base, False)
 sandbox.sentinel(base)
-told = pool.carry_out(pool.Part("some", case, 9, 1.0, seconds=1), 9, 60, 1, base, 2)
-print(json.dumps([told.done, dict(told.outcomes), told.faults]))
+result = pool.carry_out(pool.Part("some", case, 9, 1.0, seconds=1), 9, 60, 1, base, 2)
+print(json.dumps([result.done, dict(result.outcomes), result.faults]))
 """
 
 
@@ -67,8 +67,8 @@ def parts_of(tmp_path: Path, minutes: float, *words: str) -> tuple[int, dict[str
 def test_one_case_can_be_repeated(tmp_path: Path) -> None:
     command = [sys.executable, str(TRIAL), "--part", "calls", "--seed", "1", "--case", "1"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300, cwd=tmp_path)
-    told = json.loads(done.stdout)
-    assert (told["case"], told["outcome"]) == (1, "physical: refused"), told
+    printed = json.loads(done.stdout)
+    assert (printed["case"], printed["outcome"]) == (1, "physical: refused"), printed
 
 
 def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:

@@ -271,10 +271,10 @@ def test_values_of_any_kind(name: str, number: int, tmp_path: Path, monkeypatch:
     value = ODD[number]
     if (name, value) in [("every", True), ("dt", True)] if isinstance(value, bool) else False:
         pytest.skip("1 is a step")
-    with pytest.raises(kr.InputError) as told:
+    with pytest.raises(kr.InputError) as error:
         kr.simulate(TOP, STATE, **{**OPTIONS, name: value})
-    assert len(str(told.value)) < 1501
-    assert str(told.value).isprintable()
+    assert len(str(error.value)) < 1501
+    assert str(error.value).isprintable()
     assert not list(tmp_path.iterdir())
 
 
@@ -365,10 +365,10 @@ def test_control_characters_of_an_archive_do_not_reach_the_terminal(tmp_path: Pa
     meta.write_text(text.replace('"title": "', f'"title": "{evil}').replace('"lagrange-top"', f'"{evil}"'))
     for command in (["check", "run.zarr"], ["resume", "run.zarr", "--extend", "9"], ["plot", "run.zarr"]):
         out = kreisel(tmp_path, *command)
-        told = out.stdout + out.stderr
-        assert "Traceback" not in told
-        assert all(c.isprintable() or c == "\n" for c in told), told
-        assert all(len(line) < 1600 for line in told.splitlines())
+        printed = out.stdout + out.stderr
+        assert "Traceback" not in printed
+        assert all(c.isprintable() or c == "\n" for c in printed), printed
+        assert all(len(line) < 1600 for line in printed.splitlines())
 
 
 def test_arguments_without_their_names() -> None:

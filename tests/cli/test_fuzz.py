@@ -26,7 +26,7 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 import kreisel as kr
-from kreisel.runs import config, march
+from kreisel.runs import config, integration
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking
 from kreisel.storage.opening import too_large
@@ -37,7 +37,7 @@ CONFIGURATIONS = int(os.environ.get("KREISEL_FUZZ", "200"))
 FIRST = int(os.environ.get("KREISEL_FUZZ_FIRST", "0"))  # case: `make soak` takes them in slices
 ARCHIVES = int(os.environ.get("KREISEL_FUZZ_ARCHIVES", "30"))
 SEED = int(os.environ.get("KREISEL_FUZZ_SEED", "1"))
-MOST_FAILURES = 20  # that are told together
+MOST_FAILURES = 20  # that are listed together
 SECONDS = 240  # that a case may take; kernels may have to be compiled, on a busy machine
 EXAMPLES = ROOT / "examples"
 MOST_STEPS, MOST_LANES = 60, 40
@@ -150,12 +150,14 @@ def carried_out(data: dict[str, Any], folder: Path) -> str:
         if asked.run.steps > MOST_STEPS:  # all that is checked before the first step
             from kreisel.runs.plan import make_plan
 
-            told = {"steps": asked.run.steps, "every": asked.run.every}
-            make_plan(model, state, **{**small(asked.run), **told}, orientation=asked.orientation, tol=asked.run.tol)
+            settings = {"steps": asked.run.steps, "every": asked.run.every}
+            make_plan(
+                model, state, **{**small(asked.run), **settings}, orientation=asked.orientation, tol=asked.run.tol
+            )
         result = kr.simulate(model, state, orientation=asked.orientation, tol=asked.run.tol, **small(asked.run))
     except KNOWN as error:
-        told = str(error)
-        assert len(told) > 20, told
+        settings = str(error)
+        assert len(settings) > 20, settings
         return "refused"
     for name, variable in result.variables.items():
         assert np.isfinite(variable.values).all(), f"{name} is not finite, and nothing was said"
@@ -171,10 +173,10 @@ def swept(data: dict[str, Any], folder: Path) -> str:
     for key in ("steps", "every"):
         if isinstance(run.get(key), int) and not isinstance(run[key], bool):
             run[key] = min(run[key], MOST_STEPS)
-    told = description["sweep"]
-    if isinstance(told.get("draws"), int) and told["draws"] > 2:
-        told["draws"] = 2
-    for table in told.get("grid", {}).values() if isinstance(told.get("grid"), dict) else ():
+    spec = description["sweep"]
+    if isinstance(spec.get("draws"), int) and spec["draws"] > 2:
+        spec["draws"] = 2
+    for table in spec.get("grid", {}).values() if isinstance(spec.get("grid"), dict) else ():
         for value in table.values() if isinstance(table, dict) else ():
             if isinstance(value, dict) and isinstance(value.get("count"), int):
                 value["count"] = min(value["count"], 4)
@@ -269,7 +271,7 @@ def test_configurations_of_anything(data: dict[str, Any], tmp_path_factory: pyte
 
 def damaged(store: Path, rng: random.Random) -> str:
     """Damage a store in a few places; what was done."""
-    told = []
+    changes = []
     for _ in range(rng.choice([1, 1, 2, 4])):
         files = sorted(p for p in store.rglob("*") if p.is_file())
         if not files:
@@ -296,8 +298,8 @@ def damaged(store: Path, rng: random.Random) -> str:
             path.symlink_to("/etc/hostname")
         elif path.suffix == ".json":
             path.write_text(reworded(data.decode(errors="replace"), rng), encoding="utf-8")
-        told.append(f"{kind} {path.relative_to(store)}")
-    return ", ".join(told)
+        changes.append(f"{kind} {path.relative_to(store)}")
+    return ", ".join(changes)
 
 
 def reworded(text: str, rng: random.Random) -> str:
@@ -318,8 +320,8 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("stores")
     top = kr.LagrangeTop(p=(0, 0, 1))
     x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
-    before = march.BLOCK_BYTES
-    march.BLOCK_BYTES = 6 * 8 * 20
+    before = integration.BLOCK_BYTES
+    integration.BLOCK_BYTES = 6 * 8 * 20
     try:
         kr.simulate(top, x0, dt=0.1, steps=100, every=2, path=folder / "run.zarr")
         two = top.state(m=[[0.1, 0.2, 1.5], [0.3, 0.2, 1.5]], a=(0.6, 0, 0.8))
@@ -328,11 +330,11 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         (folder / "cut.zarr").rename(folder / "cut.zarr.part")
         text = folder / "cut.zarr.part" / "zarr.json"
         text.write_text(text.read_text().replace('"complete": true', '"complete": false'))
-        told = {"save": ["drift", "trajectories"], "block": 2}
+        options = {"save": ["drift", "trajectories"], "block": 2}
         design = kr.Design(together={"system.alpha": [1.0, 0.0, 1.2]})
-        kr.sweep(top, x0, design, dt=0.1, steps=20, path=folder / "sweep.zarr", workers=0, **told)
+        kr.sweep(top, x0, design, dt=0.1, steps=20, path=folder / "sweep.zarr", workers=0, **options)
     finally:
-        march.BLOCK_BYTES = before
+        integration.BLOCK_BYTES = before
     return sorted(folder.iterdir())
 
 
@@ -366,15 +368,15 @@ def test_damaged_archives(
         original = rng.choice(stores)
         store = tmp_path / original.name
         shutil.copytree(original, store)
-        told = damaged(store, rng)
+        changes = damaged(store, rng)
         try:
-            with alarm(told):
+            with alarm(changes):
                 used(store, tmp_path, rng)
-            told_twice = [r.getMessage() for r in caplog.records if r.name == "asyncio"]
+            repeated = [r.getMessage() for r in caplog.records if r.name == "asyncio"]
             caplog.clear()
-            assert not told_twice, "here or in a case before, a traceback beside the message: " + told_twice[0]
+            assert not repeated, "here or in a case before, a traceback beside the message: " + repeated[0]
         except Exception as error:
-            failures.append(f"seed {SEED}, case {case}, {store.name}: {told}: {type(error).__name__}: {error}")
+            failures.append(f"seed {SEED}, case {case}, {store.name}: {changes}: {type(error).__name__}: {error}")
             assert len(failures) < MOST_FAILURES, "\n".join(failures)
         for path in tmp_path.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -401,10 +403,10 @@ def test_every_flip_of_a_chunk_is_found(stores: list[Path], tmp_path: Path) -> N
 def test_every_change_of_the_attributes_is_found(stores: list[Path], tmp_path: Path) -> None:
     store = tmp_path / "run.zarr"
     shutil.copytree(stores[[p.name for p in stores].index("run.zarr")], store)
-    told = json.loads((store / "zarr.json").read_text())
-    for key, value in told["attributes"].items():
+    metadata = json.loads((store / "zarr.json").read_text())
+    for key, value in metadata["attributes"].items():
         if not isinstance(value, str) or key in ("system", "method", "parameters", "options"):
             continue
-        changed = {**told, "attributes": {**told["attributes"], key: value + " "}}
+        changed = {**metadata, "attributes": {**metadata["attributes"], key: value + " "}}
         (store / "zarr.json").write_text(json.dumps(changed))
         assert checking.check_archive(store)[1] == ["zarr.json was changed after the run"]

@@ -14,13 +14,13 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact import motion as motions
 from kreisel.exact import parts
-from kreisel.exact.motion import Motion
+from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Nutation
 from kreisel.kernels import layout
 from kreisel.kernels.exact import engine
 from kreisel.kernels.exact.engine import dyadic
 from kreisel.lab.taylor import quadrature, taylor
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.runs.plan import make_plan
 from kreisel.storage.checking import check_archive
 from tops import DOUBLE, SPECIAL, UP, random_tops
@@ -209,9 +209,9 @@ def test_digits_follow_the_number_of_periods(monkeypatch: pytest.MonkeyPatch) ->
     m, b, p = SPECIAL["generic"]
     top, state, turn = kr.LagrangeTop(p=p), {"m": m, "a": b}, (1, 0, 0, 0)
     right = kr.at(top, state, 1e13, orientation=turn).a.values
-    monkeypatch.setattr(Motion, "_digits", lambda self, reach: 60)
+    monkeypatch.setattr(TopMotion, "_digits", lambda self, reach: 60)
     assert (kr.at(top, state, 1e13, orientation=turn).a.values == right).all()
-    monkeypatch.setattr(Motion, "_digits", lambda self, reach: 18)
+    monkeypatch.setattr(TopMotion, "_digits", lambda self, reach: 18)
     assert abs(kr.at(top, state, 1e13, orientation=turn).a.values - right).max() > 1e-8
 
 
@@ -248,7 +248,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     }[frame]
     options = {"dt": 0.37, "steps": 10**9, "every": 1, "method": "exact", "order": None, "orientation": (1, 0, 0, 0)}
 
-    def rows(cuts: tuple[int, ...] = (500,), threads: int = 1) -> tuple[np.ndarray, engine.Rows]:
+    def rows(cuts: tuple[int, ...] = (500,), threads: int = 1) -> tuple[np.ndarray, engine.OrbitRows]:
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
         engine = make_plan(model, state, **options).engine
         parts = [np.empty((cut, *engine.z.shape)) for cut in cuts]
@@ -279,7 +279,7 @@ def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> No
     """Where two parts meet their polynomials agree, up to the rounding of a sum; with longer parts they do not."""
     m, b, p = SPECIAL[name]
 
-    def gap(here: Motion, inside: bool) -> float:
+    def gap(here: TopMotion, inside: bool) -> float:
         size = np.repeat([max(1.0, np.linalg.norm(m)), np.linalg.norm(b) + np.linalg.norm(p), 1.0], (3, 3, 4))
         signs, worst = (-1.0) ** np.arange(parts.TERMS), 0.0
         for j in range(min(1 << here.places, 8)):
@@ -289,7 +289,7 @@ def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> No
         return worst
 
     for inside in (False, True):
-        here = Motion(m, b, p, reach=10.0)
+        here = TopMotion(m, b, p, reach=10.0)
         assert gap(here, inside) < 1e-15
         here.places, here.part = here.places - 2, 4 * here.part
         here._places, here._leaps = {0: here._places[0]}, {}
@@ -458,39 +458,39 @@ def test_an_axis_that_passes_close_to_the_vertical(size: float, length: float) -
     p = np.array([0.662416675302187, -1.2184562792983742, -0.5012569866881104])
     m = size * np.array([-0.8135190021022613, -0.37707040028601764, -1.1295822720776918])
     a = np.array([0.6048879358306984, -0.43643615991794527, 0.6244064413481183])
-    told = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": length * a})
-    assert told.precession == pytest.approx(-np.pi, abs=3 * size / np.sqrt(length) + 1e-14)
+    figures = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": length * a})
+    assert figures.precession == pytest.approx(-np.pi, abs=3 * size / np.sqrt(length) + 1e-14)
 
 
 @pytest.mark.parametrize("number", range(6))
 def test_figures_against_the_motion(number: int) -> None:
     m, b, p = random_tops(20)[number]
     top, alpha = kr.LagrangeTop(p=p, alpha=0.6), 0.6
-    told = kr.nutation(top, {"m": m, "a": b})
+    figures = kr.nutation(top, {"m": m, "a": b})
     body = kr.nutation(kr.LagrangeTopMoving(A=b, alpha=alpha), {"M": m, "P": p})
-    assert body == told
-    run = kr.at(top, {"m": m, "a": b}, np.linspace(0, told.period, 4001))
+    assert body == figures
+    run = kr.at(top, {"m": m, "a": b}, np.linspace(0, figures.period, 4001))
     height = run.a.values @ p
     east = np.cross(p, [1.0, 0, 0])
     north = np.cross(east, p) / np.linalg.norm(p)
     azimuth = np.unwrap(np.arctan2(run.a.values @ east, run.a.values @ north))
-    assert height.min() == pytest.approx(told.lowest, abs=1e-4)
-    assert height.max() == pytest.approx(told.highest, abs=1e-4)
+    assert height.min() == pytest.approx(figures.lowest, abs=1e-4)
+    assert height.max() == pytest.approx(figures.highest, abs=1e-4)
     assert height[-1] == pytest.approx(height[0], abs=1e-13)
-    assert azimuth[-1] - azimuth[0] == pytest.approx(told.precession, abs=1e-12)
+    assert azimuth[-1] - azimuth[0] == pytest.approx(figures.precession, abs=1e-12)
     omega = algebra.axial(top.call(top.system.velocity, algebra.hat(m), b))
-    assert omega @ b / np.linalg.norm(b) == pytest.approx(told.spin, rel=1e-14)
+    assert omega @ b / np.linalg.norm(b) == pytest.approx(figures.spin, rel=1e-14)
     turn = float(nutation_of(m, b, p).period_turn())
-    assert math.cos(turn) == pytest.approx(math.cos(told.precession), abs=1e-13)
-    assert math.sin(turn) == pytest.approx(math.sin(told.precession), abs=1e-13)
+    assert math.cos(turn) == pytest.approx(math.cos(figures.precession), abs=1e-13)
+    assert math.sin(turn) == pytest.approx(math.sin(figures.precession), abs=1e-13)
 
 
 def test_steady_precession_in_closed_form() -> None:
     """m = Omega p + b/Omega turns about p at the rate Omega."""
     m, b, p = SPECIAL["steady precession"]
-    told = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b})
-    assert told.mean_precession == pytest.approx(0.5, rel=1e-15)
-    assert told.lowest == told.highest == 0.75
+    figures = kr.nutation(kr.LagrangeTop(p=p), {"m": m, "a": b})
+    assert figures.mean_precession == pytest.approx(0.5, rel=1e-15)
+    assert figures.lowest == figures.highest == 0.75
 
 
 @pytest.mark.parametrize(("spin", "stays"), [(1.9, False), (2.1, True)])
@@ -555,7 +555,7 @@ def test_a_run_goes_on_and_is_lengthened(top: object, x0: object, tmp_path: Path
 def test_beside_the_critical_sleeping_top(e: float) -> None:
     """Full precision of state and orientation from few parts: whole turns are left out."""
     m, b, p = np.array([e, 0.0, 6.0]), np.array([0.0, 0.0, 4.0]), np.array([0.0, 0.0, 2.25])
-    assert Motion(m, b, p, reach=10.0).places < 8
+    assert TopMotion(m, b, p, reach=10.0).places < 8
     top, times = kr.LagrangeTop(p=p, alpha=0.5), (0.37, -1.03, 6.6)
     run = kr.at(top, {"m": m, "a": b}, times, orientation=(1, 0, 0, 0))
     for i, when in enumerate(times):

@@ -11,7 +11,7 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.exact import pairs
-from kreisel.lab.taylor import series
+from kreisel.lab.taylor import taylor_solution
 from kreisel.method import scheme
 from kreisel.runs.plan import make_plan
 
@@ -33,10 +33,12 @@ def truth(model: Any, state: dict[str, np.ndarray], time: float) -> np.ndarray:
     """The state at that time by Taylor series, axial for n = 3."""
     b = np.broadcast_to(model.params["b"], 3)
     if "M" in state:
-        X, v = series(algebra.hat(np.asarray(state["M"], float)), np.asarray(state["P"]), b, time, clebsch=True)
+        X, v = taylor_solution(
+            algebra.hat(np.asarray(state["M"], float)), np.asarray(state["P"]), b, time, clebsch=True
+        )
         return np.concatenate([algebra.axial(X.astype(float)), v.astype(float)])
     x, q = state["x"], state["q"]
-    X, v = series(algebra.wedge(x, q), x, b, time, clebsch=True)
+    X, v = taylor_solution(algebra.wedge(x, q), x, b, time, clebsch=True)
     return np.concatenate([v.astype(float), -(X @ v).astype(float)])
 
 

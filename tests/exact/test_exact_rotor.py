@@ -11,7 +11,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.exact.nutation import number
+from kreisel.exact.nutation import mp_number
 from kreisel.exact.rotor import Rotor
 from kreisel.kernels import layout
 from kreisel.kernels.exact import jumps
@@ -278,7 +278,7 @@ def test_a_wrong_factor_shows(mutant: str, monkeypatch: pytest.MonkeyPatch) -> N
     def wrong(self: Rotor) -> None:
         original(self)
         setattr(self, mutant, getattr(self, mutant) * (1 + self.ctx.mpf(10) ** -8))
-        self.mean = self.L / number(self.ctx, self.I[2]) + self.lam * self.slope
+        self.mean = self.L / mp_number(self.ctx, self.I[2]) + self.lam * self.slope
 
     monkeypatch.setattr(Rotor, "_constants", wrong)
     J, M = CASES["beside the separatrix, by 1e-3"]

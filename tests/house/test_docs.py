@@ -62,11 +62,11 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> object:
 def test_what_is_wrong_on_a_page_is_noticed(tools, tmp_path: Path, shown: str, code: str, complaints: int) -> None:
     page = tmp_path / "page.md"
     page.write_text(PAGE.format(shown=shown, code=code))
-    told = tools("pages").execute(page)
-    assert len(told) == complaints
-    if told:
+    message = tools("pages").execute(page)
+    assert len(message) == complaints
+    if message:
         line = 15 if shown == "x is 3.0" else 4
-        assert f"page.md:{line}" in told[0]
+        assert f"page.md:{line}" in message[0]
 
 
 def test_round_off_may_differ(tools) -> None:
@@ -140,5 +140,5 @@ def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
 
     api = (DOCS / "api.md").read_text(encoding="utf-8")
     for name in kr.__all__:
-        told = isinstance(getattr(kr, name), System) or re.search(rf"kreisel\.{name}\n", api)
-        assert told, name
+        documented = isinstance(getattr(kr, name), System) or re.search(rf"kreisel\.{name}\n", api)
+        assert documented, name

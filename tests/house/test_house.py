@@ -100,7 +100,7 @@ from kreisel.kernels import cpu
 def first(self, *_):
     print("first step", *(m for m in {heavy} if m in sys.modules), flush=True)
     os._exit(0)
-cpu.Kernel.advance = first
+cpu.CpuEngine.advance = first
 sys.argv = ["kreisel", "run", "run.toml"]
 from kreisel.cli import main
 main()

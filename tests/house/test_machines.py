@@ -32,8 +32,8 @@ def test_the_libraries_choose_other_code() -> None:
         " numba.config.NUMBA_NUM_THREADS)"
     )
     run = [sys.executable, "-W", "error", "-c", code]
-    told = subprocess.run(run, env=environment(OLDEST), capture_output=True, text=True, check=True, timeout=120)
-    assert told.stdout.split() == ["False", "2", "1"]
+    done = subprocess.run(run, env=environment(OLDEST), capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.split() == ["False", "2", "1"]
 
 
 def test_every_setting_is_among_those_of_the_oldest_machine() -> None:

@@ -43,13 +43,13 @@ def test_the_speed_table_is_that_of_the_committed_results(monkeypatch: pytest.Mo
     assert tables.speed_and_stillness() in README.read_text(encoding="utf-8")
 
 
-def test_two_cores_are_told_of_an_idle_machine_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_cores_are_shown_of_an_idle_machine_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The committed results make every table; a figure by the clock taken under load is left out of it."""
     monkeypatch.syspath_prepend(str(README.parent / "benchmarks"))
     tables = importlib.import_module("tables")
-    told = tables._result("ensemble")
+    result = tables._result("ensemble")
     for load, shown in ((0.0, True), (9.0, False)):
-        monkeypatch.setattr(tables, "_result", lambda name, load=load: told | {"load_average_before": load})
+        monkeypatch.setattr(tables, "_result", lambda name, load=load: result | {"load_average_before": load})
         rows = tables.ensembles().splitlines()[2:]
-        assert len(rows) == len(told["maps"])
+        assert len(rows) == len(result["maps"])
         assert all(("not measured" in row) != shown for row in rows)

@@ -62,8 +62,10 @@ def test_a_toy_of_each_is_found_by_itself(tmp_path: Path) -> None:
         [sys.executable, "-c", USED], env=env, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300
     )
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["file"].startswith(str(tmp_path))
-    assert "toy-rotor" in told["systems"] and "toy-euler" in told["methods"] and told["default"] == "variational"
-    assert told["engines"] < 1e-13 and told["lanes"] < 1e-13
-    assert 1e-6 < told["error"] < 1e-2 < told["moved"]
+    printed = json.loads(done.stdout)
+    assert printed["file"].startswith(str(tmp_path))
+    assert (
+        "toy-rotor" in printed["systems"] and "toy-euler" in printed["methods"] and printed["default"] == "variational"
+    )
+    assert printed["engines"] < 1e-13 and printed["lanes"] < 1e-13
+    assert 1e-6 < printed["error"] < 1e-2 < printed["moved"]

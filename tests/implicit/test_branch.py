@@ -1,4 +1,4 @@
-"""The implicit maps: solved up to the longest step, on the branch that tends to 1, and told where they are not."""
+"""The implicit maps: solved up to the longest step, on the branch that tends to 1; else a message says why not."""
 
 from __future__ import annotations
 

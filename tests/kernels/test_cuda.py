@@ -67,9 +67,9 @@ assert (more.a.values == whole.a.values).all()
 
 def test_the_kernel_of_the_gpu_is_the_definition(tmp_path: Path) -> None:
     """Per-lane parameters, orientation, stages and `close`, a recorded loop; the simulator does not fuse products."""
-    told = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
+    env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = [sys.executable, "-c", SIMULATED]
-    out = subprocess.run(run, capture_output=True, text=True, env=told, check=False, cwd=tmp_path, timeout=300)
+    out = subprocess.run(run, capture_output=True, text=True, env=env, check=False, cwd=tmp_path, timeout=300)
     assert out.returncode == 0, out.stderr
     apart = [line.split() for line in out.stdout.splitlines()]
     assert [name for name, _ in apart] == ["cuda", "cuda-float32"] * 2 + ["cuda", "projected", "cuda"]
@@ -97,7 +97,7 @@ def test_what_no_gpu_runs(top: object, x0: object) -> None:
 def test_products_are_rounded_and_literals_are_of_the_precision(top: object, precision: str) -> None:
     plan = scheme(top, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    text = cuda.source(cuda.recorded(plan, constants, columns, stages), precision)
+    text = cuda.cuda_source(cuda.recorded_for_gpu(plan, constants, columns, stages), precision)
     body = text.partition("def kernel(")[2]
     assert " * " not in body
     assert "cuda.fma(" in body
@@ -106,4 +106,4 @@ def test_products_are_rounded_and_literals_are_of_the_precision(top: object, pre
     plan = scheme(big, "suris", 0.1, 1, False)
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
     with pytest.raises(kr.InputError, match="n = 11"):
-        cuda.recorded(plan, constants, columns, stages)
+        cuda.recorded_for_gpu(plan, constants, columns, stages)

@@ -170,9 +170,9 @@ def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -
     folder.mkdir()
     folder.chmod(mode)
     cache._refused.cache_clear()
-    with pytest.warns(RuntimeWarning, match=r"expected a folder of user .* got owner .* KREISEL_CACHE") as told:
+    with pytest.warns(RuntimeWarning, match=r"expected a folder of user .* got owner .* KREISEL_CACHE") as caught:
         assert value() == value() == 7.0
-    assert len(told) == 1
+    assert len(caught) == 1
     assert os.listdir(folder) == []
     folder.chmod(0o755)
     assert value() == 7.0
@@ -217,9 +217,9 @@ print(run.a.values.tobytes().hex())
 """
     command = [sys.executable, "-W", "error", "-c", code]
     children = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    told = [child.communicate(timeout=120)[0] for child in children]
+    printed = [child.communicate(timeout=120)[0] for child in children]
     assert [child.returncode for child in children] == [0, 0]
-    assert told[0] == told[1] != ""
+    assert printed[0] == printed[1] != ""
     entries = list(folder.iterdir())
     assert all(entry.name.startswith("kreisel_kernel_") and (entry / cache.SEAL).is_file() for entry in entries)
     with warnings.catch_warnings():

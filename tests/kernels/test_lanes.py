@@ -15,7 +15,7 @@ from kreisel.kernels import cpu
 from kreisel.kernels._numba.vector_type import register_width
 from kreisel.kernels.folding import folded
 from kreisel.kernels.printing import Line, latest
-from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.kernels.tape import Scalar, Tape, source_of
 
 SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 5e-324, 1e308, 0.1, -3.7)
 OPERATIONS = (
@@ -56,7 +56,7 @@ def through_scratch(z, out):
 
 
 def test_vectors_have_the_bits_of_numbers() -> None:
-    module = cpu.load(cpu.HEAD.format(name="every operation") + BOTH)
+    module = cpu.load_kernel(cpu.HEAD.format(name="every operation") + BOTH)
     z = np.array([(x, y) for x in SPECIAL for y in SPECIAL] + [(0.25, 3.0)])
     assert len(z) % 4 == 2
     found = {name: np.full((3, len(z), len(OPERATIONS)), 7.0) for name in ("numbers", "vectors")}
@@ -77,9 +77,9 @@ def test_other_operations_make_other_kernels(tmp_path: Path, monkeypatch: pytest
     """Numba's cache knows the file of a kernel, not what is compiled into it."""
     monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
     source = f'"""{tmp_path.name}"""\n'
-    first = cpu.load(source)
+    first = cpu.load_kernel(source)
     monkeypatch.setattr(cpu, "_operations", lambda: b"another fma")
-    assert cpu.load(source).__name__ != first.__name__
+    assert cpu.load_kernel(source).__name__ != first.__name__
     assert len(list(tmp_path.glob("*/*.py"))) == 2
 
 
@@ -90,7 +90,7 @@ def test_the_latest_order_computes_the_same() -> None:
     quotient = 1.0 / (a + b)
     for _ in range(20):
         quotient = quotient * b + a
-    out = text(quotient * early + early)
+    out = source_of(quotient * early + early)
     values: list[dict[str, float]] = []
     for lines in (tape.lines, latest(tape.lines)):
         values.append({"a": 0.3, "b": 0.7})
@@ -135,24 +135,24 @@ def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_bound_is_that_of_the_loop_over_steps(kernel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An analyser that works is told the loop; the mutant counts a vector too many."""
+    """An analyser that works is given the loop; the mutant counts a vector too many."""
     seen = tmp_path / "seen"
     tool(tmp_path / "bin", "llvm-mca", f"cat > {seen}; echo 'Block RThroughput: 96.0'", monkeypatch)
-    told = ensemble.bound(kernel)
-    assert told is not None
-    assert told["vectors"] == 4
-    assert told["instructions"] == len(seen.read_text().splitlines()) > 4 * 20
-    assert told["cycles_a_lane_step"] == 96 / kernel.py_func.__globals__["LANES"]
+    bound = ensemble.bound(kernel)
+    assert bound is not None
+    assert bound["vectors"] == 4
+    assert bound["instructions"] == len(seen.read_text().splitlines()) > 4 * 20
+    assert bound["cycles_a_lane_step"] == 96 / kernel.py_func.__globals__["LANES"]
     monkeypatch.setitem(kernel.py_func.__globals__, "LANES", 3 * kernel.py_func.__globals__["LANES"] // 2)
     with pytest.raises(AssertionError, match="divisions in the loop"):
         ensemble.bound(kernel)
 
 
 def test_the_bound_by_the_analyser_that_is_there(kernel: Any) -> None:
-    told = ensemble.bound(kernel)
-    if told is None:
+    bound = ensemble.bound(kernel)
+    if bound is None:
         pytest.skip("no llvm-mca that reads this assembly")
-    assert told["cycles_a_lane_step"] > 0.5 * told["instructions"] / told["vectors"] / 8 / 6
+    assert bound["cycles_a_lane_step"] > 0.5 * bound["instructions"] / bound["vectors"] / 8 / 6
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import kreisel as kr
 import walks
 from kreisel.algebra import Array
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.large import blockwise, forms
 from kreisel.kernels.large.matrix_products import MatrixProducts
-from kreisel.kernels.large.structured import Matrix, Vector
+from kreisel.kernels.large.structured import StructuredMatrix, StructuredVector
 from kreisel.kernels.printing import Line
 from kreisel.method import Scheme, scheme
 from kreisel.record.model import Model
@@ -36,7 +36,7 @@ def problem(name: str, n: int, lanes: tuple[int, ...] = ()) -> tuple[Model, dict
     }[name]
 
 
-def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[Array, ...], Scheme, Kernel]:
+def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[Array, ...], Scheme, CpuEngine]:
     """The scheme by the definition and its start; the same in the form of the engine, and its kernel."""
     model, state = problem(name, n)
     x0 = tuple(state.values())
@@ -45,7 +45,7 @@ def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[
     assert form is not None
     own = form.on(dense, x0)
     start = layout.flatten(own.prepare(x0), [kind for _, kind in own.components])
-    return dense, dense.prepare(x0), own, Kernel(own, start[None], blockwise.Printer(form, dense))
+    return dense, dense.prepare(x0), own, CpuEngine(own, start[None], blockwise.Printer(form, dense))
 
 
 CASES = [
@@ -74,15 +74,17 @@ def test_kernel_is_the_definition(name: str, n: int, method: str, order: int) ->
 
 def test_a_wrong_solve_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: Woodbury's formula without its second term, in a step of which the first is most."""
-    right = Matrix.record_solve
-    monkeypatch.setattr(Matrix, "record_solve", lambda self, v: right(Matrix(self.n, self.diagonal, self.turn), v))
+    right = StructuredMatrix.record_solve
+    monkeypatch.setattr(
+        StructuredMatrix, "record_solve", lambda self, v: right(StructuredMatrix(self.n, self.diagonal, self.turn), v)
+    )
     dense, z, own, kernel = prepared("lagrange-top", 9, "suris", 1)
     kernel.advance(np.empty((1, *kernel.z.shape)), 1)
     found = own.observe(layout.restore(kernel.z[0], [kind for _, kind in own.components], 9))
     assert abs(found["a"] - dense.observe(dense.advance(*z))["a"]).max() > 1e-6
 
 
-def after(steps: int, kernel: Kernel, own: Scheme, n: int) -> Array:
+def after(steps: int, kernel: CpuEngine, own: Scheme, n: int) -> Array:
     """The entries i < j of M, and P, after some steps."""
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
     return kernel.z[0, : n * (n + 1) // 2].copy()
@@ -139,12 +141,12 @@ def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -
 def test_dense_momentum_in_runs(tmp_path) -> None:
     """Chosen by itself; every integral kept, lanes are single runs, a resumed run has the same bits."""
     model, state = problem("clebsch", 10, (2,))
-    told = {"dt": DT, "every": 50, "method": "suris", "order": 1}
-    both = kr.simulate(model, model.state(**state), steps=5000, **told)
+    options = {"dt": DT, "every": 50, "method": "suris", "order": 1}
+    both = kr.simulate(model, model.state(**state), steps=5000, **options)
     assert both.attrs["engine"] == "large"
     walks.assert_still(both)
     single = model.state(**{k: v[1] for k, v in state.items()})
-    kr.simulate(model, single, steps=2500, path=tmp_path / "a.zarr", **told)
+    kr.simulate(model, single, steps=2500, path=tmp_path / "a.zarr", **options)
     longer = kr.resume(tmp_path / "a.zarr", extend=5000)
     for letter in ("M", "P", "energy_eps"):
         assert (longer[letter].values == both[letter].isel(lane=1).values).all()
@@ -187,7 +189,7 @@ def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict
     assert form is not None
     own, z = form.on(dense, x0), dense.prepare(x0)
     kinds = [kind for _, kind in own.components]
-    kernel = Kernel(own, layout.flatten(own.prepare(x0), kinds)[None], blockwise.Printer(form, dense))
+    kernel = CpuEngine(own, layout.flatten(own.prepare(x0), kinds)[None], blockwise.Printer(form, dense))
     for _ in range(steps):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
@@ -206,12 +208,12 @@ def test_orientation_is_that_of_the_definition(name: str, n: int) -> None:
 
 def test_a_lost_pair_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: the orientation's solve without its second pair, a ^ a'; the state does not have it."""
-    right = Matrix._solved
+    right = StructuredMatrix._solved
 
-    def first_pair(self: Matrix, v: Vector) -> Vector:
+    def first_pair(self: StructuredMatrix, v: StructuredVector) -> StructuredVector:
         return right(replace(self, pairs=dict([*self.pairs.items()][:1])), v)
 
-    monkeypatch.setattr(Matrix, "_solved", first_pair)
+    monkeypatch.setattr(StructuredMatrix, "_solved", first_pair)
     wanted, found = oriented("lagrange-top", 9, 1)
     assert abs(found["a"] - wanted["a"]).max() < 1e-14
     assert abs(found["g"] - wanted["g"]).max() > 1e-6
@@ -254,9 +256,9 @@ def test_lane_is_the_single_run_and_a_longer_run_begins_the_same() -> None:
 
 def test_resumed_run_has_the_same_bits(tmp_path) -> None:
     model, state = problem("lagrange-top", 9)
-    x0, told = model.state(**state), {"dt": DT, "method": "suris", "order": 1}
-    whole = kr.simulate(model, x0, steps=60, every=4, **told)
-    kr.simulate(model, x0, steps=30, every=4, path=tmp_path / "a.zarr", **told)
+    x0, options = model.state(**state), {"dt": DT, "method": "suris", "order": 1}
+    whole = kr.simulate(model, x0, steps=60, every=4, **options)
+    kr.simulate(model, x0, steps=30, every=4, path=tmp_path / "a.zarr", **options)
     longer = kr.resume(tmp_path / "a.zarr", extend=60)
     assert longer.attrs["engine"] == "large"
     assert (longer.a.values == whole.a.values).all()
@@ -284,7 +286,9 @@ def test_rows_are_filled_up_only_where_that_changes_nothing() -> None:
     printer = blockwise.Printer(form, dense)
 
     def stays_zero(*lines: tuple[str, str, tuple[str, ...]], new: tuple[str, str] = ("z0x", "z1x")) -> bool:
-        piece = forms.Piece([Line((name,), f"{name} = {text}", needs) for name, text, needs in lines], [*new], None)
+        piece = forms.LargeFunction(
+            [Line((name,), f"{name} = {text}", needs) for name, text, needs in lines], [*new], None
+        )
         return printer._stays_zero(piece)
 
     product = ("t0", "c_b * z0x", ("c_b", "z0x"))

@@ -15,11 +15,11 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import invariants
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.projection import corrections
 from kreisel.kernels.projection.arrays import Observed
 from kreisel.kernels.projection.gradients import Traced, gradient
-from kreisel.kernels.projection.program import _gradients, program_of
+from kreisel.kernels.projection.program import _register_gradients, program_of
 from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
@@ -59,8 +59,16 @@ def random_plan(
         for k, v in models[0].params.items()
     }
     state = {k: together([z[i] for z in states]) for i, k in enumerate(system.space.letters)}
-    told = {"dt": 0.1, "steps": 10_000, "every": 1, "orientation": None, "method": method, "order": order, **options}
-    return make_plan(system(**params), system(**params).state(**state), **told)
+    settings = {
+        "dt": 0.1,
+        "steps": 10_000,
+        "every": 1,
+        "orientation": None,
+        "method": method,
+        "order": order,
+        **options,
+    }
+    return make_plan(system(**params), system(**params).state(**state), **settings)
 
 
 def fraction(x: Any) -> np.ndarray:
@@ -246,9 +254,9 @@ def test_a_lane_that_does_not_conserve_fails_alone(often: int, tmp_path: Path) -
     given = {"dt": 40.0, "steps": 2000, "every": 2000, "order": 8, "workers": 0}
     x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
     sweep = kr.sweep(top, x0, kr.Design(together=values), path=tmp_path / "s.zarr", **given)
-    assert sweep.sizes["lane"] == 2  # whatever the long lane does, it is told or it is right
-    told = sweep["energy_drift"].values / abs(sweep["energy_start"].values)
-    assert ((told < 1e-9) | (sweep["failed"].values == 1)).all()
+    assert sweep.sizes["lane"] == 2  # the long lane is right, or it is named as failed
+    change = sweep["energy_drift"].values / abs(sweep["energy_start"].values)
+    assert ((change < 1e-9) | (sweep["failed"].values == 1)).all()
 
 
 DEGENERATE = {
@@ -428,7 +436,7 @@ def test_an_integral_without_a_gradient_leaves_the_state(often: int) -> None:
 
 
 def test_an_integral_that_is_not_defined_everywhere(often: int) -> None:
-    """sqrt(1 - <a, a>) is none for the states by which the size of its terms is told."""
+    """sqrt(1 - <a, a>) is none for the states that give the size of its terms."""
     model, x0 = own_top(12, own=lambda m, a, *, p: algebra.sqrt(1 - (a * a).sum(-1)))
     run = kr.simulate(model, x0, dt=0.05, steps=300, every=100, method="suris", order=1, engine="cpu")
     table = kr.drift(run)
@@ -497,7 +505,7 @@ def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
     many.engine.advance(rows, 175)
     for lane in (0, 7, 10):
         scheme_of_lane = many.scheme
-        one = Kernel(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
+        one = CpuEngine(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
         alone = random_lane(many, start, lane)
         each = np.empty((700, 1, start.shape[1]))
         for first, stop in ((0, 1), (1, 130), (130, 700)):
@@ -513,7 +521,7 @@ def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
     assert (again.z == many.engine.z).all() and (again.projection.worst == many.engine.projection.worst).all()
 
 
-def random_lane(plan: Any, start: np.ndarray, lane: int) -> Kernel:
+def random_lane(plan: Any, start: np.ndarray, lane: int) -> CpuEngine:
     """One lane of a plan as a kernel of its own."""
     axes = plan.scheme.axes
     parts: dict[str, Any] = {
@@ -523,7 +531,7 @@ def random_lane(plan: Any, start: np.ndarray, lane: int) -> Kernel:
         }
         for part in ("constants", "stages")
     }
-    return Kernel(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
+    return CpuEngine(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
 
 
 def test_enough_invariants_are_chosen() -> None:
@@ -545,7 +553,7 @@ def left_out(monkeypatch: pytest.MonkeyPatch, most: float) -> float:
     everything = program_of(found, columns)
     assert some is not None and everything is not None and len(some.names) < len(everything.names)
     x = np.random.default_rng(9).normal(size=(50, everything.registers))
-    J = _gradients(everything, x)
+    J = _register_gradients(everything, x)
     J /= np.sqrt((J * J).sum(-1, keepdims=True))
     chosen = [everything.labels.index(label) for label in some.labels]
     weight = J @ np.linalg.pinv(J[:, chosen], rcond=1e-7)

@@ -98,7 +98,7 @@ def test_residues_are_a_field() -> None:
     with pytest.raises(fields.Pole):
         1 / (a - a)
     for q in (F(3, 7), F(-22, 5), F(0), F(12)):
-        assert fields.lifted(fields.residue(q, p), p) == q
+        assert fields.reconstructed(fields.residue(q, p), p) == q
 
 
 # -- degrees ----------------------------------------------------------------------------------------
@@ -137,11 +137,11 @@ def test_degrees_by_the_definition_of_degree() -> None:
 
     t = sympy.Symbol("t")
     for step in (mcmillan, lyness, henon):
-        x, told = array(2 + 3 * t, 5 - 7 * t), growth.degrees(plane(step), 2)
+        x, degrees = array(2 + 3 * t, 5 - 7 * t), growth.degrees(plane(step), 2)
         for k in range(1, 3):
             x = array(*(sympy.cancel(v) for v in step(array(*x))))
             top = sympy.cancel(3 * x[0] + 11 * x[1]).as_numer_denom()
-            assert max(sympy.degree(part, t) for part in top) == told[k]
+            assert max(sympy.degree(part, t) for part in top) == degrees[k]
 
 
 @pytest.mark.parametrize(("step", "expected"), [(naive, math.log((1 + math.sqrt(5)) / 2)), (perturbed, 1.27)])
@@ -153,7 +153,7 @@ def test_negative_controls_grow_exponentially(step: object, expected: float) -> 
 
 
 def test_a_sequence_without_a_recurrence_is_estimated() -> None:
-    found = growth.fitted(tuple(math.floor(1.5**k + 3 * math.sin(k * k)) + 5 for k in range(12)))
+    found = growth.fitted_growth(tuple(math.floor(1.5**k + 3 * math.sin(k * k)) + 5 for k in range(12)))
     assert found.recurrence is None
     assert abs(found.entropy - math.log(1.5)) < found.uncertainty
 
@@ -231,7 +231,7 @@ def test_areas_of_the_plane() -> None:
 # -- input ------------------------------------------------------------------------------------------
 
 
-def test_maps_that_are_not_rational_are_told_so() -> None:
+def test_maps_that_are_not_rational_are_named() -> None:
     for step in (lambda x: array(np.sqrt(x[0]), x[1]), lambda x: array(x[0] if x[0] > 1 else x[1], x[1])):
         with pytest.raises(kr.InputError, match="rational"):
             growth.growth(plane(step), 2)
@@ -243,5 +243,5 @@ def test_maps_that_are_not_rational_are_told_so() -> None:
         growth.growth(plane(lambda x: array(x[0] / (x[1] - x[1]), x[1])), 2)
     with pytest.raises(kr.InputError, match="monomials"):
         integrals.integrals(subject(model("clebsch")), 30)
-    with pytest.raises(kr.InputError, match="too large to be told"):
+    with pytest.raises(kr.InputError, match="too large to be found"):
         integrals.integrals(plane(lambda x: mcmillan(x, a=F(10**12 + 39, 10**13 + 37))), 4)

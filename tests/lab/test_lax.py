@@ -60,16 +60,17 @@ TABLE += [(6, 21, 3, 18, 9, 9, 5, 13, 5, 9)]
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"n={row[0]}")
 def test_the_table_of_ranks(row: tuple[int, ...]) -> None:
     n, dimension, casimirs, leaf, needed, *ranks = row
-    told = lax(clebsch(n))
-    assert (told.dimension, told.dimension - told.leaf, told.leaf, told.needed) == (dimension, casimirs, leaf, needed)
-    assert (told.equation, told.isospectral, told.involution, told.complete) == (True, True, True, True)
-    assert told.on_leaf == ranks[0] and told.rank == ranks[0] + casimirs
+    result = lax(clebsch(n))
+    sizes = result.dimension, result.dimension - result.leaf, result.leaf, result.needed
+    assert sizes == (dimension, casimirs, leaf, needed)
+    assert (result.equation, result.isospectral, result.involution, result.complete) == (True, True, True, True)
+    assert result.on_leaf == ranks[0] and result.rank == ranks[0] + casimirs
     for top in (rest(n), moving(n)):
-        told = lax(top)
-        assert (told.equation, told.isospectral, told.involution) == (True, True, True)
-        assert [told.on_leaf, told.with_more, told.torus] == ranks[1:4]
-        assert told.complete == (n == 3)
-        assert told.superintegrable == (n > 3)
+        result = lax(top)
+        assert (result.equation, result.isospectral, result.involution) == (True, True, True)
+        assert [result.on_leaf, result.with_more, result.torus] == ranks[1:4]
+        assert result.complete == (n == 3)
+        assert result.superintegrable == (n > 3)
         family = lax(top, more=manakov(n))
         assert (family.with_more, family.torus) == (ranks[4], needed)
 
@@ -92,11 +93,11 @@ def of_record(function, kinds=("skew", "vector"), n=3):
 def test_printed_pairs_fail() -> None:
     """Erratum E2: V of section 6.2 spoils the equation; E10: L of section 7 the spectrum for |P| != 1."""
     top = moving(3)
-    told = lax(top, L=top.lax, V=of_record(printed_conjugator))
-    assert told.isospectral and told.equation is False and not told.kept
+    ranks = lax(top, L=top.lax, V=of_record(printed_conjugator))
+    assert ranks.isospectral and ranks.equation is False and not ranks.conserved
     printed = of_record(lambda M, P, *, b, lam, eps: printed_pencil(M, P, b=b, lam=lam, eps=eps))
-    told = lax(clebsch(3), L=printed)
-    assert told.isospectral is False and told.equation is None and not told.complete
+    ranks = lax(clebsch(3), L=printed)
+    assert ranks.isospectral is False and ranks.equation is None and not ranks.complete
 
 
 def test_a_pair_of_ones_own() -> None:
@@ -110,10 +111,10 @@ def test_a_pair_of_ones_own() -> None:
     def L(x, lam):
         return np.array([[x[0], x[1] + lam], [x[1] - lam, -x[0]]], dtype=object)
 
-    told = lax(own, L=L)
-    assert told.isospectral and told.complete and told.on_leaf == 1
-    told = lax(own, L=lambda x, lam: np.array([[x[0], lam], [x[1], 0 * x[0]]], dtype=object))
-    assert told.isospectral is False and told.involution is False
+    ranks = lax(own, L=L)
+    assert ranks.isospectral and ranks.complete and ranks.on_leaf == 1
+    ranks = lax(own, L=lambda x, lam: np.array([[x[0], lam], [x[1], 0 * x[0]]], dtype=object))
+    assert ranks.isospectral is False and ranks.involution is False
 
 
 def test_what_cannot_be_tested_is_told() -> None:
@@ -127,6 +128,6 @@ def test_what_cannot_be_tested_is_told() -> None:
 
 
 def test_implicit_maps_keep_their_ranks() -> None:
-    told = lax(subject(kr.EulerTop(J=(1, 2, 3, 5)), eps=EPS))
-    assert told.equation is None and told.isospectral is None
-    assert (told.involution, told.on_leaf, told.needed) == (True, 2, 2)
+    ranks = lax(subject(kr.EulerTop(J=(1, 2, 3, 5)), eps=EPS))
+    assert ranks.equation is None and ranks.isospectral is None
+    assert (ranks.involution, ranks.on_leaf, ranks.needed) == (True, 2, 2)

@@ -49,12 +49,14 @@ def escaped(steps: int, radius: Fraction = QUARTER) -> int:
     """How many corners of a box about START, mapped exactly, are not in the enclosures claimed for them."""
     import flint
 
-    told = [certified.certify(TOP, START, k, radius=radius, tolerance=100, precision=64) for k in range(1, steps + 1)]
-    assert all(t.steps == k for k, t in enumerate(told, 1))
+    enclosures = [
+        certified.certify(TOP, START, k, radius=radius, tolerance=100, precision=64) for k in range(1, steps + 1)
+    ]
+    assert all(t.steps == k for k, t in enumerate(enclosures, 1))
     lost = 0
     for corner in itertools.product((-1, 1), repeat=6):
         orbit = orbits.exact_orbit(TOP, [v + s * radius for v, s in zip(START, corner, strict=True)], steps)
-        for k, enclosed in enumerate(told, 1):
+        for k, enclosed in enumerate(enclosures, 1):
             exact = [flint.arb(flint.fmpq(v.numerator, v.denominator)) for v in orbit[k]]
             lost += not all(ball.contains(v) for ball, v in zip(enclosed.enclosure, exact, strict=True))
     return lost
@@ -84,8 +86,8 @@ def test_certified_steps_and_integrals() -> None:
 
 
 def test_an_integral_that_is_none_is_seen() -> None:
-    told = certified.certify(TOP, START, 30, functions={"m1": lambda x: x[0]})
-    assert told.integrals["m1"][1] - told.integrals["m1"][0] > 0.1
+    enclosure = certified.certify(TOP, START, 30, functions={"m1": lambda x: x[0]})
+    assert enclosure.integrals["m1"][1] - enclosure.integrals["m1"][0] > 0.1
 
 
 def test_certified_complains() -> None:
@@ -142,7 +144,7 @@ def test_proofs() -> None:
 
 def test_the_recorded_tangent_map_is_the_jacobian() -> None:
     x = dynamics.float_start(TOP, 1)
-    orbit = dynamics.Orbit(TOP, x, np.eye(6))
+    orbit = dynamics.CompiledOrbit(TOP, x, np.eye(6))
     new = orbit.advance(1)[0]
     images = TOP.step(independent(x), **TOP.floats)
     assert np.allclose(orbit.vectors.T, np.asarray(slopes(images, 6), dtype=float), rtol=1e-13, atol=1e-14)

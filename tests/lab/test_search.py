@@ -32,7 +32,7 @@ def test_the_constant_of_clebsch() -> None:
 
 
 def test_the_potential_of_lagrange() -> None:
-    found = search.search(search.axial, {"beta": [0, 1], "kappa": [0, F(1, 4)]}, **EXACT)
+    found = search.search(search.axial_potential, {"beta": [0, 1], "kappa": [0, F(1, 4)]}, **EXACT)
     assert found.scores[0].parameters == {"beta": 0, "kappa": 0}
     assert [s.verdict for s in found.scores] == ["integrable"] + ["not integrable"] * 3
     assert [s.on_leaf for s in found.scores] == [2, 1, 1, 1]  # the axis stays a symmetry
@@ -43,7 +43,7 @@ def test_members_are_the_maps_of_the_registry() -> None:
     M, P, eps = kr.algebra.hat(rng.normal(size=3)), rng.normal(size=3), 0.3
     for member, system, known in (
         (search.logarithmic(2), clebsch, {"b": np.array([1.0, 2, 4])}),
-        (search.axial(), symmetric_top, {"A": np.array([0.0, 0, 1])}),
+        (search.axial_potential(), symmetric_top, {"A": np.array([0.0, 0, 1])}),
     ):
         ours, theirs = member.step(M, P, eps=eps), system.SYSTEM.map.step(M, P, eps=eps, **known)
         assert all(np.allclose(a.astype(float), b, atol=1e-14) for a, b in zip(ours, theirs, strict=True))

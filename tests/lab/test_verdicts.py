@@ -103,7 +103,7 @@ def test_the_lax_pair_of_another_map_carries_nothing() -> None:
 
 
 def test_evidence_that_contradicts_itself_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(growth, "growth", lambda *_: growth.fitted(tuple(2**k for k in range(9))))
+    monkeypatch.setattr(growth, "growth", lambda *_: growth.fitted_growth(tuple(2**k for k in range(9))))
     found = investigate("lagrange-top", **SHORT)
     assert found.verdict == "undecided" and "contradicts" in found.reason
 
@@ -130,13 +130,13 @@ def test_a_map_that_permutes_leaves(third, verdict: str) -> None:
 
 def test_the_rule_needs_all_of_its_parts() -> None:
     """Mutants of the rule's own inputs: no bracket, too few integrals, integrals not in involution."""
-    told = questions.liouville
+    liouville = questions.liouville
     what = subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
     found = integrals.integrals(what, 2)
-    assert questions.enough(told(what, what.tensor, found, 0))
-    assert not questions.enough(told(what, what.tensor, found[:3], 0))
+    assert questions.enough(liouville(what, what.tensor, found, 0))
+    assert not questions.enough(liouville(what, what.tensor, found[:3], 0))
     m = [f for f in integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
-    assert not questions.enough(told(what, what.tensor, m, 0))
+    assert not questions.enough(liouville(what, what.tensor, m, 0))
 
 
 # -- pages and the command ----------------------------------------------------------------------------
@@ -176,9 +176,9 @@ def test_the_command(tmp_path: Path) -> None:
     assert out.returncode == 0, out.stderr
     assert "integrable: 1 independent integral on leaves" in out.stdout and (tmp_path / "p.html").is_file()
     out = command("lagrange-top", "--set", "alpha=2", "--eps", "1/2", "--steps", "1000", "--json", "--iterates", "6")
-    told = json.loads(out.stdout)
-    assert told["verdict"] == "integrable" and told["degrees"][:4] == [1, 3, 9, 19]
-    assert "alpha = 2" in told["about"]
+    printed = json.loads(out.stdout)
+    assert printed["verdict"] == "integrable" and printed["degrees"][:4] == [1, 3, 9, 19]
+    assert "alpha = 2" in printed["about"]
 
 
 @pytest.mark.parametrize(

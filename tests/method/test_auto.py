@@ -40,11 +40,11 @@ def test_the_tolerance_is_reached_and_not_wasted(name: str, n: int) -> None:
     for tol in (1e-3, 1e-7, 1e-10):
         run = kr.simulate(model, x0, **OPTIONS, order="auto", tol=tol)
         assert np.allclose(run.time, truth.time, rtol=1e-14)
-        told = json.loads(run.attrs["options"])
-        assert told["tol"] == tol
-        assert told["expected_error"] <= tol
+        chosen = json.loads(run.attrs["options"])
+        assert chosen["tol"] == tol
+        assert chosen["expected_error"] <= tol
         assert apart(run, truth, letters) <= tol
-        cheaper = kr.simulate(model, x0, dt=2 * run.attrs["dt"], steps=run.attrs["steps"] // 2, order=told["order"])
+        cheaper = kr.simulate(model, x0, dt=2 * run.attrs["dt"], steps=run.attrs["steps"] // 2, order=chosen["order"])
         if 2 * cheaper.sizes["time"] > 40:  # of whole steps
             assert apart(cheaper, truth, letters) > tol
 
@@ -77,13 +77,13 @@ def test_tolerances_that_cannot_be(tol: object, top: object, x0: object) -> None
 
 
 def test_what_does_not_go_together(top: object, x0: object) -> None:
-    for told, options in {
+    for message, options in {
         "order must be a whole number": {"order": "high"},
         "tol goes with order='auto'": {"tol": 1e-6},
         "method='baecklund'": {"order": "auto", "tol": 1e-6, "method": "suris"},
         "a multiple of every": {"order": "auto", "tol": 1e-6, "every": 7},
     }.items():
-        with pytest.raises(kr.InputError, match=told):
+        with pytest.raises(kr.InputError, match=message):
             kr.simulate(top, x0, **{**OPTIONS, **options})
 
 
@@ -110,9 +110,9 @@ def test_from_a_file_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         '[run]\norder = "auto"\ntol = 1e-8\ndt = 1.0\nsteps = 100\nevery = 10\n[output]\npath = "run.zarr"\n'
     )
     commands.run(Path("top.toml"))
-    told = kr.open_run("run.zarr")
-    longer = kr.resume(Path("run.zarr"), extend=2 * told.attrs["steps"])
-    assert longer.attrs["options"] == told.attrs["options"]
+    run = kr.open_run("run.zarr")
+    longer = kr.resume(Path("run.zarr"), extend=2 * run.attrs["steps"])
+    assert longer.attrs["options"] == run.attrs["options"]
     assert longer.time.values[-1] == pytest.approx(200)
 
 

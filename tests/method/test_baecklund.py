@@ -12,7 +12,7 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
 from kreisel.method import scheme
@@ -100,7 +100,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool)
     z += (np.array([1.0, 0, 0, 0]),) if oriented else ()
     plan = scheme(model, "baecklund", 0.1, order, oriented).on(z)
     kinds = [kind for _, kind in plan.components]
-    kernel = Kernel(plan, layout.flatten(z, kinds)[None])
+    kernel = CpuEngine(plan, layout.flatten(z, kinds)[None])
     out = np.empty((1, 1, kernel.z.shape[1]))
     kernel.advance(out, 3)
     for _ in range(3):
@@ -137,7 +137,7 @@ def test_integrals_of_the_flow_stay_at_round_off(name: str, order: int) -> None:
 
 @pytest.mark.parametrize("size", [1e160, 1e308])
 @pytest.mark.parametrize("order", [2, 4])
-def test_states_whose_squares_overflow_are_told(size: float, order: int) -> None:
+def test_states_whose_squares_overflow_are_refused(size: float, order: int) -> None:
     body = kr.Neumann(b=(1.0, 2.0, 3.5))
     with pytest.raises(kr.InputError, match="so large that its square overflows"):
         kr.simulate(body, {"x": (1, 0, 0), "q": (0, size, 0.1)}, dt=0.05, steps=4, order=order)

@@ -14,7 +14,7 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.orders import scheme_orders
 from kreisel.method import composition, scheme
@@ -116,7 +116,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
     x0 += {3: (np.array([1.0, 0, 0, 0]),), 4: (np.eye(4),), 9: ()}[n]
     kinds = [kind for _, kind in plan.components]
     z = plan.prepare(x0)
-    kernel = Kernel(plan, layout.flatten(z, kinds)[None])
+    kernel = CpuEngine(plan, layout.flatten(z, kinds)[None])
     out = np.empty((3, 1, kernel.z.shape[1]))
     kernel.advance(out, 2)
     for row in out:

@@ -18,7 +18,7 @@ PLAIN = Gyroscope(mass=3.0, axial_moment=0.17, transverse_moment=0.18, lever=0.1
 RPM = 2 * math.pi / 60
 
 
-def told(**changes: object) -> Gyroscope:
+def gyroscope(**changes: object) -> Gyroscope:
     data = {
         "mass": "3 kg",
         "axial_moment": "0.17 kg m^2",
@@ -38,7 +38,7 @@ def test_strings_quantities_and_plain_numbers_say_the_same() -> None:
         "lever": 150 * ureg.millimeter,
         "gravity": 9.81 * ureg.meter / ureg.second**2,
     }
-    for body in (told(), told(**quantities)):
+    for body in (gyroscope(), gyroscope(**quantities)):
         for name in ("mass", "axial_moment", "transverse_moment", "lever", "gravity"):
             assert getattr(body, name) == pytest.approx(getattr(PLAIN, name), rel=1e-15)
             assert type(getattr(body, name)) is float
@@ -81,7 +81,7 @@ def test_an_ellipsoid_with_units() -> None:
 )
 def test_wrong_quantities(changes: dict[str, object], said: str) -> None:
     with pytest.raises(kr.InputError, match=said):
-        told(**changes)
+        gyroscope(**changes)
 
 
 def test_plain_numbers_need_no_pint(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,7 +91,7 @@ def test_plain_numbers_need_no_pint(monkeypatch: pytest.MonkeyPatch) -> None:
         run = kr.simulate(PLAIN.model(), PLAIN.state(1.2, 20.0), dt=PLAIN.dt(1e-3), steps=5)
         assert units.measured(run, PLAIN.scales()).time[-1] == pytest.approx(5e-3)
         with pytest.raises(kr.InputError, match=r"kreisel\[units\]"):
-            told()
+            gyroscope()
     finally:
         units.registry.cache_clear()
 

@@ -22,7 +22,7 @@ from kreisel.lab import exact, laws
 from kreisel.record.contract import System
 from kreisel.reduction import linear, newton
 from kreisel.reduction.groups import random_element
-from kreisel.runs.own import load
+from kreisel.runs.own import load_system
 from kreisel.runs.simulate import resume
 from kreisel.system import REGISTRY
 from sizes import FULL
@@ -479,7 +479,7 @@ def test_a_run_names_the_step_at_which_the_branch_ends() -> None:
 def test_the_path_is_followed_where_newton_alone_goes_astray() -> None:
     """atan: Newton's method from 0 diverges beyond 1.39; tan(x) is on the branch."""
     with red.double():
-        root = jax.jit(lambda y: newton.find(lambda x, y: jnp.arctan(x) - y, 1, y))
+        root = jax.jit(lambda y: newton.find_root(lambda x, y: jnp.arctan(x) - y, 1, y))
         for y in (0.3, 1.0, 1.4, 1.5):
             assert float(root(jnp.asarray([y]))[0]) == pytest.approx(np.tan(y), rel=1e-9)
         assert np.isnan(root(jnp.asarray([1.6])))
@@ -546,7 +546,7 @@ def test_the_symmetric_rule_is_the_variational_method() -> None:
 
 def test_derivatives_of_a_root_to_second_order() -> None:
     def root(y):
-        return newton.find(lambda x, y: jnp.arctan(x) - y, 1, jnp.reshape(y, 1))[0]
+        return newton.find_root(lambda x, y: jnp.arctan(x) - y, 1, jnp.reshape(y, 1))[0]
 
     with red.double():
         first, second = (float(jax.jit(f)(jnp.asarray(1.4))) for f in (jax.grad(root), jax.grad(jax.grad(root))))
@@ -584,7 +584,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("message", BAD)
-def test_bad_lagrangians_are_told_so(message: str) -> None:
+def test_bad_lagrangians_are_refused(message: str) -> None:
     with pytest.raises(kr.InputError, match=message):
         own(lagrangian=BAD[message])
 
@@ -685,7 +685,7 @@ def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:
 def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     file = tmp_path / "own.py"
     with pytest.raises(kr.InputError, match="There is no file"):
-        load("quartic-top", file)
+        load_system("quartic-top", file)
     for text, message in (
         ("import nothing_like_it", "line 1: ModuleNotFoundError"),
         ("def f(:", "line 1: SyntaxError"),
@@ -697,7 +697,7 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     ):
         file.write_text(text)
         with pytest.raises(kr.InputError, match=message.replace("?", "[?]")):
-            load("quartic-topp", file)
+            load_system("quartic-topp", file)
     file.write_text(FILE.replace("quartic-top", "clebsch"))
     with pytest.raises(kr.InputError, match="Choose another name"):
-        load("clebsch", file)
+        load_system("clebsch", file)

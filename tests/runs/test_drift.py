@@ -19,7 +19,7 @@ from kreisel.cli import NOT_CONSERVED, app
 from kreisel.lab import exact
 from kreisel.method import scheme
 from kreisel.record.contract import System
-from kreisel.runs import drift, march, scales
+from kreisel.runs import drift, integration, scales
 from kreisel.sweeps import broken_lanes
 from kreisel.system import REGISTRY
 
@@ -63,16 +63,16 @@ def test_what_a_map_keeps_is_what_its_record_says(order: int) -> None:
 def test_a_broken_run_shouts(top: System, x0: object, tmp_path: Path, strict: None) -> None:
     with pytest.warns(
         kr.ConservationWarning, match=r"casimir\[0\] is not conserved.*expected a change of some units"
-    ) as told:
+    ) as caught:
         run = kr.simulate(top, x0, dt=TOO_LONG, steps=1000, order=8, project=False)
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
     table = kr.drift(run)
     assert table.broken["casimir[0]"] and not table.broken["energy"]
     assert "BROKEN" in run.kreisel._repr_html_() and "is not conserved" in repr(run.kreisel)
     assert len(drift.broken(table)) == table.broken.sum()
-    with pytest.warns(kr.ConservationWarning) as told:
+    with pytest.warns(kr.ConservationWarning) as caught:
         kr.simulate(top, x0, dt=TOO_LONG, steps=1000, order=8, path=tmp_path / "top.zarr", project=False)
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
 
 
 def test_a_broken_run_that_is_projected_ends(top: System, x0: object, tmp_path: Path) -> None:
@@ -92,8 +92,8 @@ def test_the_commands_shout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, str
     assert "BROKEN" in done.stdout and "casimir[0] is not conserved" in done.stderr
     assert kr.open_run("top.zarr").attrs["complete"]
     done = do(app, ["run", "top.toml", "--no-figure", "--no-project", "--overwrite", "--json"])
-    told = json.loads(done.stdout)
-    assert done.exit_code == NOT_CONSERVED and told["broken"] and told["drift"][0]["broken"] is True
+    printed = json.loads(done.stdout)
+    assert done.exit_code == NOT_CONSERVED and printed["broken"] and printed["drift"][0]["broken"] is True
     done = do(app, ["check", "top.zarr"])
     assert done.exit_code == 1 and "FAULT: casimir[0] is not conserved" in done.stdout
     assert do(app, ["resume", "top.zarr", "--extend", "1100"]).exit_code == NOT_CONSERVED
@@ -162,7 +162,7 @@ def states(model: object, n: int) -> Iterator[tuple[str, tuple[np.ndarray, ...]]
 
 @pytest.mark.parametrize(("name", "n", "method"), CASES)
 def test_a_right_map_never_shouts(name: str, n: int, method: str) -> None:
-    """Close to the longest steps too.  Measured: 30 bands and less, but for steps that turn by many radians."""
+    """Close to the longest steps too.  Measured: 30 widths and less, but for steps that turn by many radians."""
     model = exact.random_model(REGISTRY[name], n, exact.float_random(np.random.default_rng([5, n])))
     phi = model.system.map
     runs = 0
@@ -184,8 +184,8 @@ def test_a_right_map_never_shouts(name: str, n: int, method: str) -> None:
 
 
 def test_leaving_an_equilibrium_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first block is at rest to 1e-13, rounding errors of the rest are those of 1: the band is measured again."""
-    monkeypatch.setattr(march, "BLOCK_BYTES", 4 * 6 * 8 * 100)
+    """The first block is at rest to 1e-13, rounding errors of the rest are those of 1: the width is measured again."""
+    monkeypatch.setattr(integration, "BLOCK_BYTES", 4 * 6 * 8 * 100)
     p = np.array((0.3, -0.2, 1))
     top, up = kr.LagrangeTop(p=p), p / np.linalg.norm(p)
     many = top.state(m=np.array([[1e-13, 2e-13, 3e-14], [1, 1, 1], [1, 0, 1], [0, 1, 1.0]]), a=np.stack([up] * 4))
@@ -203,8 +203,10 @@ def test_drift_reads_blocks_of_rows(top: System, x0: object, tmp_path: Path, mon
     """The figures of the definition, from pieces of the variables."""
     kr.simulate(top, x0, dt=0.05, steps=5000, path=tmp_path / "top.zarr")
     run = kr.open_run(tmp_path / "top.zarr")
-    largest, whole = [], drift.read
-    monkeypatch.setattr(drift, "read", lambda variable, *name: largest.append(variable.size) or whole(variable, *name))
+    largest, whole = [], drift.read_values
+    monkeypatch.setattr(
+        drift, "read_values", lambda variable, *name: largest.append(variable.size) or whole(variable, *name)
+    )
     monkeypatch.setattr(drift, "NUMBERS_AT_ONCE", 700)
     table = kr.drift(run)
     assert max(largest) <= 700

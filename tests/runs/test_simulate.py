@@ -10,7 +10,7 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.lab import exact
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.system import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None and not system.map.symmetric]
@@ -187,12 +187,12 @@ def test_a_small_lane_is_measured_by_its_own_scale(top: object) -> None:
     assert kr.drift(run).ulps["casimir[1]"] > 1e6
 
 
-@pytest.mark.parametrize(("order", "told"), [(1, "O(dt)"), (2, "O(dt^2)")])
-def test_the_energy_of_the_flow_oscillates_by_the_order(top: object, x0: object, order: int, told: str) -> None:
+@pytest.mark.parametrize(("order", "text"), [(1, "O(dt)"), (2, "O(dt^2)")])
+def test_the_energy_of_the_flow_oscillates_by_the_order(top: object, x0: object, order: int, text: str) -> None:
     runs_ = [kr.simulate(top, x0, dt=dt, steps=round(5 / dt), method="suris", order=order) for dt in (0.01, 0.005)]
     widths = [float(np.ptp(run.energy.values)) for run in runs_]
     assert np.log2(widths[0] / widths[1]) == pytest.approx(order, abs=0.1)
-    assert runs_[0].energy.attrs["long_name"].endswith(told)
+    assert runs_[0].energy.attrs["long_name"].endswith(text)
 
 
 def test_default_method_and_names() -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs import march
-from kreisel.runs.own import load
+from kreisel.runs import integration
+from kreisel.runs.own import load_system
 from kreisel.sweeps import workers
 from support import ROOT, ended, started
 
@@ -39,10 +39,10 @@ def contents(store: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("size", [1e6, 1e9, 1e100, 1e200])
 def test_dop853_gives_up_where_it_would_not_end(size: float, top: object) -> None:
     begun = time.monotonic()
-    with pytest.raises(kr.RunError, match=r"expected .*, got .*Usual cause") as told:
+    with pytest.raises(kr.RunError, match=r"expected .*, got .*Usual cause") as error:
         kr.simulate(top, {"m": (0.1 * size, 0.2 * size, size), "a": (0.6, 0, 0.8)}, dt=0.05, steps=4, method="dop853")
     assert time.monotonic() - begun < 30
-    assert ("smaller dt" if size < 1e150 else "overflows") in str(told.value)
+    assert ("smaller dt" if size < 1e150 else "overflows") in str(error.value)
 
 
 def test_dop853_without_a_first_step() -> None:
@@ -62,15 +62,15 @@ def test_fast_motion_within_the_limit_of_dop853(top: object) -> None:
 
 def stop_within_a_call(calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A signal while the engine is at work on a call that lasts, after so many calls."""
-    original, count = march.March._call, iter(range(10**9))
+    original, count = integration.Integration._call, iter(range(10**9))
 
-    def call(self: march.March, out: np.ndarray, every: int) -> None:
+    def call(self: integration.Integration, out: np.ndarray, every: int) -> None:
         if next(count) == calls:
             os.kill(os.getpid(), signal.SIGTERM)
         original(self, out, every)
 
-    monkeypatch.setattr(march, "LONG_SECONDS", -1.0)
-    monkeypatch.setattr(march.March, "_call", call)
+    monkeypatch.setattr(integration, "LONG_SECONDS", -1.0)
+    monkeypatch.setattr(integration.Integration, "_call", call)
 
 
 @pytest.mark.parametrize("method", ["dop853", "exact"])
@@ -90,7 +90,7 @@ def test_a_signal_within_a_call_keeps_the_last_checkpoint(
 
 
 def test_loops_of_jax_are_stopped_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    own = load("my-kovalevskaya-top", ROOT / "examples" / "own_lagrangian.py")(c=1.0)
+    own = load_system("my-kovalevskaya-top", ROOT / "examples" / "own_lagrangian.py")(c=1.0)
     x0 = own.state(M=(1.2, 0.4, 0.9), P=(0.6, 0.0, 0.8))
     with pytest.raises(kr.RunError, match="stopped by SIGTERM after 0 steps"):
         stop_within_a_call(3, monkeypatch)
@@ -140,7 +140,7 @@ def test_a_sweep_in_this_process_stops_within_a_block(
 ) -> None:
     original, count = workers.compute, iter(range(10**9))
     design = kr.Design(together={"system.alpha": [0.5, 1.0, 1.5, 2.0]})
-    told = {"design": design, "block": 1, "workers": 0, "dt": 0.1, "steps": 30}
+    options = {"design": design, "block": 1, "workers": 0, "dt": 0.1, "steps": 30}
 
     def compute(*args: object) -> dict[str, object]:
         if next(count) == 2:
@@ -149,9 +149,9 @@ def test_a_sweep_in_this_process_stops_within_a_block(
                 time.sleep(0.01)
         return original(*args)
 
-    kr.sweep(top, x0, path=tmp_path / "whole.zarr", **told)
+    kr.sweep(top, x0, path=tmp_path / "whole.zarr", **options)
     with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM after 2 of 4 blocks"):
         patch.setattr(workers, "compute", compute)
-        kr.sweep(top, x0, path=tmp_path / "s.zarr", **told)
-    kr.sweep(top, x0, path=tmp_path / "s.zarr", **told)
+        kr.sweep(top, x0, path=tmp_path / "s.zarr", **options)
+    kr.sweep(top, x0, path=tmp_path / "s.zarr", **options)
     assert contents(tmp_path / "s.zarr") == contents(tmp_path / "whole.zarr")

@@ -13,7 +13,7 @@ import xarray as xr
 import zarr
 
 import kreisel as kr
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.storage import archive as archives
 from kreisel.storage import manifest
 from kreisel.storage.checking import check_archive
@@ -229,7 +229,7 @@ def test_check_of_an_archive_with_nothing_that_can_be_read(
     for chunk in (p for p in path.rglob("*") if p.is_file() and "c" in p.relative_to(path).parts):
         if not chunk.relative_to(path).parts[0] == "time":
             chunk.write_bytes(b"nothing")
-    with pytest.raises(typer.Exit) as told:
+    with pytest.raises(typer.Exit) as exit:
         commands.check(path)
-    assert told.value.exit_code == 1
+    assert exit.value.exit_code == 1
     assert "FAULT" in capsys.readouterr().out

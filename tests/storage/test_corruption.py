@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs import march
+from kreisel.runs import integration
 from kreisel.storage import checking, manifest
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 60, "every": 2, "orientation": (1, 0, 0, 0)}
@@ -31,7 +31,7 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run, the same of another start, an ensemble and a sweep, of several blocks each."""
     folder = tmp_path_factory.mktemp("stores")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(march, "BLOCK_BYTES", 10 * 8 * 10)
+        patch.setattr(integration, "BLOCK_BYTES", 10 * 8 * 10)
         kr.simulate(TOP, START, path=folder / "run.zarr", **OPTIONS)
         kr.simulate(TOP, {**START, "a": (0.8, 0, 0.6)}, path=folder / "other.zarr", **OPTIONS)
         two = {"m": [(0.1, 0.2, 1.5), (0.3, 0.2, 1.4)], "a": (0.6, 0, 0.8)}
@@ -69,9 +69,9 @@ def listen(path: Path) -> None:
 
 
 def reworded(path: Path) -> None:
-    told = json.loads(path.read_text())
-    told["attributes"]["dt"] = 0.2
-    path.write_text(json.dumps(told))
+    metadata = json.loads(path.read_text())
+    metadata["attributes"]["dt"] = 0.2
+    path.write_text(json.dumps(metadata))
 
 
 def added(store: Path) -> None:
@@ -188,7 +188,7 @@ def test_the_manifest_is_read_by_others(stores: Path) -> None:
 
 def test_a_folder_that_vanishes_at_any_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One message, and never an archive that says that it is complete."""
-    monkeypatch.setattr(march, "BLOCK_BYTES", 10 * 8 * 5)
+    monkeypatch.setattr(integration, "BLOCK_BYTES", 10 * 8 * 5)
     monkeypatch.setattr("kreisel.runs.simulate.CHECKPOINT_SECONDS", 0.0)
     from kreisel.storage import archive, checkpoint, verified
 

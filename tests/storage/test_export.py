@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import kreisel as kr
-from kreisel.runs import march as runs
+from kreisel.runs import integration as runs
 from kreisel.storage import exporting
 
 OPTIONS = {"dt": 0.1, "steps": 100, "every": 3}
@@ -50,8 +50,8 @@ def test_parquet_has_a_row_for_each_time_and_lane(archive: Path, tmp_path: Path)
     assert (table["time"].values.reshape(-1, 2)[:, 1] == run.time.values).all()
     assert (table["lane"].values.reshape(-1, 2) == [0, 1]).all()
     assert (table["energy"].values.reshape(-1, 2) == run.energy.values).all()
-    told = json.loads(pq.read_schema(tmp_path / "run.parquet").metadata[b"kreisel"])
-    assert told["dt"] == 0.1
+    attrs = json.loads(pq.read_schema(tmp_path / "run.parquet").metadata[b"kreisel"])
+    assert attrs["dt"] == 0.1
 
 
 @pytest.mark.parametrize("save", [["drift", "extremes"], ["drift", "trajectories"]])
@@ -153,13 +153,13 @@ def test_attributes_of_any_kind(archive: Path, tmp_path: Path) -> None:
     kr.export(run, tmp_path / "run.nc")
     kr.export(run, tmp_path / "run.parquet")
     with xr.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as back:
-        told = back.attrs
-    assert (told["words"], told["table"], told["nothing"]) == ('["a", "b"]', '{"x": 1}', "null")
-    assert (told["large"], told["many"].tolist(), told["so"]) == (str(10**30), [1, 2.5], 1)
-    assert (told["exactly"], told["array"].tolist(), told["matrix"]) == ('"0.1"', [1, 2], "[[1.0, 0.0], [0.0, 1.0]]")
-    assert (told["keys"], told["half"], told["5"]) == ('"{(1, 2): {3}}"', "a\\ud800\\x00b", 6)
-    told = json.loads(pq.read_schema(tmp_path / "run.parquet").metadata[b"kreisel"])
-    assert (told["exactly"], told["array"], told["keys"]) == ("0.1", [1, 2], "{(1, 2): {3}}")
+        attrs = back.attrs
+    assert (attrs["words"], attrs["table"], attrs["nothing"]) == ('["a", "b"]', '{"x": 1}', "null")
+    assert (attrs["large"], attrs["many"].tolist(), attrs["so"]) == (str(10**30), [1, 2.5], 1)
+    assert (attrs["exactly"], attrs["array"].tolist(), attrs["matrix"]) == ('"0.1"', [1, 2], "[[1.0, 0.0], [0.0, 1.0]]")
+    assert (attrs["keys"], attrs["half"], attrs["5"]) == ('"{(1, 2): {3}}"', "a\\ud800\\x00b", 6)
+    attrs = json.loads(pq.read_schema(tmp_path / "run.parquet").metadata[b"kreisel"])
+    assert (attrs["exactly"], attrs["array"], attrs["keys"]) == ("0.1", [1, 2], "{(1, 2): {3}}")
 
 
 def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:

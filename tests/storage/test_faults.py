@@ -18,7 +18,7 @@ import pytest
 import zarr
 
 import kreisel as kr
-from kreisel.runs import march
+from kreisel.runs import integration
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking, manifest
 from kreisel.storage.checkpoint import Lock
@@ -33,7 +33,7 @@ SWEPT: dict[str, Any] = {
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(march, "BLOCK_BYTES", 6 * 8 * 50)
+    monkeypatch.setattr(integration, "BLOCK_BYTES", 6 * 8 * 50)
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
 
 
@@ -64,9 +64,9 @@ def same(one: dict[str, Any], two: dict[str, Any]) -> bool:
 
 def ballast(disk: Path, leave: int) -> Path:
     """A file that leaves so many bytes free."""
-    told = os.statvfs(disk)
+    status = os.statvfs(disk)
     file = disk / "ballast"
-    file.write_bytes(bytes(told.f_bavail * told.f_bsize - leave))
+    file.write_bytes(bytes(status.f_bavail * status.f_bsize - leave))
     return file
 
 
@@ -86,13 +86,13 @@ def test_a_full_disk_and_space_freed(top: object, x0: object, disk: Path, tmp_pa
 
 
 def test_a_full_disk_under_a_sweep(top: object, x0: object, disk: Path, tmp_path: Path) -> None:
-    told = {**SWEPT, "save": ["drift"], "steps": 30}
-    kr.sweep(top, x0, path=tmp_path / "whole.zarr", **told)
+    options = {**SWEPT, "save": ["drift"], "steps": 30}
+    kr.sweep(top, x0, path=tmp_path / "whole.zarr", **options)
     file = ballast(disk, 200_000)
     with pytest.raises(kr.RunError, match=r"disk is full.*the same command goes on"):
-        kr.sweep(top, x0, path=disk / "s.zarr", **told)
+        kr.sweep(top, x0, path=disk / "s.zarr", **options)
     file.unlink()
-    kr.sweep(top, x0, path=disk / "s.zarr", **told)
+    kr.sweep(top, x0, path=disk / "s.zarr", **options)
     assert same(values(disk / "s.zarr"), values(tmp_path / "whole.zarr"))
 
 
@@ -146,14 +146,14 @@ def test_a_read_only_disk(top: object, x0: object, disk: Path) -> None:
 
 
 def test_a_directory_that_vanishes(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    original, count = march.March._advance, iter(range(10**9))
+    original, count = integration.Integration._advance, iter(range(10**9))
 
-    def advance(self: march.March) -> None:
+    def advance(self: integration.Integration) -> None:
         if next(count) == 5:
             shutil.rmtree(tmp_path / "deep")
         original(self)
 
-    monkeypatch.setattr(march.March, "_advance", advance)
+    monkeypatch.setattr(integration.Integration, "_advance", advance)
     with pytest.raises(kr.RunError, match="vanished during the run"):
         kr.simulate(top, x0, path=tmp_path / "deep" / "run.zarr", dt=0.1, steps=10**6, every=1)
 
@@ -184,13 +184,13 @@ def values_of_sweep(top: object, x0: object, path: Path) -> dict[str, Any]:
 
 
 def test_clocks_that_jump(top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = {**OPTIONS, "steps": 200_000, "every": 100}
-    kr.simulate(top, x0, path=tmp_path / "whole.zarr", **told)
+    options = {**OPTIONS, "steps": 200_000, "every": 100}
+    kr.simulate(top, x0, path=tmp_path / "whole.zarr", **options)
     rng, kept = random.Random(1), {name: getattr(time, name) for name in ("time", "monotonic", "perf_counter")}
     for name, clock in kept.items():
         monkeypatch.setattr(time, name, lambda clock=clock: clock() + rng.choice([0, 0, 3600, -3600, 1e9, -1e9]))
     begun = kept["monotonic"]()
-    kr.simulate(top, x0, path=tmp_path / "run.zarr", **told)
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", **options)
     assert kept["monotonic"]() - begun < 120
     monkeypatch.undo()
     assert same(values(tmp_path / "run.zarr"), values(tmp_path / "whole.zarr"))
@@ -225,8 +225,8 @@ def test_a_checkpoint_that_claims_too_much(top: object, x0: object, tmp_path: Pa
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     file = path / "engine" / "checkpoint.npz"
-    with np.load(file) as told:
-        arrays = dict(told)
+    with np.load(file) as saved:
+        arrays = dict(saved)
 
     class Code:
         def __reduce__(self) -> tuple[Any, ...]:
@@ -274,7 +274,7 @@ sandbox.drop()
 try:
     kr.open_run({str(path)!r}).load()
 except kr.InputError as error:
-    print("told", error)
+    print("refused", error)
 """
     try:
         run = [sys.executable, "-c", code]
@@ -282,5 +282,5 @@ except kr.InputError as error:
     finally:
         (path / place).chmod(0o755)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("told") == 1, done.stdout
+    assert done.stdout.count("refused") == 1, done.stdout
     assert same(values(path), before)

@@ -48,9 +48,9 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def attribute(store: Path, file: str, name: str, nested: str, quoted: bool) -> None:
     """Write a nested value as an attribute, or as the text of one that holds JSON."""
     path = store / file
-    told = json.loads(path.read_text())
-    told["attributes"][name] = nested if quoted else "HERE"
-    path.write_text(json.dumps(told).replace('"HERE"', nested))
+    metadata = json.loads(path.read_text())
+    metadata["attributes"][name] = nested if quoted else "HERE"
+    path.write_text(json.dumps(metadata).replace('"HERE"', nested))
     manifest.of_all(store)  # as a stranger would
 
 
@@ -95,10 +95,10 @@ def test_manifests(run: Path, swept: Path, tmp_path: Path) -> None:
             (store / "engine" / "checksums.sha256").write_text(text)
             for use in (checking.check_archive, kr.open_run):
                 try:
-                    told = use(store)[1]
+                    faults = use(store)[1]
                 except kr.InputError as error:
-                    told = [str(error)]
-                assert any("damaged" in fault or "added after the run" in fault for fault in told)
+                    faults = [str(error)]
+                assert any("damaged" in fault or "added after the run" in fault for fault in faults)
         (store / "engine" / "checksums.sha256").unlink()
         assert "engine/checksums.sha256 is missing" in checking.check_archive(store)[1][-1]
 
@@ -180,21 +180,21 @@ def test_an_axis_without_a_name(run: Path, tmp_path: Path) -> None:
     """Zarr's metadata may leave the name of an axis out; an archive has them all."""
     store = tmp_path / "run.zarr"
     shutil.copytree(run, store)
-    told = json.loads((store / "a" / "zarr.json").read_text())
-    told["dimension_names"][1] = None
-    (store / "a" / "zarr.json").write_text(json.dumps(told))
+    metadata = json.loads((store / "a" / "zarr.json").read_text())
+    metadata["dimension_names"][1] = None
+    (store / "a" / "zarr.json").write_text(json.dumps(metadata))
     for use in USES.values():
         with pytest.raises(kr.InputError, match=r"a/zarr\.json is damaged: an axis in dimension_names has no name"):
             use(store)
 
 
-def test_an_integral_that_does_not_say_whether_it_is_kept(run: Path, tmp_path: Path) -> None:
+def test_an_integral_that_does_not_say_whether_it_is_conserved(run: Path, tmp_path: Path) -> None:
     """It counts as one that is not; the check names the change."""
     store = tmp_path / "run.zarr"
     shutil.copytree(run, store)
-    told = json.loads((store / "energy" / "zarr.json").read_text())
-    told["attributes"]["kepd"] = told["attributes"].pop("conserved")
-    (store / "energy" / "zarr.json").write_text(json.dumps(told))
+    metadata = json.loads((store / "energy" / "zarr.json").read_text())
+    metadata["attributes"]["kepd"] = metadata["attributes"].pop("conserved")
+    (store / "energy" / "zarr.json").write_text(json.dumps(metadata))
     assert checking.check_archive(store)[1] == ["energy/zarr.json was changed after the run"]
     with pytest.raises(kr.InputError, match=r"energy/zarr\.json was changed"):
         kr.open_run(store)

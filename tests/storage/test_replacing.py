@@ -344,14 +344,14 @@ def test_a_name_of_what_is_being_made_is_refused(top: Any, x0: Any, tmp_path: Pa
 def test_a_sweep_killed_before_its_metadata_are_listed(
     overwrite: bool, top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, told = tmp_path / "run.zarr", {**SWEPT, "save": ["trajectories"], "overwrite": overwrite}
+    path, options = tmp_path / "run.zarr", {**SWEPT, "save": ["trajectories"], "overwrite": overwrite}
     if overwrite:
         kr.simulate(top, x0, path=path, **OPTIONS)
     with monkeypatch.context() as patch, pytest.raises(Killed):
         patch.setattr("kreisel.storage.manifest.begin", lambda *_: (_ for _ in ()).throw(Killed))
-        kr.sweep(top, x0, path=path, **told)
+        kr.sweep(top, x0, path=path, **options)
     path.with_name("run.zarr.lock").unlink(missing_ok=True)
-    kr.sweep(top, x0, path=path, **told)
+    kr.sweep(top, x0, path=path, **options)
     assert kr.open_run(path).sizes["lane"] == 3
     assert checking.check_archive(path)[1] == []
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]

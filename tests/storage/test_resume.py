@@ -20,7 +20,7 @@ import scipy.linalg
 
 import kreisel as kr
 from kreisel.lab import exact
-from kreisel.runs import march
+from kreisel.runs import integration
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking, checkpoint, manifest
 from kreisel.storage.checkpoint import Lock
@@ -34,7 +34,7 @@ KILLS = int(os.environ.get("KREISEL_KILLS", "6"))  # `make soak` asks for 200
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(march, "BLOCK_BYTES", SMALL)
+    monkeypatch.setattr(integration, "BLOCK_BYTES", SMALL)
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
 
 
@@ -45,9 +45,9 @@ def contents(store: Path) -> dict[str, object]:
         name = path.relative_to(store).as_posix()
         out[name] = path.read_bytes()
         if name == "zarr.json":
-            told = json.loads(path.read_text())
-            told["attributes"].pop("created")
-            out[name] = told
+            metadata = json.loads(path.read_text())
+            metadata["attributes"].pop("created")
+            out[name] = metadata
         elif name == "engine/checksums.sha256":
             out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
     return out
@@ -58,8 +58,8 @@ def slow_run(path: Path, top: object, x0: object, options: dict) -> None:
 
 
 def apart(begun: Any, path: Path, a_top: dict, x0: dict, options: dict) -> None:
-    march.BLOCK_BYTES, runs.CHECKPOINT_SECONDS = SMALL, 0.0
-    march.SHARDED, march.CHUNKS = 7, 7
+    integration.BLOCK_BYTES, runs.CHECKPOINT_SECONDS = SMALL, 0.0
+    integration.SHARDED, integration.CHUNKS = 7, 7
     begun.set()
     slow_run(path, kr.LagrangeTop(**a_top), x0, options)
 
@@ -84,8 +84,8 @@ def kill_during(path: Path, after: float, *run: object) -> bool:
 
 def test_killed_at_random_moments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT)  # where the process to be killed finds this file
-    monkeypatch.setattr(march, "SHARDED", 7)
-    monkeypatch.setattr(march, "CHUNKS", 7)
+    monkeypatch.setattr(integration, "SHARDED", 7)
+    monkeypatch.setattr(integration, "CHUNKS", 7)
     options, a_top = {**OPTIONS, "steps": 150, "orientation": (1, 0, 0, 0)}, {"p": (0, 0, 1)}
     top, x0 = kr.LagrangeTop(**a_top), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
     begun = time.monotonic()
@@ -114,22 +114,22 @@ def test_killed_at_random_moments(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def stop_after(calls: int, monkeypatch: pytest.MonkeyPatch, number: int = signal.SIGTERM) -> None:
     """Stop the run as a signal would, after some calls of the engine."""
-    count, original = iter(range(10**9)), march.March._advance
+    count, original = iter(range(10**9)), integration.Integration._advance
 
-    def advance(self: march.March) -> None:
+    def advance(self: integration.Integration) -> None:
         original(self)
         if next(count) == calls:
             os.kill(os.getpid(), number)
 
-    monkeypatch.setattr(march.March, "_advance", advance)
+    monkeypatch.setattr(integration.Integration, "_advance", advance)
 
 
 def another_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     """LAPACK rounds otherwise, and chooses other vectors where the matrix leaves a choice."""
     eigh, schur = np.linalg.eigh, scipy.linalg.schur
 
-    def turned(A: np.ndarray, **told: str) -> tuple[np.ndarray, np.ndarray]:
-        T, Z = schur(A, **told)
+    def turned(A: np.ndarray, **options: str) -> tuple[np.ndarray, np.ndarray]:
+        T, Z = schur(A, **options)
         one = np.eye(len(T))
         one[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]  # in the first plane
         return T, Z @ one
@@ -218,7 +218,7 @@ def test_signals_wait_for_a_checkpoint(
     assert signal.getsignal(number) == before
 
 
-def call_of_a_row(self: march.March, out: np.ndarray, every: int) -> None:
+def call_of_a_row(self: integration.Integration, out: np.ndarray, every: int) -> None:
     """As if every row took its time."""
     self.plan.engine.advance(out, every)
     self._burst = 1
@@ -229,7 +229,7 @@ def test_rows_of_an_interrupted_run_are_read_when_asked_for(
 ) -> None:
     whole = kr.simulate(top, x0, **OPTIONS)
     with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
-        patch.setattr(march.March, "_call", call_of_a_row)
+        patch.setattr(integration.Integration, "_call", call_of_a_row)
         stop_after(34, patch)
         slow_run(tmp_path / "run.zarr", top, x0, OPTIONS)
     kept = kr.open_run(tmp_path / "run.zarr.part")
@@ -358,10 +358,10 @@ def test_a_claim_of_more_than_memory_is_not_read(top: object, x0: object, tmp_pa
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     for meta in path.glob("*/zarr.json"):
-        told = json.loads(meta.read_text())
-        if told["node_type"] == "array":
-            told["shape"][0] = 10**14
-            meta.write_text(json.dumps(told))
+        metadata = json.loads(meta.read_text())
+        if metadata["node_type"] == "array":
+            metadata["shape"][0] = 10**14
+            meta.write_text(json.dumps(metadata))
     assert any("a/zarr.json was changed" in fault for fault in checking.check_archive(path)[1])
     manifest.of_all(path)
     assert any("rows were expected, 100000000000000 are there" in fault for fault in checking.check_archive(path)[1])
@@ -415,22 +415,22 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
     system, start, more = SHAPES[shape]
     state = system.state(**start)
     options = {"dt": 0.1, "steps": 67, "every": 3, "progress": False, **more}  # 24 rows in blocks of seven
-    monkeypatch.setattr(march, "block_rows", lambda plan: 7)
+    monkeypatch.setattr(integration, "block_rows", lambda plan: 7)
     for place in ("storage.archive", "runs.describing"):
         monkeypatch.setattr(f"kreisel.{place}.block_rows", lambda plan: 7)
     whole = kr.simulate(system, state, path=tmp_path / "whole.zarr", **options).load()
     expected = contents(tmp_path / "whole.zarr")
-    made = march.March.__init__
+    made = integration.Integration.__init__
 
-    def slow(self: march.March, *args: Any, **more: Any) -> None:
+    def slow(self: integration.Integration, *args: Any, **more: Any) -> None:
         made(self, *args, **more)
         self._burst = 1
 
     for calls in (0, 20, 41, 66):  # steps
         path = tmp_path / f"{calls}.zarr"
         with monkeypatch.context() as patch, pytest.raises(kr.RunError, match="stopped by SIGTERM"):
-            patch.setattr(march.March, "_call", call_of_a_row)
-            patch.setattr(march.March, "__init__", slow)
+            patch.setattr(integration.Integration, "_call", call_of_a_row)
+            patch.setattr(integration.Integration, "__init__", slow)
             stop_after(calls, patch)
             kr.simulate(system, state, path=path, **options)
         part = path.with_name(path.name + ".part")
@@ -479,10 +479,10 @@ def test_a_kill_while_arrays_are_lengthened(
         path, count = tmp_path / f"{last}.zarr", iter(range(10**9))
         slow_run(path, top, x0, short)
 
-        def replace_file(*told: Any, count: Any = count, last: int = last, **more: Any) -> None:
+        def replace_file(*arguments: Any, count: Any = count, last: int = last, **more: Any) -> None:
             if next(count) == last:
                 raise KeyboardInterrupt
-            original(*told, **more)
+            original(*arguments, **more)
 
         with monkeypatch.context() as patch:
             patch.setattr(manifest, "replace_file", replace_file)

@@ -1,4 +1,4 @@
-"""Sweeps: lanes are single runs, the store is the same for any workers and after any fault, bad lanes are told."""
+"""Sweeps: lanes are single runs, the store is the same for any workers and after any fault, bad lanes are named."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ def contents(store: Path) -> dict[str, object]:
         name = path.relative_to(store).as_posix()
         out[name] = path.read_bytes()
         if name == "zarr.json":
-            told = json.loads(path.read_text())
-            told["attributes"].pop("created")
-            out[name] = told
+            metadata = json.loads(path.read_text())
+            metadata["attributes"].pop("created")
+            out[name] = metadata
         elif name == "engine/checksums.sha256":
             out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
     return out
@@ -134,14 +134,14 @@ def test_draws_depend_on_the_seed_and_the_lane_alone() -> None:
 
 def test_grid_and_list_and_draws_multiply() -> None:
     base = {"system": {"p": [0, 0, 1]}, "state": {"m": [0.0, 0, 1]}, "run": {"dt": 0.1}}
-    told = {
+    spec = {
         "grid": {"system": {"alpha": [1.0, 2.0]}, "run.dt": {"from": 0.1, "to": 10, "count": 3, "spacing": "log"}},
         "list": {"state.m[0]": [5, 6], "state.m[1]": [7, 8]},
         "random": {"state.m[2]": {"uniform": [0, 1]}},
         "draws": 2,
         "rng": 1,
     }
-    lanes = Lanes(base, told)
+    lanes = Lanes(base, spec)
     assert lanes.total == 24
     values = {q.name: v for q, v in lanes.values(0, 24).items()}
     assert values["system.alpha"].tolist() == [1.0] * 12 + [2.0] * 12
@@ -184,12 +184,12 @@ def test_frequency_of_nutation(tmp_path: Path) -> None:
         assert abs(run.a_frequency.values[lane, 2] * period / (2 * np.pi) - 1) < 1e-7
 
 
-def test_bad_lanes_are_told_and_the_others_go_on(tmp_path: Path) -> None:
+def test_bad_lanes_are_named_and_the_others_go_on(tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     alphas, spins = [1.0, 0.0, 0.7, 1.2, 1.3], [1.5, 1.5, 1e160, 1.5, 1e308]
     design = kr.Design(together={"system.alpha": alphas, "state.m[2]": spins})
-    told = {"save": ["drift", "extremes", "trajectories"], "workers": 0, **OPTIONS}
-    run = kr.sweep(top, x0, design, path=tmp_path / "s.zarr", **told).load()
+    options = {"save": ["drift", "extremes", "trajectories"], "workers": 0, **OPTIONS}
+    run = kr.sweep(top, x0, design, path=tmp_path / "s.zarr", **options).load()
     assert run.failed.values.tolist() == [0, 1, 1, 0, 1]
     table = kr.failures(run)
     assert table.index.tolist() == [1, 2, 4]
@@ -203,16 +203,16 @@ def test_bad_lanes_are_told_and_the_others_go_on(tmp_path: Path) -> None:
         assert np.isfinite(run[name].values[~bad]).all()
     assert np.isfinite(run.a.values[:, ~bad]).all()
     good = kr.Design(together={"system.alpha": [1.0, 1.2]})
-    alone = kr.sweep(top, x0, good, path=tmp_path / "good.zarr", **told)
+    alone = kr.sweep(top, x0, good, path=tmp_path / "good.zarr", **options)
     assert (alone.a.values == run.a.values[:, [0, 3]]).all()
     assert checking.check_archive(tmp_path / "s.zarr")[1] == []
 
 
 def test_a_lane_that_blows_up_late_keeps_its_rows(tmp_path: Path) -> None:
     body, x0 = kr.HeavyTop(J=(1, 1.2, 1.4), A=(0, 0, 1)), {"M": (0.1, 0.2, 1.5), "P": (0.6, 0.0, 0.8)}
-    told = {"save": ["trajectories", "drift"], "method": "variational"}
+    options = {"save": ["trajectories", "drift"], "method": "variational"}
     design = kr.Design(together={"state.M[0]": [0.1, 40.0]})
-    run = kr.sweep(body, x0, design, dt=0.1, steps=50, path=tmp_path / "s.zarr", workers=0, **told).load()
+    run = kr.sweep(body, x0, design, dt=0.1, steps=50, path=tmp_path / "s.zarr", workers=0, **options).load()
     assert run.failed.values.tolist() == [0, 1]
     assert np.isfinite(run.M.values[:, 0]).all()
     assert np.isnan(run.M.values[-1, 1]).all()
@@ -236,14 +236,14 @@ def test_steps_methods_and_orders_vary(tmp_path: Path) -> None:
 
 
 def test_each_lane_chooses_its_own_order_and_step(tmp_path: Path) -> None:
-    """order="auto": a lane is a single run, whatever the blocks and the other lanes; what it chose is told."""
+    """order="auto": a lane is a single run, whatever the blocks and the other lanes; what it chose is saved."""
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     auto: dict[str, Any] = {"dt": 2.0, "steps": 30, "every": 10, "order": "auto"}
     spins, alphas = [0.2, 40.0, 1.5, 1.6, 7.0, 1e160], [1.0, 1.0, 1.0, 0.5, 0.0, 1.0]
-    told = {"save": ["drift", "trajectories"], "workers": 0}
+    options = {"save": ["drift", "trajectories"], "workers": 0}
     design = kr.Design(together={"state.m[2]": spins, "system.alpha": alphas})
     one, two, all_ = (
-        kr.sweep(top, x0, design, path=tmp_path / f"{block}.zarr", block=block, tol=1e-8, **auto, **told).load()
+        kr.sweep(top, x0, design, path=tmp_path / f"{block}.zarr", block=block, tol=1e-8, **auto, **options).load()
         for block in (1, 2, 6)
     )
     for name in one.variables:
@@ -267,8 +267,8 @@ def test_diagonals_and_three_lanes_are_not_mistaken(tmp_path: Path) -> None:
     """Three lanes of axial vectors or diagonals look like one matrix."""
     J, M = np.array([[1, 1.1, 1.2], [1, 1.3, 1.2], [1.0, 1.2, 1.5]]), np.eye(3)
     body, x0 = kr.HeavyTop(J=(1, 1, 1), A=(0, 0, 1)), {"M": (0, 0, 1), "P": (0.6, 0.0, 0.8)}
-    told = {"orientation": (1, 0, 0, 0), "save": ["trajectories"], "workers": 0, **OPTIONS}
-    run = kr.sweep(body, x0, kr.Design(together={"system.J": J, "state.M": M}), path=tmp_path / "s.zarr", **told)
+    options = {"orientation": (1, 0, 0, 0), "save": ["trajectories"], "workers": 0, **OPTIONS}
+    run = kr.sweep(body, x0, kr.Design(together={"system.J": J, "state.M": M}), path=tmp_path / "s.zarr", **options)
     for lane in range(3):
         one = kr.HeavyTop(J=J[lane], A=(0, 0, 1))
         single = kr.simulate(one, {"M": M[lane], "P": (0.6, 0.0, 0.8)}, orientation=(1, 0, 0, 0), **OPTIONS)
@@ -555,7 +555,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
     top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
     alphas = {"system.alpha": [1.0]}
     vary = {"design": kr.Design(together=alphas)}
-    told: dict[str, Any] = {"path": tmp_path / "s.zarr", "workers": 0, **vary, **OPTIONS}
+    options: dict[str, Any] = {"path": tmp_path / "s.zarr", "workers": 0, **vary, **OPTIONS}
     wrongs: list[tuple[dict[str, Any], str]] = [
         ({"design": kr.Design()}, "Nothing varies"),
         ({"design": {"grid": alphas}}, r"expected a kr\.Design"),
@@ -572,7 +572,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
     ]
     for wrong, words in wrongs:
         with pytest.raises(kr.InputError, match=words):
-            kr.sweep(top, x0, **{**told, **wrong})
+            kr.sweep(top, x0, **{**options, **wrong})
     with pytest.raises(kr.InputError, match="is a sweep"):
         kr.resume(whole, extend=10)
     with pytest.raises(kr.InputError, match="drift of each lane"):

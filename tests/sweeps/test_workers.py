@@ -96,9 +96,9 @@ def test_workers_that_do_not_end_are_killed(monkeypatch: pytest.MonkeyPatch) -> 
         time.sleep(0.1)
 
 
-def test_workers_that_do_not_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def cluster(**told: Any) -> None:
-        assert told["death_timeout"] == workers.PATIENCE
+def test_workers_that_do_not_start_end_in_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    def cluster(**options: Any) -> None:
+        assert options["death_timeout"] == workers.PATIENCE
         raise TimeoutError
 
     monkeypatch.setattr(distributed, "LocalCluster", cluster)

@@ -51,7 +51,7 @@ def test_every_analysis_has_its_figure(run, theme, tmp_path):
     assert np.allclose(drawn(figures["series"])[0][:, 1], analysis.rates(run).tilt)
 
 
-def test_bad_themes_and_data_are_told(run):
+def test_bad_themes_and_data_are_refused(run):
     with pytest.raises(kr.InputError, match=r"theme must be .* Did you mean 'dark'"):
         kr.plot(run, theme="darc")
     with pytest.raises(kr.InputError, match="along time"):

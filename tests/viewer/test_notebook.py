@@ -107,17 +107,17 @@ def test_every_system_and_method_has_its_sources_in_the_list() -> None:
     known = bibliography()
     assert {key for m in METHODS.values() for order in (None, *m.orders) for key in m.cited(order)} <= set(known)
     for name, system in REGISTRY.items():
-        told = kr.cite(system)
-        assert "% further" not in told, f"{name}: a source without an entry in refs.bib"
-        assert told.count("\n@") >= 1
+        text = kr.cite(system)
+        assert "% further" not in text, f"{name}: a source without an entry in refs.bib"
+        assert text.count("\n@") >= 1
 
 
 def test_bibtex_is_well_formed(run) -> None:
     for key, entry in bibliography().items():
         assert entry.count("{") == entry.count("}") and entry.startswith("@") and key
-    told = kr.cite(run)
-    assert re.findall(r"^@\w+{(\w+),", told, re.MULTILINE) == ["kreisel", "suris2001"]
-    assert kr.__version__ in told
+    text = kr.cite(run)
+    assert re.findall(r"^@\w+{(\w+),", text, re.MULTILINE) == ["kreisel", "suris2001"]
+    assert kr.__version__ in text
 
 
 def test_a_citation_names_what_was_used(run) -> None:
@@ -129,9 +129,9 @@ def test_a_citation_names_what_was_used(run) -> None:
         "hairer1993": {"method": "dop853"},
         "carlson1995": {"method": "exact"},
     }
-    told = {key: kr.cite(kr.simulate(model, x0, dt=0.1, steps=2, **options)) for key, options in used.items()}
+    citations = {key: kr.cite(kr.simulate(model, x0, dt=0.1, steps=2, **options)) for key, options in used.items()}
     for key in used:
-        assert [other for other in used if f"{{{key}," in told[other]] == [key]
+        assert [other for other in used if f"{{{key}," in citations[other]] == [key]
 
 
 def test_a_source_of_ones_own_is_told_and_other_things_refused() -> None:

@@ -28,14 +28,14 @@ def array(text: str, kind: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), dtype=f"<{kind}")
 
 
-def tip(told: dict) -> np.ndarray:
-    return array(told["tip"], "f4").reshape(-1, told["n"])
+def tip(data: dict) -> np.ndarray:
+    return array(data["tip"], "f4").reshape(-1, data["n"])
 
 
-def turned(told: dict, points: np.ndarray) -> np.ndarray:
+def turned(data: dict, points: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    g = Rotation.from_quat(array(told["turn"], "f4").reshape(-1, 4), scalar_first=True)
+    g = Rotation.from_quat(array(data["turn"], "f4").reshape(-1, 4), scalar_first=True)
     return np.stack([g.apply(p) for p in points], 1)
 
 
@@ -50,21 +50,21 @@ def oriented(top, x0):
 def test_the_body_turns_with_its_axis(oriented, top, x0):
     """The last ring of the top's profile lies on the axis: it must follow a, with and without an orientation."""
     for run in (oriented, kr.simulate(top, x0, dt=0.05, steps=400, progress=False)):
-        told = scene(run)
-        points = np.array(told["body"]["points"])
-        ends = turned(told, points[-1:])[:, 0]
-        assert told["kind"] == "body" and np.allclose(tip(told), run.a, atol=1e-6)
+        data = scene(run)
+        points = np.array(data["body"]["points"])
+        ends = turned(data, points[-1:])[:, 0]
+        assert data["kind"] == "body" and np.allclose(tip(data), run.a, atol=1e-6)
         assert np.allclose(ends / np.linalg.norm(ends, axis=-1, keepdims=True), run.a.values, atol=1e-5)
         assert np.allclose(np.linalg.norm(points[0]), 0)  # on its point
-    assert "not shown" in told["note"]
+    assert "not shown" in data["note"]
 
 
 def test_gravity_points_up_whatever_the_frame_of_the_data():
     top = kr.LagrangeTop(p=(2.0, -1.0, 0.4))
     run = kr.simulate(top, top.state(m=(0.3, 1, 0.2), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
-    told = scene(run)
+    data = scene(run)
     height = run.a.values @ (np.array((2.0, -1.0, 0.4)) / np.linalg.norm((2.0, -1.0, 0.4)))
-    assert np.allclose(tip(told)[:, 2], height, atol=1e-6) and told["arrow"][2] > 1
+    assert np.allclose(tip(data)[:, 2], height, atol=1e-6) and data["arrow"][2] > 1
 
 
 def test_the_moving_frame_shows_the_body_in_space_or_the_vector_from_the_body():
@@ -73,12 +73,12 @@ def test_the_moving_frame_shows_the_body_in_space_or_the_vector_from_the_body():
     seen = scene(kr.simulate(model, x0, dt=0.05, steps=50, progress=False))
     assert "seen from the body" in seen["legend"]["tip"] and len(array(seen["turn"], "f4")) == 4
     run = kr.simulate(model, x0, dt=0.05, steps=50, orientation=IDENTITY, progress=False)
-    told = scene(run)
+    data = scene(run)
     axis = np.array((0.3, -0.2, 0.9)) / np.linalg.norm((0.3, -0.2, 0.9))
     # the height of the axis over the vertical is the same seen from space and from the body
-    assert np.allclose(tip(told)[:, 2], run.P.values @ axis, atol=1e-6)
-    ends = turned(told, np.array(told["body"]["points"])[-1:])[:, 0]
-    assert np.allclose(ends / 0.94, tip(told), atol=1e-5)
+    assert np.allclose(tip(data)[:, 2], run.P.values @ axis, atol=1e-6)
+    ends = turned(data, np.array(data["body"]["points"])[-1:])[:, 0]
+    assert np.allclose(ends / 0.94, tip(data), atol=1e-5)
 
 
 def test_a_body_in_a_fluid_is_its_ellipsoid():
@@ -88,11 +88,11 @@ def test_a_body_in_a_fluid_is_its_ellipsoid():
     run = kr.simulate(
         body.model(), body.state((0, 0, 0.1), (1, 2, 0.1)), dt=0.05, steps=20, orientation=IDENTITY, progress=False
     )
-    told = scene(run)
-    reach = abs(np.array(told["body"]["points"])).max(0)
+    data = scene(run)
+    reach = abs(np.array(data["body"]["points"])).max(0)
     assert np.allclose(reach / reach.max(), (1, 2 / 3, 1 / 3), rtol=2e-2)
-    assert "ellipsoid" in told["legend"]["tip"]
-    assert np.allclose(abs(tip(told)[0] @ tip(told)[0]), 1)
+    assert "ellipsoid" in data["legend"]["tip"]
+    assert np.allclose(abs(tip(data)[0] @ tip(data)[0]), 1)
 
 
 def test_particle_projection_lane_and_own_system():
@@ -102,8 +102,8 @@ def test_particle_projection_lane_and_own_system():
     five = kr.LagrangeTop(p=(0, 0, 3, 0, 1))
     m = np.triu(np.ones((5, 5)), 1)
     run = kr.simulate(five, five.state(m=m - m.T, a=np.eye(5)[1]), dt=0.05, steps=50, progress=False)
-    told = scene(run)
-    assert (told["kind"], told["n"], told["coordinates"]) == ("projection", 5, [0, 1, 2])
+    data = scene(run)
+    assert (data["kind"], data["n"], data["coordinates"]) == ("projection", 5, [0, 1, 2])
     both = kr.LagrangeTop(p=[(0, 0, 1.0), (0, 1.0, 0)])
     run = kr.simulate(both, both.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
     assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=1e-6)  # its own gravity points up
@@ -146,10 +146,10 @@ def test_a_long_run_is_shown_by_its_extremes(monkeypatch, top, x0):
     spike = run.copy(deep=True)
     spike["a"].values[30_001] = (0.0, 0.0, -5.0)
     spike["energy"].values[40_003] += 1.0
-    told = scene(spike)
-    assert 1_000 < len(array(told["time"], "f8")) < 2_600
-    assert tip(told)[:, 2].min() == -5.0
-    energy = next(s for s in told["series"] if s["name"] == "energy")
+    data = scene(spike)
+    assert 1_000 < len(array(data["time"], "f8")) < 2_600
+    assert tip(data)[:, 2].min() == -5.0
+    energy = next(s for s in data["series"] if s["name"] == "energy")
     assert np.isclose(array(energy["change"], "f4").max(), 1.0, atol=1e-6) and np.isclose(energy["most"], 1.0)
 
 
@@ -166,9 +166,9 @@ class Tags(HTMLParser):
 
 
 def hostile(run):
-    told = {k: HOSTILE if isinstance(v, str) else v for k, v in run.attrs.items()}
+    attrs = {k: HOSTILE if isinstance(v, str) else v for k, v in run.attrs.items()}
     keep = ("system", "components", "frame", "parameters", "method")
-    return run.rename(energy=HOSTILE).assign_attrs({**told, **{k: run.attrs[k] for k in keep}})
+    return run.rename(energy=HOSTILE).assign_attrs({**attrs, **{k: run.attrs[k] for k in keep}})
 
 
 def test_text_of_an_archive_stays_text(oriented):
@@ -339,8 +339,8 @@ def test_the_page_plays_and_is_scrubbed(chromium, oriented, tmp_path):
 @needs_browser
 def test_a_long_path_is_thinned_while_it_moves_and_whole_at_rest(chromium, top, x0, tmp_path):
     run = kr.simulate(top, x0, dt=0.05, steps=20_000)
-    told = scene(run)
-    few, tip = np.frombuffer(base64.b64decode(told["few"]), "<i4"), run.a.values
+    data = scene(run)
+    few, tip = np.frombuffer(base64.b64decode(data["few"]), "<i4"), run.a.values
     assert len(few) <= MOVING_PATH + 12
     assert all(tip[few, k].min() == tip[:, k].min() and tip[few, k].max() == tip[:, k].max() for k in range(3))
     page = kr.view(run).save(tmp_path / "run.html")

@@ -12,7 +12,7 @@ Array = Any  # an array of any library, or a NumPy object array of any field
 LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet, where its own do not serve
 
 
-def exact(x: Array) -> bool:
+def is_exact(x: Array) -> bool:
     """True for numbers without round-off (an object array of a field), False for floats and their records.
 
     One recorded number anywhere makes an array inexact: its zeros, as on the diagonal of a skew matrix, are plain.

@@ -27,14 +27,14 @@ class Identity:
 
 
 MOST = 256  # kept, of each kind; a program has some tens of kilobytes
-_kept: OrderedDict[Hashable, Any] = OrderedDict()
+_cache: OrderedDict[Hashable, Any] = OrderedDict()
 _one_at_a_time = Lock()
 
 
 def forget() -> None:
     """Keep nothing of what was made until now."""
     with _one_at_a_time:
-        _kept.clear()
+        _cache.clear()
 
 
 def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
@@ -42,14 +42,14 @@ def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
     if key is None:
         return make()
     with _one_at_a_time:
-        if key in _kept:
-            _kept.move_to_end(key)
-            found: Made = _kept[key]
+        if key in _cache:
+            _cache.move_to_end(key)
+            found: Made = _cache[key]
             return found
     made = make()  # not under the lock: two threads may both make it
     if made is not None:
         with _one_at_a_time:
-            _kept[key] = made
-            while len(_kept) > MOST:
-                _kept.popitem(last=False)
+            _cache[key] = made
+            while len(_cache) > MOST:
+                _cache.popitem(last=False)
     return made

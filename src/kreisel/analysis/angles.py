@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-VERTICAL = 1e-9  # sin(theta) below which precession and spin are not told apart
+VERTICAL = 1e-9  # sin(theta) below which precession and spin cannot be separated
 
 
 def rotations(run: xr.Dataset) -> Rotation:
@@ -85,10 +85,10 @@ def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     dims = run[ORIENTATION].dims[:-1]
     names = {"phi": "precession", "theta": "tilt", "psi": "own turn"}
     data = {}
-    for k, (name, told) in enumerate(names.items()):
+    for k, (name, meaning) in enumerate(names.items()):
         value = angles[..., k] if name == "theta" else np.unwrap(angles[..., k], axis=0)
-        data[name] = (dims, value, {"long_name": told, "units": "rad"})
-    return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _told(run))
+        data[name] = (dims, value, {"long_name": meaning, "units": "rad"})
+    return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _described(run))
 
 
 def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
@@ -105,10 +105,10 @@ def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
         axis = act(g.mT, axis)
     else:
         up = act(g, up)
-    return _third(up), _third(axis)
+    return _third_axes(up), _third_axes(axis)
 
 
-def _third(vectors: Array) -> Array:
+def _third_axes(vectors: Array) -> Array:
     """`to_third_axis` of each of the vectors (..., 3)."""
     turns = [to_third_axis(_snapped(v)) for v in vectors.reshape(-1, 3)]
     return np.reshape(turns, (*vectors.shape, 3))
@@ -141,7 +141,7 @@ def rates(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     return xr.Dataset(
         {name: (lead, v, {"units": "rad"}) for name, v in values.items()},
         {k: run[k] for k in lead if k in run.coords},
-        _told(run),
+        _described(run),
     )
 
 
@@ -186,7 +186,7 @@ def mean_rates(run: xr.Dataset, system: Any = None) -> pd.DataFrame:
     if peaks.sizes["event"] < 2:
         raise InputError("Fewer than two nutations are in the run: the motion is steady, or the run too short.")
     lows = events(run, climb, rising=True, system=model)
-    measured = _measured(run, model, peaks)
+    measured = _measured_rates(run, model, peaks)
     for name, at in (("lowest", lows), ("highest", peaks)):
         measured[name] = float(height(*(at[c].values for c in model.system.space.letters)).mean())
     known = _known(run, model)
@@ -217,7 +217,7 @@ def _height(model: Model) -> tuple[Any, Any]:
     return height, climb
 
 
-def _measured(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> dict[str, float]:
+def _measured_rates(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> dict[str, float]:
     time = peaks["time"].values
     period = float(time[-1] - time[0]) / (len(time) - 1)
     advance = _advance(run, model, peaks) / (len(time) - 1)
@@ -273,22 +273,22 @@ def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
 
     start = {letter: run[letter].values[0] for letter in model.system.space.letters}
     try:
-        told = nutation(model, start)
+        motion = nutation(model, start)
     except InputError:
         return {}
     other = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
     carried = np.asarray(start[model.system.space.letters[model.system.space.leading]])
     size = float(np.linalg.norm(carried) * np.linalg.norm(other if other is not None else 1.0))
     return {
-        "nutation_period": told.period,
-        "nutation_frequency": 2 * np.pi / told.period,
-        "precession_per_period": told.precession,
-        "mean_precession": told.mean_precession,
-        "lowest": told.lowest / size,
-        "highest": told.highest / size,
-        "spin": told.spin,
+        "nutation_period": motion.period,
+        "nutation_frequency": 2 * np.pi / motion.period,
+        "precession_per_period": motion.precession,
+        "mean_precession": motion.mean_precession,
+        "lowest": motion.lowest / size,
+        "highest": motion.highest / size,
+        "spin": motion.spin,
     }
 
 
-def _told(run: xr.Dataset) -> dict[str, Any]:
+def _described(run: xr.Dataset) -> dict[str, Any]:
     return {k: run.attrs[k] for k in ("title", "system", "method") if k in run.attrs}

@@ -14,7 +14,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
-from kreisel.runs.settings import flag, number
+from kreisel.runs.settings import finite_number, flag
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,12 +47,12 @@ def events(
     """
     import xarray as xr
 
-    model, value = model_for(run, system), number(value, "value")
+    model, value = model_for(run, system), finite_number(value, "value")
     if rising is not None:
         flag(rising, "rising")
     measure = of_state(quantity, model)
     oriented = ORIENTATION in run and model.n == 3
-    rows = _rows(run, model, oriented)
+    rows = _components_and_orientation(run, model, oriented)
     time, lanes = np.asarray(run["time"].values), rows[0].shape[1]
     flat = tuple(v.reshape(-1, *v.shape[2:]) for v in rows)
     f = np.asarray(measure(flat[: len(model.system.space.letters)]) - value).reshape(len(time), lanes)
@@ -64,13 +64,13 @@ def events(
     state = tuple(v[place, lane] for v in rows)
     if len(place):
         carry = _carrier(model, rows)
-        h = _times(carry, measure, value, time, f, place, lane, len(model.system.space.letters))
+        h = _crossing_times(carry, measure, value, time, f, place, lane, len(model.system.space.letters))
         state = carry(h, place, lane)
     order = np.argsort(time[place] + h, kind="stable")
     data: dict[str, Any] = {"rising": ("event", upward[order])}
     for (letter, kind), v in zip(model.system.space.components, state, strict=False):
-        told = algebra.axial(v) if kind == "skew" and model.n == 3 else v
-        data[letter] = (("event", *run[letter].dims[run[letter].ndim - told.ndim + 1 :]), told[order])
+        values = algebra.axial(v) if kind == "skew" and model.n == 3 else v
+        data[letter] = (("event", *run[letter].dims[run[letter].ndim - values.ndim + 1 :]), values[order])
     if oriented:
         data[ORIENTATION] = (("event", "quaternion"), algebra.unit_quaternion(state[-1][order]))
     coords = {"time": ("event", (time[place] + h)[order])}
@@ -80,7 +80,7 @@ def events(
     return xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
 
 
-def _rows(run: xr.Dataset, model: Model, oriented: bool) -> tuple[Array, ...]:
+def _components_and_orientation(run: xr.Dataset, model: Model, oriented: bool) -> tuple[Array, ...]:
     """Components and orientation matrices, (time, lane, ...)."""
     parts = components(run, model)
     if oriented:
@@ -91,7 +91,7 @@ def _rows(run: xr.Dataset, model: Model, oriented: bool) -> tuple[Array, ...]:
 def _crossed(f: Array, rising: bool | None) -> Array:
     """Whether f goes from one side to the other, or leaves the value for the other side, between rows i and i + 1."""
     side = np.sign(f)
-    for row in range(1, len(side)):  # a row at the value belongs to the side that it came from
+    for row in range(1, len(side)):  # a row at the value belongs to the side of the row before
         np.copyto(side[row], side[row - 1], where=side[row] == 0)
     changed = side[1:] * side[:-1] < 0
     if rising is not None:
@@ -110,7 +110,7 @@ def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
     return carry
 
 
-def _times(
+def _crossing_times(
     carry: Any, measure: Any, value: float, time: Array, f: Array, place: Array, lane: Array, count: int
 ) -> Array:
     """The time of each crossing after its row."""
@@ -129,14 +129,14 @@ def _times(
             break
         right = np.where(outside, 1.25 * right, right)
         ends = off(right, number)
-    found = _root(off, right, number)
+    found = _roots_within(off, right, number)
     at_row = f[place, lane] == 0
     if not (np.isfinite(found) | at_row).all():
         raise InputError("A crossing between two rows could not be found again by the flow: save more often (every).")
     return np.where(at_row, 0.0, found)
 
 
-def _root(off: Any, right: Array, number: Array) -> Array:
+def _roots_within(off: Any, right: Array, number: Array) -> Array:
     """The roots in [0, right] of off(h, number), NaN where there is none.
 
     On the polynomial through NODES points, then by Newton's method with its slope; where that is not enough, on `off`.

@@ -17,7 +17,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, shown
 from kreisel.runs import harmonics
-from kreisel.runs.settings import whole
+from kreisel.runs.settings import whole_number
 from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Lines:
     frequency   (lines,) angular, in radians and the run's unit of time; of a real signal those >= 0
     amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of Re(amplitude_j exp(i omega_j
     t)) rest        root mean square of what the lines leave of the signal
-    change      largest |change| of a frequency in the last sweep, a measure of how still they stand
+    change      largest |change| of a frequency in the last sweep, a measure of how constant they are
     """
 
     frequency: Array
@@ -82,8 +82,8 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
 def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quantity: str = "f") -> Lines:
     """The same for any evenly spaced samples `values` (time,) at `time`."""
     time, values = _even(time, values)
-    lines = whole(lines, "lines")
-    if not (isinstance(power, int) and power == 0) and whole(power, "power") > 8:
+    lines = whole_number(lines, "lines")
+    if not (isinstance(power, int) and power == 0) and whole_number(power, "power") > 8:
         raise InputError(f"power: expected 0 to 8, got {shown(power)}.")
     real = values.dtype.kind != "c"
     centre = (time[0] + time[-1]) / 2

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
 from kreisel.storage.reading import a_run
 
@@ -21,7 +21,7 @@ Quantity = str | Callable[..., Any]
 NAME = re.compile(r"\s*(\w+)\s*(?:\[\s*(\d+(?:\s*,\s*\d+)*)\s*\])?\s*")
 
 
-def parse(quantity: str) -> tuple[str, tuple[int, ...]]:
+def parse_quantity(quantity: str) -> tuple[str, tuple[int, ...]]:
     """A name and its indices, counted from 0.  Raises `InputError`."""
     found = NAME.fullmatch(quantity)
     if found is None:
@@ -50,10 +50,10 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
     a_run(run, rows=False)  # events stand where a run has its times
     lead = 1 + ("lane" in run.dims)
     if isinstance(quantity, str):
-        name, index = parse(quantity)
+        name, index = parse_quantity(quantity)
         if name not in run:
             raise InputError(
-                f"The run has no {shown(name)}.{nearest(name, map(str, run))} It has {', '.join(map(str, run))}."
+                f"The run has no {shown(name)}.{hint(name, map(str, run))} It has {', '.join(map(str, run))}."
             )
         return np.asarray(pick(run[name], index, name, lead).values)
     from kreisel.runs.geometry import kinds_of
@@ -63,7 +63,7 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
     if missing:
         raise InputError(f"expected a run with its state, got one without {', '.join(missing)}.")
     values = [np.asarray(run[letter].values) for letter in letters]
-    return _called(quantity, values, values[0].shape[:lead])
+    return _function_values(quantity, values, values[0].shape[:lead])
 
 
 def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], Array]:
@@ -75,17 +75,17 @@ def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], 
         return [algebra.axial(v) if as_vector else v for v, as_vector in zip(state, axial, strict=True)]
 
     if isinstance(quantity, str):
-        name, index = parse(quantity)
+        name, index = parse_quantity(quantity)
         if name not in kinds:
             raise InputError(
                 f"{shown(name)} is no component of the state, {', '.join(kinds)}; a function may combine them."
             )
         place = list(kinds).index(name)
         return lambda state: pick(stored(state)[place], index, name, 1)
-    return lambda state: _called(quantity, stored(state), state[0].shape[:1])
+    return lambda state: _function_values(quantity, stored(state), state[0].shape[:1])
 
 
-def _called(function: Callable[..., Any], values: list[Array], shape: tuple[int, ...]) -> Array:
+def _function_values(function: Callable[..., Any], values: list[Array], shape: tuple[int, ...]) -> Array:
     try:
         out = np.asarray(function(*values))
     except (TypeError, IndexError, ValueError) as error:

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.analysis.events import events
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.runs.settings import whole
+from kreisel.runs.settings import whole_number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,10 +43,10 @@ def return_map(
     """
     import xarray as xr
 
-    returns = whole(returns, "returns")
+    returns = whole_number(returns, "returns")
     cut = section(run, quantity, value, rising=rising, system=system)
     lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)
-    found = _series(cut, seen)
+    found = _values_at_crossings(cut, seen)
     first, last = [], []
     for lane in np.unique(lanes):
         places = np.nonzero(lanes == lane)[0]
@@ -61,6 +61,6 @@ def return_map(
     return xr.Dataset(data, coords, {**cut.attrs, "seen": label(seen), "returns": returns})
 
 
-def _series(cut: xr.Dataset, seen: Quantity) -> np.ndarray:
+def _values_at_crossings(cut: xr.Dataset, seen: Quantity) -> np.ndarray:
     """`seen` at each crossing; the events stand where a run has its times."""
     return np.asarray(series(cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut, seen))

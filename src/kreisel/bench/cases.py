@@ -18,7 +18,7 @@ SEEDS = (1, 2, 3)
 
 
 @dataclass(frozen=True)
-class Case:
+class BenchCase:
     """A system with parameters, and named initial states."""
 
     name: str
@@ -37,7 +37,7 @@ def unit(v: Any) -> Array:
     return v / np.sqrt(v @ v)
 
 
-def cases(n: int = 3, generic: bool = False) -> list[Case]:
+def cases(n: int = 3, generic: bool = False) -> list[BenchCase]:
     """The five maps for n = 3, two of them beyond.
 
     `generic` turns the constant vector away from the axes, so that no parameter is 0 or 1 and a kernel
@@ -45,19 +45,19 @@ def cases(n: int = 3, generic: bool = False) -> list[Case]:
     """
     axis = unit([0.3, -0.2, 0.9]) if generic else np.eye(n)[-1]
     b = np.array([0.3, 0.7, 1.9, 1.1])[:n]
-    tops = [Case("lagrange-top", kr.LagrangeTop(p=axis), _states("m", "a", n))]
+    tops = [BenchCase("lagrange-top", kr.LagrangeTop(p=axis), _start_states("m", "a", n))]
     if n == 3:
         tops += [
-            Case("lagrange-top-moving", kr.LagrangeTopMoving(A=axis, alpha=0.7), _states("M", "P", n)),
-            Case("symmetric-top", kr.SymmetricTop(A=axis), _states("M", "P", n)),
+            BenchCase("lagrange-top-moving", kr.LagrangeTopMoving(A=axis, alpha=0.7), _start_states("M", "P", n)),
+            BenchCase("symmetric-top", kr.SymmetricTop(A=axis), _start_states("M", "P", n)),
         ]
-    tops += [Case("clebsch", kr.Clebsch(b=b), _states("M", "P", n))]
+    tops += [BenchCase("clebsch", kr.Clebsch(b=b), _start_states("M", "P", n))]
     if n == 3:
-        tops += [Case("neumann", kr.Neumann(b=b), _on_sphere(n))]
+        tops += [BenchCase("neumann", kr.Neumann(b=b), _sphere_states(n))]
     return tops
 
 
-def _states(skew: str, vector: str, n: int) -> dict[str, dict[str, Any]]:
+def _start_states(skew: str, vector: str, n: int) -> dict[str, dict[str, Any]]:
     out: dict[str, dict[str, Any]] = {"standard": {skew: (0.1, 0.2, 1.5), vector: (0.6, 0.0, 0.8)}} if n == 3 else {}
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def _states(skew: str, vector: str, n: int) -> dict[str, dict[str, Any]]:
     return out
 
 
-def _on_sphere(n: int) -> dict[str, dict[str, Any]]:
+def _sphere_states(n: int) -> dict[str, dict[str, Any]]:
     out: dict[str, dict[str, Any]] = {"standard": {"x": (0.6, 0.0, 0.8), "q": (0.8, 0.5, -0.6)}}
     for seed in SEEDS:
         rng = np.random.default_rng(seed)

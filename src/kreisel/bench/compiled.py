@@ -35,8 +35,8 @@ def _works(path: str) -> bool:
 
 def version() -> str:
     """What g++ says of itself."""
-    told = subprocess.run([_present(), "--version"], capture_output=True, text=True, check=True).stdout
-    return told.splitlines()[0]
+    text = subprocess.run([_present(), "--version"], capture_output=True, text=True, check=True).stdout
+    return text.splitlines()[0]
 
 
 def build(name: str, folder: Path) -> ctypes.CDLL:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.bench.cases import Case, cases, machine
+from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build
 from kreisel.runs.plan import make_plan
 
@@ -37,7 +37,7 @@ CHAINS = (1, 2, 3, 4)
 VECTOR = re.compile(r"[yz]mm")
 ANALYSER_SECONDS = 60  # llvm-mca takes less than one
 
-March = Callable[[int], None]
+InPlaceStepper = Callable[[int], None]
 
 
 def gigahertz(library: ctypes.CDLL) -> float:
@@ -53,8 +53,8 @@ def gigahertz(library: ctypes.CDLL) -> float:
 class Contest:
     """The contenders for one map, each on rows of its own from the same start."""
 
-    def __init__(self, case: Case, library: ctypes.CDLL | None):
-        state = {k: _spread(v) for k, v in case.states["standard"].items()}
+    def __init__(self, case: BenchCase, library: ctypes.CDLL | None):
+        state = {k: _tiled(v) for k, v in case.states["standard"].items()}
         plan = make_plan(case.model, case.model.state(**state), dt=DT, steps=1, every=1, method="suris", order=1,
                          orientation=None)  # fmt: skip
         self.engine: Any = plan.engine
@@ -63,7 +63,7 @@ class Contest:
         self._constants, self._out = np.tile(one, (LANES, 1)), np.empty((1, *self.start.shape))
         self.rows = self.start.copy()
         symbol = case.name.replace("-", "_")
-        self.march: dict[str, March] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
+        self.march: dict[str, InPlaceStepper] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
         if library is None:
             return
         self.march |= {f"cpp {k}": self._by_hand(library[f"{symbol}_{k}"]) for k in CHAINS}
@@ -77,7 +77,7 @@ class Contest:
     def _on_all_cores(self, steps: int) -> None:
         self.engine.advance(self._out, steps)
 
-    def _by_hand_on_all_cores(self, function: Any) -> March:
+    def _by_hand_on_all_cores(self, function: Any) -> InPlaceStepper:
         """What the machine gives: C++ on so many threads, each with its share of the lanes."""
         function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
         shares = np.array_split(np.arange(LANES), os.cpu_count() or 1)
@@ -94,7 +94,7 @@ class Contest:
 
         return march
 
-    def _by_hand(self, function: Any) -> March:
+    def _by_hand(self, function: Any) -> InPlaceStepper:
         function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
         return lambda steps: function(self.rows.ctypes.data, self._constants.ctypes.data, LANES, steps)
 
@@ -129,7 +129,7 @@ class Contest:
         return {name: np.array(values) for name, values in out.items()}
 
 
-def _spread(v: Any) -> Array:
+def _tiled(v: Any) -> Array:
     return np.tile(np.asarray(v, dtype=float), (LANES, 1))
 
 
@@ -158,12 +158,12 @@ def _throughput(analyser: str, assembly: str) -> float | None:
     """Cycles of a block; None where the tool does not read it: one older than Numba's LLVM does not know its syntax."""
     command = [analyser, "-mcpu=native", "-iterations=100"]
     try:
-        told = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
+        done = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
                               timeout=ANALYSER_SECONDS)  # fmt: skip
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
         return None
-    cycles = re.findall(r"Block RThroughput:\s+(\d+(?:\.\d+)?)\s", told.stdout)
-    return float(cycles[0]) if told.returncode == 0 and len(cycles) == 1 else None
+    cycles = re.findall(r"Block RThroughput:\s+(\d+(?:\.\d+)?)\s", done.stdout)
+    return float(cycles[0]) if done.returncode == 0 and len(cycles) == 1 else None
 
 
 def _longest_loop(assembly: str) -> list[str]:
@@ -182,22 +182,22 @@ def _longest_loop(assembly: str) -> list[str]:
     return best
 
 
-def summary(ns: dict[str, Array]) -> dict[str, Any]:
+def ensemble_summary(ns: dict[str, Array]) -> dict[str, Any]:
     """Medians, quartiles and ratios; of C++ the number of chains that is fastest."""
     row: dict[str, Any] = {}
     by_hand = [n for n in ns if n.startswith("cpp") and not n.endswith(BY_THE_CLOCK)]
     best = min(by_hand, key=lambda n: np.median(ns[n]), default="")
     names = {"kernel": "kernel", "cpp": best, "all_cores": "all cores"}
-    for told, name in ((told, name) for told, name in names.items() if name):
+    for label, name in ((label, name) for label, name in names.items() if name):
         low, middle, high = np.percentile(ns[name], [25, 50, 75])
-        row[told] = {
+        row[label] = {
             "ns": round(middle, 2),
             "quartiles": [round(low, 2), round(high, 2)],
             "least": round(min(ns[name]), 2),
         }
     if best:
         row["chains"] = int(best[-1])
-    for told, over, under in (
+    for label, over, under in (
         ("kernel/cpp", "kernel", best),
         ("one/all_cores", "kernel" + BY_THE_CLOCK, "all cores"),
         ("one/all_cores, cpp", "cpp 2" + BY_THE_CLOCK, "all cores, cpp"),
@@ -205,8 +205,8 @@ def summary(ns: dict[str, Array]) -> dict[str, Any]:
         if over not in ns or under not in ns:
             continue
         quartiles = np.percentile(ns[over] / ns[under], [25, 50, 75])
-        row[told] = round(float(quartiles[1]), 3)
-        row[f"{told} quartiles"] = [round(float(q), 3) for q in quartiles[::2]]
+        row[label] = round(float(quartiles[1]), 3)
+        row[f"{label} quartiles"] = [round(float(q), 3) for q in quartiles[::2]]
     return row
 
 
@@ -221,13 +221,13 @@ def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
             contest = Contest(case, library)
             apart, least = contest.agreement(), bound(contest.engine._kernel)
             cycles = gigahertz(library)
-            row = {**summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
+            row = {**ensemble_summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
             if least:
                 part = least["cycles_a_lane_step"] / cycles / row["kernel"]["least"]
                 row["bound"] = {**least, "fraction_reached": round(part, 2)}
             rows[case.name] = row
-            told = [row[k]["ns"] for k in ("kernel", "cpp", "all_cores")]
-            print(f"{case.name:<21}{told[0]:>10.2f}{told[1]:>8.2f}{told[2]:>10.2f}"
+            times = [row[k]["ns"] for k in ("kernel", "cpp", "all_cores")]
+            print(f"{case.name:<21}{times[0]:>10.2f}{times[1]:>8.2f}{times[2]:>10.2f}"
                   f"{row['kernel/cpp']:>12.2f}{row['one/all_cores']:>7.2f}", flush=True)  # fmt: skip
     return {"machine": machine(), "flags": FLAGS, "lanes": LANES, "steps": steps, "turns": turns, "dt": DT,
             "load_average_before": load, "maps": rows}  # fmt: skip

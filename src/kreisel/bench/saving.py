@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.bench.cases import Case, cases, machine
+from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.runs.march import March
 from kreisel.runs.plan import Plan, make_plan
 
@@ -25,7 +25,7 @@ STEPS = {1: 500_000, 10: 3_000_000, 100: 10_000_000, 1000: 10_000_000}
 TURNS = 7
 
 
-def plan_of(case: Case, method: str, every: int, steps: int) -> Plan:
+def compiled_plan(case: BenchCase, method: str, every: int, steps: int) -> Plan:
     """A plan whose kernels are compiled."""
     state = case.model.state(**case.states["standard"])
     plan = make_plan(case.model, state, dt=0.05, steps=steps, every=every, method=method, order=2, orientation=None)
@@ -49,16 +49,18 @@ def saving(plan: Plan) -> float:
     return (time.thread_time() - begun) / plan.steps
 
 
-def ratios(case: Case, method: str, turns: int, part: int, everies: Sequence[int] = tuple(STEPS)) -> dict[str, Any]:
+def ratios(
+    case: BenchCase, method: str, turns: int, part: int, everies: Sequence[int] = tuple(STEPS)
+) -> dict[str, Any]:
     """Time of a step with saving over that without, for each `every`; a part of the steps."""
     found: dict[int, list[float]] = {every: [] for every in everies}
     base = []
     for _ in range(turns):
         for every in everies:
             steps = STEPS[every]
-            alone = without(plan_of(case, method, every, STEPS[100] // part))
+            alone = without(compiled_plan(case, method, every, STEPS[100] // part))
             base.append(alone)
-            found[every].append(saving(plan_of(case, method, every, steps // part)) / alone)
+            found[every].append(saving(compiled_plan(case, method, every, steps // part)) / alone)
     out: dict[str, Any] = {"ns a step without saving": round(float(np.median(base)) * 1e9, 2)}
     for every, values in found.items():
         low, middle, high = np.percentile(values, [25, 50, 75])
@@ -93,8 +95,8 @@ def measure(turns: int = TURNS, part: int = 1) -> dict[str, Any]:
             if method == "baecklund" and case.model.system.baecklund is None:
                 continue
             rows[f"{case.name}, {method}"] = row = ratios(case, method, turns, part)
-            told = [f"{k}: {v['ratio']:.2f}" for k, v in row.items() if k.startswith("every")]
-            print(f"{case.name:<21}{method:<11}" + "   ".join(told), flush=True)
+            cells = [f"{k}: {v['ratio']:.2f}" for k, v in row.items() if k.startswith("every")]
+            print(f"{case.name:<21}{method:<11}" + "   ".join(cells), flush=True)
     peak = memory(30_000 // part)
     print(f"peak memory, MiB: {peak}")
     return {

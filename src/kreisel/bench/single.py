@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.bench.cases import Case, cases, machine
+from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build, version
 from kreisel.runs.plan import make_plan
 
 DT, STEPS, TURNS = 0.05, 2_000_000, 9
 CHECKED, TOLERANCE, GOAL = 1000, 1e-12, 1.05
 
-March = Callable[[Array, int], Array]
+Stepper = Callable[[Array, int], Array]
 
 
-def contenders(case: Case, library: ctypes.CDLL | None) -> tuple[Array, dict[str, March]]:
+def contenders(case: BenchCase, library: ctypes.CDLL | None) -> tuple[Array, dict[str, Stepper]]:
     """The start as a row, and ways to march from a row, without a library one: `march(row, steps) -> row`."""
     model = case.model
     plan = make_plan(model, model.state(**case.states["standard"]), dt=DT, steps=1, every=1, method="suris", order=1,
@@ -40,7 +40,7 @@ def contenders(case: Case, library: ctypes.CDLL | None) -> tuple[Array, dict[str
         kernel.advance(np.empty((1, *row.shape)), steps)
         return kernel.z.copy()
 
-    def by_hand(function: Any) -> March:
+    def by_hand(function: Any) -> Stepper:
         function.restype = None
         function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long]
 
@@ -51,14 +51,14 @@ def contenders(case: Case, library: ctypes.CDLL | None) -> tuple[Array, dict[str
 
         return march
 
-    march: dict[str, March] = {"kernel": compiled}
+    march: dict[str, Stepper] = {"kernel": compiled}
     if library is not None:
         symbol = case.name.replace("-", "_")
         march["cpp"] = by_hand(library[symbol])
     return start, march
 
 
-def agreement(start: Array, march: dict[str, March], case: str) -> dict[str, float]:
+def agreement(start: Array, march: dict[str, Stepper], case: str) -> dict[str, float]:
     """Largest difference of the states after some steps; raises if they are different maps."""
     end = march["kernel"](start, CHECKED)
     apart = {name: float(abs(march[name](start, CHECKED) - end).max()) for name in march if name != "kernel"}
@@ -67,7 +67,7 @@ def agreement(start: Array, march: dict[str, March], case: str) -> dict[str, flo
     return apart
 
 
-def timed(start: Array, march: dict[str, March], steps: int, turns: int) -> dict[str, Array]:
+def timed(start: Array, march: dict[str, Stepper], steps: int, turns: int) -> dict[str, Array]:
     """Nanoseconds a step, one number for each turn."""
     out: dict[str, list[float]] = {name: [] for name in march}
     for function in march.values():
@@ -81,7 +81,7 @@ def timed(start: Array, march: dict[str, March], steps: int, turns: int) -> dict
     return {name: np.array(values) for name, values in out.items()}
 
 
-def summary(ns: dict[str, Array]) -> dict[str, Any]:
+def single_summary(ns: dict[str, Array]) -> dict[str, Any]:
     """Medians, quartiles and ratios."""
     row: dict[str, Any] = {}
     for name, values in ns.items():
@@ -98,7 +98,7 @@ def summary(ns: dict[str, Array]) -> dict[str, Any]:
 
 def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
     """Everything, as written to results/single.json."""
-    told = {"machine": machine(), "compiler": version(), "flags": FLAGS, "dt": DT, "steps": steps, "turns": turns}
+    setting = {"machine": machine(), "compiler": version(), "flags": FLAGS, "dt": DT, "steps": steps, "turns": turns}
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
         print(f"Building single.cpp with {version()} {' '.join(FLAGS[:2])} in a temporary folder.", flush=True)
@@ -108,9 +108,9 @@ def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
         for case in cases(generic=True):
             start, march = contenders(case, library)
             apart = agreement(start, march, case.name)
-            rows[case.name] = {**summary(timed(start, march, steps, turns)), "apart_after_1000": apart}
+            rows[case.name] = {**single_summary(timed(start, march, steps, turns)), "apart_after_1000": apart}
             print(_line(case.name, rows[case.name]), flush=True)
-    return {**told, "maps": rows}
+    return {**setting, "maps": rows}
 
 
 def _line(name: str, row: dict[str, Any]) -> str:

@@ -54,38 +54,38 @@ def width() -> int:
     return max(60, shutil.get_terminal_size((110, 24)).columns) if sys.stdout.isatty() else 110
 
 
-def parameter_of(told: str) -> tuple[str, Any]:
+def parameter_of(text: str) -> tuple[str, Any]:
     """A parameter and its numbers, from NAME=NUMBERS."""
     from fractions import Fraction
 
-    name, sign, value = told.partition("=")
+    name, sign, value = text.partition("=")
     try:
         numbers = [Fraction(part) for part in value.split(",")]
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not sign or not name or not numbers:
-        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(told)}.")
+        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
     return name, numbers[0] if len(numbers) == 1 else numbers
 
 
 def print_finding(finding: Any) -> None:
-    """What came of a row of `kreisel verify`."""
-    from kreisel.lab.paper import rows
+    """The result for one statement of `kreisel verify`."""
+    from kreisel.lab.paper import statements
 
-    n, over_q, floats, verdict = rows.cells(finding)
-    row = finding.row
-    print(f"{row.name}: {row.place}\n    {row.statement}")
+    n, over_q, floats, verdict = statements.cells(finding)
+    statement = finding.statement
+    print(f"{statement.name}: {statement.place}\n    {statement.text}")
     print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
 
 
 def finding_data(finding: Any) -> dict[str, Any]:
     """The same as plain data."""
-    row = finding.row
+    statement = finding.statement
     return {
-        "row": row.name,
-        "place": row.place,
-        "statement": row.statement,
-        "erratum": row.erratum,
+        "row": statement.name,
+        "place": statement.place,
+        "statement": statement.text,
+        "erratum": statement.erratum,
         "n": finding.dimensions,
         "exact": finding.over_q,
         "float": finding.in_floats,
@@ -118,7 +118,7 @@ def require_figure(target: Path) -> None:
 
 @contextlib.contextmanager
 def warnings_in_the_table() -> Iterator[None]:
-    """What is not conserved is told in the table and by the exit code: no warning beside."""
+    """The table and the exit code say what is not conserved; a warning would repeat it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConservationWarning)
         yield

@@ -44,11 +44,11 @@ def run(
     """
     from kreisel.runs.config import read
     from kreisel.runs.drift import broken, drift
-    from kreisel.runs.own import load
+    from kreisel.runs.own import load_system
     from kreisel.runs.simulate import simulate
 
     asked = read(config)
-    model = load(asked.name, asked.file)(**asked.parameters)
+    model = load_system(asked.name, asked.file)(**asked.parameters)
     if figure:
         require_figure(asked.figure)
     begun = time.perf_counter()
@@ -63,7 +63,7 @@ def run(
         )
     seconds = time.perf_counter() - begun
     table = drift(result)
-    told = {
+    summary = {
         "archive": str(asked.path),
         "figure": str(asked.figure) if figure else None,
         "system": asked.name,
@@ -77,12 +77,13 @@ def run(
     if as_json:
         if figure:
             save_figure(result, asked.figure)
-        print_json({**told, "drift": records(table), "broken": broken(table)})
+        print_json({**summary, "drift": records(table), "broken": broken(table)})
         return shout(broken(table))
     say(f"{result.attrs['title']}: {model}")
-    if told["options"]:
-        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in told["options"].items()))
-    say(f"{told['steps']:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({told['rows']:,} rows)")
+    if summary["options"]:
+        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
+    steps, rows = summary["steps"], summary["rows"]
+    say(f"{steps:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({rows:,} rows)")
     print_drift(table)
     if figure:
         save_figure(result, asked.figure)
@@ -104,8 +105,8 @@ def resume(
         result = go_on(archive, extend=extend)
     table = drift(result)
     if as_json:
-        told = {"archive": str(archive), "steps": result.attrs["steps"], "drift": records(table)}
-        print_json({**told, "broken": broken(table)})
+        summary = {"archive": str(archive), "steps": result.attrs["steps"], "drift": records(table)}
+        print_json({**summary, "broken": broken(table)})
         return shout(broken(table))
     say(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
     print_drift(table)
@@ -133,7 +134,7 @@ def sweep(
     worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
     largest = {name: finite(value) for name, value in worst.items() if name.endswith("_drift")}
     lost = broken_lanes(result, file)
-    told = {
+    summary = {
         "archive": str(path),
         "lanes": report.lanes,
         "failed": report.failed,
@@ -145,7 +146,7 @@ def sweep(
         "broken": lost,
     }
     if as_json:
-        print_json(told)
+        print_json(summary)
         return shout(lost)
     before = f", {report.before:,} of them done before" if report.before else ""
     say(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")

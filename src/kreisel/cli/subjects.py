@@ -53,8 +53,8 @@ def methods(
 
 @app.command()
 def verify(
-    name: Annotated[str | None, typer.Argument(help="A row, or the beginning of names, such as theorem.")] = None,
-    listed: Annotated[bool, typer.Option("--list", help="Name the rows without testing them.")] = False,
+    name: Annotated[str | None, typer.Argument(help="A statement, or the beginning of names, such as theorem.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Name the statements without testing them.")] = False,
     as_json: AsJson = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
 ) -> None:
@@ -62,29 +62,30 @@ def verify(
     from rich.console import Console
 
     from kreisel.lab import paper
-    from kreisel.lab.paper import rows
+    from kreisel.lab.paper import statements
 
     if listed:
-        for row in rows.chosen(name):
-            say(f"{row.name:32}{row.place}")
+        for statement in statements.chosen(name):
+            say(f"{statement.name:32}{statement.place}")
         return
     console = Console(stderr=True)
-    findings: list[paper.Finding] = []
-    asked = rows.chosen(name)
+    findings: list[paper.StatementResult] = []
+    asked = statements.chosen(name)
     with console.status("") as status:
-        for row in asked:
-            status.update(f"{row.name} ({len(findings) + 1} of {len(asked)})")
-            findings.append(paper.test(row))
+        for statement in asked:
+            status.update(f"{statement.name} ({len(findings) + 1} of {len(asked)})")
+            findings.append(paper.tested(statement))
             if not (as_json or markdown):
                 print_finding(findings[-1])
     if as_json:
         print_json([finding_data(finding) for finding in findings])
     elif markdown:
-        print(rows.markdown(findings), end="")
-    failing = [finding.row.name for finding in findings if not finding.holds]
+        print(statements.markdown(findings), end="")
+    failing = [finding.statement.name for finding in findings if not finding.holds]
     if not (as_json or markdown):
-        errata = sum(finding.row.printed is not None for finding in findings)
-        say(f"{len(findings)} rows, {len(findings) - len(failing)} hold; {errata} printed forms fail, as they should")
+        errata = sum(finding.statement.printed is not None for finding in findings)
+        holding = len(findings) - len(failing)
+        say(f"{len(findings)} statements, {holding} hold; {errata} printed forms fail, as they should")
     if failing:
         raise typer.Exit(1)
 
@@ -97,11 +98,11 @@ def bench(as_json: AsJson = False) -> None:
     from kreisel.bench import short
 
     with Console(stderr=True).status("") as status:
-        told = short.bench(lambda name: status.update(f"{name}: kernels are compiled and timed"))
+        result = short.bench(lambda name: status.update(f"{name}: kernels are compiled and timed"))
     if as_json:
-        print_json(told)
+        print_json(result)
         return
-    _print_bench(told)
+    _print_bench(result)
 
 
 BENCH_COLUMNS = {
@@ -114,24 +115,24 @@ BENCH_COLUMNS = {
 }
 
 
-def _print_bench(told: dict[str, Any]) -> None:
+def _print_bench(result: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False, header_style="bold")
     grid.add_column("map, n = 3")
-    shown = [name for name in BENCH_COLUMNS if name in next(iter(told["maps"].values()))]
+    shown = [name for name in BENCH_COLUMNS if name in next(iter(result["maps"].values()))]
     for name in shown:
         grid.add_column(BENCH_COLUMNS[name], justify="right")
-    for label, row in told["maps"].items():
+    for label, row in result["maps"].items():
         grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
-    known = told["machine"]
+    known = result["machine"]
     print(
-        f"{known['cpu']}, {known['cores']} cores; load average {told['load_average']}; times are medians, of one core"
+        f"{known['cpu']}, {known['cores']} cores; load average {result['load_average']}; times are medians, of one core"
     )
-    if "note" in told:
-        print(told["note"])
+    if "note" in result:
+        print(result["note"])
 
 
 @app.command()
@@ -164,7 +165,7 @@ def investigate(
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
         require_file(html)
-    given = dict(parameter_of(told) for told in constants or [])
+    given = dict(parameter_of(text) for text in constants or [])
     file = what.endswith(".py")
     found = (
         investigation.investigate_file(Path(what), **known, **given)
@@ -174,8 +175,8 @@ def investigate(
     if html is not None:
         found.save(html)
     if as_json:
-        print_json(report.plain(found))
+        print_json(report.plain_data(found))
     else:
-        print(report.text(found, width()))
+        print(report.terminal_table(found, width()))
         if html is not None:
             say(f"page: {html}")

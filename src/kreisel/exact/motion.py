@@ -21,7 +21,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact.nutation import Integrals, Number, Nutation, darboux, number, rationals
+from kreisel.exact.nutation import Integrals, MpNumber, Nutation, darboux, mp_number, rationals
 from kreisel.exact.parts import (
     BINARY,
     LEAST_PLACES,
@@ -42,7 +42,7 @@ DIGITS = 32  # of the set-up, beyond those that the number of periods and close 
 LARGEST = 1e150  # of an integral: products of two must not overflow
 LEAPT = 8  # as a power of two
 
-State = tuple[Array, Array, Array]
+MotionState = tuple[Array, Array, Array]
 NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -96,13 +96,13 @@ class Leap:
     """`count` times D_eps with the constant r, then turns about p and the axis, as quaternions."""
 
     count: int
-    eps: Number
-    r: Number
+    eps: MpNumber
+    r: MpNumber
     turn: Array
     spin: Array
 
 
-class Motion:
+class TopMotion:
     """The motion through (m, b), axial vectors, under p.
 
     `reach` is the largest |time| that will be asked; the body turns about its axis b by spin_factor (m.b)/|b| more than
@@ -131,9 +131,9 @@ class Motion:
     def begin(self) -> None:
         """The state at time 0 in the digits that there are, and no other yet."""
         ctx = self.ctx
-        self._mp = tuple(np.array([number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
+        self._mp = tuple(np.array([mp_number(ctx, v) for v in w], dtype=object) for w in (self.m, self.b, self.p))
         m0, b0, _ = self._mp
-        self._places: dict[int, State] = {0: (m0, b0, np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
+        self._places: dict[int, MotionState] = {0: (m0, b0, np.array([ctx.one, ctx.zero, ctx.zero, ctx.zero]))}
         self._leaps: dict[int, Leap] = {}
 
     def refine(self, halvings: int) -> None:
@@ -146,9 +146,9 @@ class Motion:
         """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
         ctx, known = self.ctx, self.integrals
         scale = max(
-            number(ctx, abs(known.E)),
-            ctx.sqrt(number(ctx, known.A * known.P2)),
-            ctx.sqrt(abs(number(ctx, known.J * known.c))),
+            mp_number(ctx, abs(known.E)),
+            ctx.sqrt(mp_number(ctx, known.A * known.P2)),
+            ctx.sqrt(abs(mp_number(ctx, known.J * known.c))),
         )
         if scale == 0:
             return DIGITS
@@ -158,7 +158,7 @@ class Motion:
             return DIGITS + periods + (int(2 * (SETTLED + away) / math.log(10)) if math.isfinite(away) else 0)
         if known.discriminant == 0:
             return DIGITS + periods
-        closeness = ctx.log10((4 * scale) ** 6 / number(ctx, known.discriminant))
+        closeness = ctx.log10((4 * scale) ** 6 / mp_number(ctx, known.discriminant))
         return int(DIGITS + periods + max(0, closeness))
 
     def e_foldings(self) -> float:
@@ -168,7 +168,7 @@ class Motion:
             return 0.0
         x1, _, x3 = known.coincident
         gap = x3 - 2 * (algebra.dot(self.b, self.p) - known.E)
-        return float(ctx.log(number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
+        return float(ctx.log(mp_number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
 
     def _clock(self, reach: float, spin_factor: Fraction) -> float:
         """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady.
@@ -180,11 +180,13 @@ class Motion:
         self.settled = 0
         turns = [0, 0] if known.separatrix else [nutation.period_turn(dual) / turn for dual in (False, True)]
         self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
-        bp = ctx.sqrt(number(ctx, known.A * known.P2))
-        most: list[tuple[Number, Number, Number]] = []  # of the sizes of m less the mean turn, and of the mean turns
+        bp = ctx.sqrt(mp_number(ctx, known.A * known.P2))
+        most: list[
+            tuple[MpNumber, MpNumber, MpNumber]
+        ] = []  # of the sizes of m less the mean turn, and of the mean turns
         for seen, turning, spinning in zip((known, known.dual), self.means, self.means[::-1], strict=True):
             w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
-            along = 2 * w * number(ctx, seen.c) / ctx.sqrt(number(ctx, seen.P2)) if seen.P2 else 0
+            along = 2 * w * mp_number(ctx, seen.c) / ctx.sqrt(mp_number(ctx, seen.P2)) if seen.P2 else 0
             most.append((ctx.sqrt(max(w * w - along - nutation.x[0], 0)), abs(w), abs(turn * spinning)))
         rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
         scaled = [tuple(float(v / rate) for v in three) for three in most]
@@ -202,8 +204,8 @@ class Motion:
             self.part = 2 * unit / 2**self.places
         spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
         self.bits = 64 + PHASE_BITS + 53 + spread
-        self.spin = number(ctx, spin_factor * known.J) / ctx.sqrt(number(ctx, known.A)) / turn
-        self.sleeping = number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / turn
+        self.spin = mp_number(ctx, spin_factor * known.J) / ctx.sqrt(mp_number(ctx, known.A)) / turn
+        self.sleeping = mp_number(ctx, known.J) / ctx.sqrt(mp_number(ctx, known.A)) / turn
         return float(rate)
 
     def _settled(self) -> int:
@@ -248,7 +250,7 @@ class Motion:
         units = np.array([1 / half] * 3 + [size] * 3 + [ctx.one] * 4, dtype=object)
         return _taylor(self.binary, *fixed), units
 
-    def _at(self, j: int) -> State:
+    def _at(self, j: int) -> MotionState:
         """The state at time j parts, freed of the mean turns: by leaps of 2^k parts, of which few are needed.
 
         Where there are so many parts that few are asked for, by one leap.
@@ -262,11 +264,11 @@ class Motion:
             self._places[j] = self._leapt(self._at(j - sign * low), self._leaps[low], sign)
         return self._places[j]
 
-    def jump(self, h: Number) -> State:
+    def jump(self, h: MpNumber) -> MotionState:
         """The flow over |h| <= omega_1 without its mean turns: m, b (axial), orientation, in extended digits."""
         return self._leapt(self._places[0], self._leap(abs(h)), 1 if h > 0 else -1) if h else self._places[0]
 
-    def _leapt(self, state: State, leap: Leap, sign: int) -> State:
+    def _leapt(self, state: MotionState, leap: Leap, sign: int) -> MotionState:
         m, b, q = state
         hat_m = algebra.hat(m)
         for _ in range(leap.count):
@@ -280,16 +282,16 @@ class Motion:
         m, b, q = (np.array([self.ctx.re(v) for v in part], dtype=object) for part in found)
         return m, b, q
 
-    def _leap(self, h: Number) -> Leap:
+    def _leap(self, h: MpNumber) -> Leap:
         """What the flow over h > 0 takes: `count` times D_eps, then turns about p and the axis."""
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         count = 2 if h > nutation.half_period / 2 else 1
         while ctx.isnan(eps := nutation.epsilon(h / count)):
             count += 1
-        A = ctx.sqrt(number(ctx, known.A))
+        A = ctx.sqrt(mp_number(ctx, known.A))
         along, across = (2 * ctx.pi * mean * h for mean in self.means)
         left = -count * nutation.theta(eps) - along
-        right = count * (nutation.theta(eps, dual=True) + 2 * nutation.angle(eps, number(ctx, known.J) / A)) + across
+        right = count * (nutation.theta(eps, dual=True) + 2 * nutation.angle(eps, mp_number(ctx, known.J) / A)) + across
         turn, spin = self._about(self._mp[2], left), self._about(self._mp[1], right)
         return Leap(count, eps, nutation.length(eps), turn, spin)
 
@@ -297,7 +299,7 @@ class Motion:
         length = self.ctx.sqrt(algebra.dot(axis, axis))
         return axis / length if length else axis
 
-    def _about(self, axis: Array, angle: Number) -> Array:
+    def _about(self, axis: Array, angle: MpNumber) -> Array:
         ctx = self.ctx
         return np.concatenate([[ctx.cos(angle / 2)], self._along(axis) * ctx.sin(angle / 2)])
 
@@ -307,7 +309,7 @@ class Motion:
         self,
         finish: Callable[..., tuple[Array, ...]],
         constants: Mapping[str, Array],
-        step: tuple[Number, Number] | None = None,
+        step: tuple[MpNumber, MpNumber] | None = None,
         inside: bool = False,
         start: Array = UNTURNED,
     ) -> Orbit:
@@ -320,7 +322,7 @@ class Motion:
         units = (tau / self.part, tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1]))
         nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
         rates = (nutating >> self.places, left, right)
-        up, axis = (_unit(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
+        up, axis = (_unit_vector(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
         rates = (rates[0], -rates[2], -rates[1]) if inside else rates
 
         def row(
@@ -375,7 +377,7 @@ def half_turns(a: Array, b: Array) -> Array:
     return np.concatenate([(a * b).sum(-1, keepdims=True), algebra.cross(b, a - b)], -1)
 
 
-def _unit(x: Array) -> Array:
+def _unit_vector(x: Array) -> Array:
     x = x * 2.0 ** -min(max(math.frexp(float(abs(x).max()))[1], -1000), 1000)  # exactly; the square may underflow
     length = math.sqrt(algebra.dot(x, x))
     return np.asarray(x / length if length else x, dtype=np.float64)
@@ -383,4 +385,4 @@ def _unit(x: Array) -> Array:
 
 def rotation(axis: Array, angle: Array) -> Array:
     """The turn about an axis, of any length, as a unit quaternion."""
-    return np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * _unit(axis)], -1)
+    return np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * _unit_vector(axis)], -1)

@@ -25,7 +25,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 
-Number = Any  # of an mpmath context
+MpNumber = Any  # of an mpmath context
 
 
 def darboux(m: Array, b: Array, p: Array, eps: Array, r: Array) -> tuple[Array, Array, Array]:
@@ -96,7 +96,7 @@ class Integrals:
         return self.coincident is not None and self.coincident[1] == self.coincident[2]
 
 
-def number(ctx: Any, x: Fraction) -> Number:
+def mp_number(ctx: Any, x: Fraction) -> MpNumber:
     """A rational in the digits of the context."""
     return ctx.mpf(x.numerator) / x.denominator
 
@@ -108,72 +108,72 @@ class Nutation:
         self.ctx, self.integrals = ctx, integrals
         self.x = self._roots()
 
-    def _roots(self) -> tuple[Number, Number, Number]:
+    def _roots(self) -> tuple[MpNumber, MpNumber, MpNumber]:
         """x1 <= x2 <= x3, in twice the digits where they are close; exact where two or three coincide."""
         ctx = self.ctx
         if self.integrals.coincident is not None:
-            x1, x2, x3 = (number(ctx, x) for x in self.integrals.coincident)
+            x1, x2, x3 = (mp_number(ctx, x) for x in self.integrals.coincident)
             return x1, x2, x3
         digits = ctx.dps
         ctx.dps = 2 * digits + 10
         try:
-            U, V = (number(ctx, w) for w in self.integrals.depressed)
+            U, V = (mp_number(ctx, w) for w in self.integrals.depressed)
             size = 2 * ctx.sqrt(-U / 3)
             angle = ctx.acos(3 * V / (U * size))
-            shift = number(ctx, 4 * self.integrals.E / 3)
+            shift = mp_number(ctx, 4 * self.integrals.E / 3)
             x = sorted(size * ctx.cos((angle - 2 * ctx.pi * k) / 3) - shift for k in range(3))
         finally:
             ctx.dps = digits
         return x[0], x[1], x[2]
 
     @cached_property
-    def half_period(self) -> Number:
+    def half_period(self) -> MpNumber:
         """omega_1 = 2 R_F(0, x3 - x1, x3 - x2); infinite on the separatrix."""
         x1, x2, x3 = self.x
         return self.ctx.inf if self.integrals.separatrix else 2 * self.ctx.elliprf(0, x3 - x1, x3 - x2)
 
-    def tau(self, eps: Number) -> Number:
+    def tau(self, eps: MpNumber) -> MpNumber:
         """The time that D_eps takes, odd in eps; |eps| <= 2/sqrt(x3) where x3 > 0, imaginary beyond infinity."""
         eps = self.ctx.convert(eps)
         x0 = self.ctx.re(4 / eps**2)
         return self._direction(eps) * 2 * self.ctx.elliprf(*(x0 - x for x in self.x))
 
-    def theta(self, eps: Number, dual: bool = False) -> Number:
+    def theta(self, eps: MpNumber, dual: bool = False) -> MpNumber:
         """The angle about p of D_eps beyond the flow, odd in eps; 0 if p = 0.  `dual`: about A in the body."""
         known, ctx = self.integrals.dual if dual else self.integrals, self.ctx
         if known.P2 == 0:
             return ctx.zero
         eps = ctx.convert(eps)
-        P2, c, K, x0 = number(ctx, known.P2), number(ctx, known.c), number(ctx, known.K), ctx.re(4 / eps**2)
+        P2, c, K, x0 = mp_number(ctx, known.P2), mp_number(ctx, known.c), mp_number(ctx, known.K), ctx.re(4 / eps**2)
         p = ctx.sqrt(P2)
         third = ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if known.K else ctx.zero
         return turning(p, c, K, self.tau(eps), self._direction(eps) * third) + self.angle(eps, c / p)
 
-    def _direction(self, eps: Number) -> Number:
+    def _direction(self, eps: MpNumber) -> MpNumber:
         """The sign of the time."""
         return self.ctx.sign(self.ctx.re(eps) + self.ctx.im(eps))
 
-    def angle(self, eps: Number, slope: Number) -> Number:
+    def angle(self, eps: MpNumber, slope: MpNumber) -> MpNumber:
         """The arctan(eps slope/2), for imaginary eps continued from large real ones."""
         ctx = self.ctx
         if ctx.im(eps) == 0:
             return ctx.atan(eps * slope / 2)
         return self._direction(eps) * ctx.sign(slope) * ctx.pi / 2 - ctx.atan(2 / (eps * slope))
 
-    def period_turn(self, dual: bool = False) -> Number:
+    def period_turn(self, dual: bool = False) -> MpNumber:
         """theta_P: the flow over the period 2 omega_1 is Rot_p(theta_P), mod 2 pi; 0 if p = 0."""
         known, ctx = self.integrals.dual if dual else self.integrals, self.ctx
         if known.P2 == 0:
             return ctx.zero
-        P2, c = number(ctx, known.P2), number(ctx, known.c)
+        P2, c = mp_number(ctx, known.P2), mp_number(ctx, known.c)
         p, (x1, x2, x3) = ctx.sqrt(P2), self.x
         if known.K == 0:  # -c^2/P2 is a root
             nearest = min(self.x, key=lambda x: abs(x + c**2 / P2))
             return c * self.half_period / p + (ctx.pi if nearest == x2 else 0)
         third = ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
-        return ctx.pi - 2 * turning(p, c, number(ctx, known.K), self.half_period, third)
+        return ctx.pi - 2 * turning(p, c, mp_number(ctx, known.K), self.half_period, third)
 
-    def beyond(self, eps: Number) -> tuple[Number, Number]:
+    def beyond(self, eps: MpNumber) -> tuple[MpNumber, MpNumber]:
         """(tau, theta) of the map on the other branch of r, where the square root in it is negative.
 
         With growing step the map comes there through x0 = x3, tau = omega_1; as eps -> 0 it becomes the half-turn
@@ -183,10 +183,10 @@ class Nutation:
         time = ctx.sign(eps) * 2 * self.half_period - self.tau(eps)
         if known.P2 == 0:
             return time, ctx.zero
-        lean = 2 * ctx.atan(eps * number(ctx, known.c) / (2 * ctx.sqrt(number(ctx, known.P2))))
+        lean = 2 * ctx.atan(eps * mp_number(ctx, known.c) / (2 * ctx.sqrt(mp_number(ctx, known.P2))))
         return time, ctx.sign(eps) * (ctx.pi - self.period_turn()) - self.theta(eps) + lean
 
-    def epsilon(self, h: Number) -> Number:
+    def epsilon(self, h: MpNumber) -> MpNumber:
         """The eps with tau(eps) = h, for |h| <= omega_1: 4/eps^2 = x3 + (x3 - x1) cs^2(u, k).
 
         Imaginary where x0 = 4/eps^2 < 0: the map and the turn by theta are complex then, their product, the flow, is
@@ -202,15 +202,15 @@ class Nutation:
             cs = 1 / ctx.sinh(u) if x2 == x3 else ctx.ellipfun("cs", u=u, m=(x2 - x1) / (x3 - x1))
             x0 = x3 + (x3 - x1) * cs**2
         seen = [v for v in (self.integrals, self.integrals.dual) if v.P2]
-        least = min((number(ctx, v.c**2 / v.P2) for v in seen), default=ctx.zero)
+        least = min((mp_number(ctx, v.c**2 / v.P2) for v in seen), default=ctx.zero)
         if x0 < 0 < x0 + least:
             return ctx.mpc(0, 2 * ctx.sign(h) / ctx.sqrt(-x0))
         return 2 * ctx.sign(h) / ctx.sqrt(x0) if x0 > 0 else ctx.nan
 
-    def length(self, eps: Number) -> Number:
+    def length(self, eps: MpNumber) -> MpNumber:
         """The constant r = |a|^2 on the branch that is |b|^2 at eps = 0."""
         known, s = self.integrals, self.ctx.convert(eps) ** 2 / 4
-        A, J, c, E = (number(self.ctx, v) for v in (known.A, known.J, known.c, known.E))
+        A, J, c, E = (mp_number(self.ctx, v) for v in (known.A, known.J, known.c, known.E))
         root = self.ctx.one
         for x in self.x:
             root = root * self.ctx.sqrt(1 - s * x)

@@ -33,7 +33,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.exact.nutation import Number, number, rationals
+from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.parts import (
     BINARY,
     LEAST_PLACES,
@@ -109,32 +109,32 @@ class Rotor:
         self._constants()
         self._clock()
 
-    def _numbers(self, values: list[Fraction]) -> list[Number]:
-        return [number(self.ctx, v) for v in values]
+    def _numbers(self, values: list[Fraction]) -> list[MpNumber]:
+        return [mp_number(self.ctx, v) for v in values]
 
     def _constants(self) -> None:
         """What the integrals determine."""
         ctx, (I1, I2, I3) = self.ctx, self.I
-        self.L = ctx.sqrt(number(ctx, self.L2))
+        self.L = ctx.sqrt(mp_number(ctx, self.L2))
         self.lam, self._lost = ctx.zero, 0
         if self.steady:
-            self.mean = number(ctx, self.T2) / self.L if self.L else ctx.zero
+            self.mean = mp_number(ctx, self.T2) / self.L if self.L else ctx.zero
             return
         D, E, gap = self.T2 * I3 - self.L2, self.L2 - self.T2 * I1, self.L2 - self.T2 * I2
         squares = I1 * D / (I3 - I1), I2 * D / (I3 - I2), I3 * E / (I3 - I1), (I3 - I2) * E / (I1 * I2 * I3)
         *self.a, self.lam = (ctx.sqrt(v) for v in self._numbers(list(squares)))
         self.s = 1 if I3 > I1 else -1
         self.k2 = (I2 - I1) * D / ((I3 - I2) * E)
-        self.k_prime = ctx.sqrt(number(ctx, (I3 - I1) * gap / ((I3 - I2) * E)))
+        self.k_prime = ctx.sqrt(mp_number(ctx, (I3 - I1) * gap / ((I3 - I2) * E)))
         a3, total = self.a[2], self.L + self.a[2]
-        B = number(ctx, D / I3) / (self.lam * total)
+        B = mp_number(ctx, D / I3) / (self.lam * total)
         self.separatrix = gap == 0
         if self.separatrix:  # the same half-plane of M_1 stays
             self.a[:2] = [a if self.N[0] > 0 else -a for a in self.a[:2]]
             self.slope = B * total / self.L  # psi' tends to L/I_2
         else:
             self._lost = max(0, -int(ctx.log10(self.k_prime))) - int(ctx.log10(a3 / self.L))
-            self.k1 = number(ctx, self.k2) / (1 + self.k_prime) ** 2
+            self.k1 = mp_number(ctx, self.k2) / (1 + self.k_prime) ** 2
             self.k1_prime = 2 * ctx.sqrt(self.k_prime) / (1 + self.k_prime)
             self.K1 = ctx.pi / (2 * ctx.agm(1, self.k1_prime))
             self.beta = self.k1 * self.a[0] ** 2 / total**2
@@ -142,7 +142,7 @@ class Rotor:
             ripple = 2 * a3 * self.k1 / total
             self.slope = B * (1 + ripple * self.whole / self.K1)
             self.ripple = B * (1 + self.k1) * ripple
-        self.mean = self.L / number(ctx, I3) + self.lam * self.slope
+        self.mean = self.L / mp_number(ctx, I3) + self.lam * self.slope
 
     def _clock(self) -> None:
         """u_0, the length of a part in u, and how many parts there are."""
@@ -172,13 +172,13 @@ class Rotor:
         if not self.separatrix:
             self.part = 2 * unit / 2**self.places
 
-    def _psi(self, u: Number) -> tuple[list[Number], Number]:
+    def _psi(self, u: MpNumber) -> tuple[list[MpNumber], MpNumber]:
         """(cn, sn, dn) at u, and s (psi - mean t) from u = 0 on, which has the period 2 K."""
         ctx = self.ctx
         if self.separatrix:
             sech, tanh = ctx.sech(u), ctx.tanh(u)
             a1, a3 = abs(self.a[0]), self.a[2]
-            factor = -2 * number(ctx, (self.T2 * self.I[2] - self.L2) / self.I[2]) * a3 / (self.lam * self.L * a1)
+            factor = -2 * mp_number(ctx, (self.T2 * self.I[2] - self.L2) / self.I[2]) * a3 / (self.lam * self.L * a1)
             return [sech, tanh, sech], factor * ctx.atan(a1 / (self.L + a3) * ctx.tanh(u / 2))
         v = u / (1 + self.k1)
         turns = ctx.nint(v / (2 * self.K1))
@@ -193,7 +193,7 @@ class Rotor:
 
     # -- parts ---------------------------------------------------------------------------------------------
 
-    def _series(self, u: Number, h: Number) -> Array:
+    def _series(self, u: MpNumber, h: MpNumber) -> Array:
         """cn, sn, dn, and the quaternion z p of the closed form freed of the mean turn, as power series, (ORDERS, 7).
 
         In (u' - u)/h, integers of BINARY binary places; without an orientation the first three.
@@ -203,10 +203,10 @@ class Rotor:
         ctx = self.ctx
         place, psi = self._psi(u)
 
-        def fixed(x: Number) -> int:
+        def fixed(x: MpNumber) -> int:
             return int(ctx.ldexp(x, BINARY))
 
-        X, step, k2 = [[fixed(x)] for x in place], fixed(h), fixed(h * number(ctx, self.k2))
+        X, step, k2 = [[fixed(x)] for x in place], fixed(h), fixed(h * mp_number(ctx, self.k2))
         if self.start is not None:
             half, lift = self.s * (psi - self.psi0) / 2, self._lift([a * x for a, x in zip(self.a, place, strict=True)])
             turn = np.array([ctx.cos(half), 0, 0, ctx.sin(half)], dtype=object)
@@ -219,14 +219,16 @@ class Rotor:
             rates = [-step * (convolved(sn, dn) >> BINARY), step * (convolved(cn, dn) >> BINARY)]
             rates.append(-k2 * (convolved(cn, sn) >> BINARY))
             if self.start is not None:
-                turned = _turned(q, [[(f * x) >> BINARY for x in of] for f, of in zip(w, X, strict=True)])
+                turned = _quaternion_coefficient(
+                    q, [[(f * x) >> BINARY for x in of] for f, of in zip(w, X, strict=True)]
+                )
                 for of, rate in zip(q, turned, strict=True):
                     of.append((rate >> BINARY) // k)
             for of, rate in zip(X, rates, strict=True):
                 of.append((rate >> BINARY) // k)
         return np.array(X if self.start is None else [*X, *q], dtype=object).T
 
-    def _lift(self, N: list[Number]) -> Array:
+    def _lift(self, N: list[MpNumber]) -> Array:
         """The turn p of M onto the third axis, in right-handed axes."""
         q = np.array([self.L + N[2], N[1], -N[0], self.ctx.zero], dtype=object)
         return q / self.ctx.sqrt(2 * self.L * (self.L + N[2]))
@@ -294,7 +296,7 @@ class Rotor:
         return {"start": start.astype(np.float64), "turned": turned.astype(np.float64)}
 
 
-def _turned(q: list[list[int]], w: list[list[int]]) -> list[int]:
+def _quaternion_coefficient(q: list[list[int]], w: list[list[int]]) -> list[int]:
     """The last coefficient of the product of quaternions q w, w a vector."""
     (s, x, y, z), (a, b, c), of = q, w, convolved
     return [

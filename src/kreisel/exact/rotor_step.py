@@ -55,7 +55,7 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
         rate = (energy + algebra.dot(N, Omega)) / (L2 + algebra.dot(N, M) + TINY)
         psi = psi + float(weight) * rate
     N = _moved(M, 1.0, h, series, **known)
-    cos, sin = _half_turn(psi * h * L)
+    cos, sin = _half_angle(psi * h * L)
     scalar = 0 * M[..., :1]
     lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + scalar, algebra.cross(N, M)], -1)
     turn = np.concatenate([algebra.vec(cos) + scalar, algebra.vec(sin / L) * M], -1)
@@ -102,7 +102,7 @@ def _moved(
     return (M * y[..., SECOND] * y[..., THIRD] + algebra.vec(time) * rate * y) * algebra.vec(3 / below)
 
 
-def _half_turn(psi: Array) -> tuple[Array, Array]:
+def _half_angle(psi: Array) -> tuple[Array, Array]:
     """Cos and sin of psi/2, by squarings of the turn by psi/2^(SQUARINGS + 1)."""
     x = psi / 2 ** (SQUARINGS + 1)
     y = x * x

@@ -15,23 +15,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kreisel.exact.nutation import Nutation, number
+from kreisel.exact.nutation import Nutation, mp_number
 from kreisel.exact.parts import ORDERS, TAIL, left_out
 
 if TYPE_CHECKING:
-    from kreisel.exact.motion import Motion
+    from kreisel.exact.motion import TopMotion
 
 SAMPLES = 64  # of z in half a period, for the whole turns
 PLACES = 4  # first parts, as a power of two: where the series are made that say how many there must be
 MARGIN = 1e-2  # between them the series may converge more slowly
 
 
-def whole_turns(motion: Motion) -> tuple[int, int]:
+def whole_turns(motion: TopMotion) -> tuple[int, int]:
     """The turns about p and about the axis, in a period, beyond the fractions that the integrals tell."""
     ctx, known, nutation = motion.ctx, motion.integrals, motion.nutation
     x1, x2, x3 = nutation.x
-    A, p = (ctx.sqrt(number(ctx, v)) for v in (known.A, known.P2))
-    c, J, E = number(ctx, known.c) / p, number(ctx, known.J) / A, number(ctx, known.E)
+    A, p = (ctx.sqrt(mp_number(ctx, v)) for v in (known.A, known.P2))
+    c, J, E = mp_number(ctx, known.c) / p, mp_number(ctx, known.J) / A, mp_number(ctx, known.E)
     one, other = ctx.zero, ctx.zero
     for k in range(SAMPLES):
         t = nutation.half_period * (k + ctx.mpf(1) / 2) / SAMPLES
@@ -43,7 +43,7 @@ def whole_turns(motion: Motion) -> tuple[int, int]:
     return int(ctx.nint((one + other) * unit)), int(ctx.nint((one - other) * unit))
 
 
-def take_fewer_parts(motion: Motion, fastest: float) -> None:
+def take_fewer_parts(motion: TopMotion, fastest: float) -> None:
     """Leave out all whole turns, where that makes fewer parts do; `fastest`, a rate of the equations."""
     ctx, known = motion.ctx, motion.integrals
     before = ctx.dps, motion.binary, motion.nutation, motion.means, motion.places, motion.part
@@ -66,7 +66,7 @@ def take_fewer_parts(motion: Motion, fastest: float) -> None:
     motion.begin()
 
 
-def _halvings(motion: Motion) -> int | None:
+def _halvings(motion: TopMotion) -> int | None:
     """How often the parts must be halved."""
     worst = np.zeros(ORDERS)
     for j in range(1 << PLACES):

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
@@ -110,7 +110,7 @@ def _force(function: Any, what: str, model: Model, params: Mapping[str, Paramete
         if parameter.kind not in (PLACE, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
             raise InputError(
                 f"{what}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
-                f"{nearest(parameter.name, names)} Parameters stand after * and in params={{...}}."
+                f"{hint(parameter.name, names)} Parameters stand after * and in params={{...}}."
             )
         (arguments if place else parameters).append(parameter.name)
     return Force(function, tuple(arguments), tuple(parameters))

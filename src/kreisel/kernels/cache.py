@@ -40,11 +40,11 @@ def cache_folder() -> Path | None:
         if not own and not folder.is_absolute():  # no home
             return None
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        told = folder.stat()
+        status = folder.stat()
     except (OSError, RuntimeError, ValueError):  # a name that cannot be
         return None
-    if told.st_uid != os.geteuid() or told.st_mode & OTHERS_MAY_WRITE:
-        _refused(str(folder), told.st_uid, told.st_mode & 0o777)
+    if status.st_uid != os.geteuid() or status.st_mode & OTHERS_MAY_WRITE:
+        _refused(str(folder), status.st_uid, status.st_mode & 0o777)
         return None
     return folder
 
@@ -68,7 +68,7 @@ def module(name: str, source: str) -> ModuleType:
         return sys.modules[name]
     folder = cache_folder()
     if folder is not None:
-        for get in (_opened, _made):
+        for get in (_cached_module, _made):
             with contextlib.suppress(Exception):  # a full disk, or whatever a file that is not Numba's makes it raise
                 found = get(folder / name, source)
                 if found is not None:
@@ -76,7 +76,7 @@ def module(name: str, source: str) -> ModuleType:
     return _executed(name, f"<{name}>", source.replace("cache=True", "cache=False"))
 
 
-def _opened(folder: Path, source: str) -> ModuleType | None:
+def _cached_module(folder: Path, source: str) -> ModuleType | None:
     """What is kept, if it is whole."""
     return _executed(folder.name, str(_file(folder, folder.name)), source) if _whole(folder, source) else None
 

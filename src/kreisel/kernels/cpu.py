@@ -29,7 +29,7 @@ from kreisel.kernels import dense, simd
 from kreisel.kernels.cache import module
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import Projection, Weave, Woven, plain, room_of
+from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven, plain, room_of
 from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.program import MOST_N, Program, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
@@ -119,7 +119,7 @@ def _machine() -> bytes:
     return repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode()
 
 
-def load(source: str) -> ModuleType:
+def load_kernel(source: str) -> ModuleType:
     """Generated source as a module, compiled once for this machine."""
     return module(
         "kreisel_kernel_" + hashlib.sha256(_operations() + _machine() + source.encode()).hexdigest()[:20], source
@@ -162,14 +162,14 @@ def code_of(
         if program is not None:
             every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
             weave = Woven(room_of(program, also, width))
-        text = simd.source(record, EXACT, weave, len(constants)) if in_vectors else _one_by_one(record, weave)
+        text = simd.simd_source(record, EXACT, weave, len(constants)) if in_vectors else _one_by_one(record, weave)
         source = _head(scheme, record) + weave.head + text
-        return Code(source, load(source).kernel, record.work, program, also, every, width, woven)
+        return Code(source, load_kernel(source).kernel, record.work, program, also, every, width, woven)
 
     return reused(key, make)
 
 
-class Kernel:
+class CpuEngine:
     """A compiled step, its state in rows (lanes, d), and its constants.
 
     `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
@@ -182,20 +182,20 @@ class Kernel:
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
         self.projection: Corrections | None = None
-        self._woven: Projection | None = None  # the projection, where the kernel calls it
+        self._woven: CompiledProjection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
         if printer is not None:
             source = printer(columns, stage_columns, HEAD.format(name=f"{scheme.name}, n = {scheme.n}"), EXACT)
-            code = Code(source, load(source).kernel, _large_work(scheme))
+            code = Code(source, load_kernel(source).kernel, _large_work(scheme))
         else:
             code = code_of(scheme, self.constants, columns, stage_columns, project)
         self.source, self._kernel = code.source, code.kernel
         if code.program is not None:
             parts = code.program, code.also, code.every, self.z, self.constants, code.width
-            self.projection = self._woven = Projection(*parts)
+            self.projection = self._woven = CompiledProjection(*parts)
         elif project and not code.tried:
             work = scheme.stage_count * code.work
-            self._between = recordable(lambda: between(scheme, self.z, work, arrays_only=printer is None))
+            self._between = recordable(lambda: projection_between(scheme, self.z, work, arrays_only=printer is None))
             self.projection = self._between
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
@@ -250,7 +250,7 @@ class Kernel:
             self.projection.restore(snapshot)
 
 
-def between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:
+def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:
     """The projection of rows z for kernels that do not call it; None where nothing is conserved."""
     if scheme.n > (arrays.MOST_N if scheme.conserved is None else MOST_LARGE_N):
         return None
@@ -265,8 +265,10 @@ def between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -
             program = program_of(scheme, columns, observed.function, observed.members)
             if program is None:
                 return None
-            return Projection(program, None, interval(program.cost, work), z, constants, WIDE if len(z) > 1 else 1)
-    found = arrays.Projection(observed, work) if by_arrays else None
+            return CompiledProjection(
+                program, None, interval(program.cost, work), z, constants, WIDE if len(z) > 1 else 1
+            )
+    found = arrays.ArrayProjection(observed, work) if by_arrays else None
     return found if found and found.labels else None
 
 
@@ -367,7 +369,7 @@ def _observing(
         body=indented([line.text for line in found.lines], 12),
         save=indented([f"out[row, lane, {j}] = {value}" for j, value in enumerate(found.values)], 12),
     )
-    return load(source).kernel, len(found.values), found.places
+    return load_kernel(source).kernel, len(found.values), found.places
 
 
 def _head(scheme: Scheme, record: Recording) -> str:
@@ -385,7 +387,7 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
         body=record.body(4),
         save=record.save("out[", record.state, 4),
     )
-    kernel = load(source).kernel
+    kernel = load_kernel(source).kernel
 
     def rate(t: float, y: Floats, c: Floats) -> Floats:
         out = np.empty_like(y)

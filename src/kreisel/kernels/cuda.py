@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import InputError
-from kreisel.kernels.cpu import load
+from kreisel.kernels.cpu import load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.program import Program, program_of, program_of_orientation, recordable
-from kreisel.kernels.projection.text import FLAT, GAIN, TAU, block
+from kreisel.kernels.projection.text import FLAT, GAIN, TAU, projection_block
 from kreisel.kernels.recording import Recording, flat_constants, flat_stages, indented
 from kreisel.kernels.tape import TooLong
 from kreisel.method.scheme import Scheme
@@ -159,7 +159,7 @@ def _gpu() -> Any:
     return cuda
 
 
-def recorded(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any) -> Recording:
+def recorded_for_gpu(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any) -> Recording:
     """The record of a step.  Raises `InputError` where it is too long to be written out."""
     record = Recording(scheme, constants, columns, stage_columns)
     if record.places:
@@ -169,7 +169,7 @@ def recorded(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any
     return record
 
 
-def source(record: Recording, precision: str) -> str:
+def cuda_source(record: Recording, precision: str) -> str:
     """The kernel's text."""
     state, varying = record.state, record.varying()
     pieces = [piece.source(state, 16) for piece in varying.pieces]
@@ -204,7 +204,7 @@ def _loaded(constants: list[str], stage: str) -> list[str]:
     return [f"{name} = {name[0]}[{places[name[0]]}{name[1:]}, lane]" for name in constants]
 
 
-class Projection(Corrections):
+class CudaProjection(Corrections):
     """The projection on a GPU, one thread a state, of z (d, lanes) and constants (count, lanes) that lie there."""
 
     def __init__(self, program: Program, also: Program | None, every: int, cuda: Any, z: Any, constants: Any):
@@ -214,9 +214,9 @@ class Projection(Corrections):
             flat=FLAT,
             gain=GAIN,
             eps=float(np.finfo(np.float64).eps),
-            block=block(INLINE, "@cuda.jit(device=True)", "i * lanes + at", "j * lanes + at", 1),
+            block=projection_block(INLINE, "@cuda.jit(device=True)", "i * lanes + at", "j * lanes + at", 1),
         )
-        self._kernel, self._cuda, self._z, self._constants = load(text).project, cuda, z, constants
+        self._kernel, self._cuda, self._z, self._constants = load_kernel(text).project, cuda, z, constants
         self._known = cuda.to_device(self.targets), cuda.to_device(self.worst)
         self._bound = cuda.to_device(self.bound)
         self._programs = [(*self._there(program), *(array.ravel() for array in self._known))]
@@ -268,8 +268,8 @@ class Projection(Corrections):
             array.copy_to_device(value)
 
 
-class Kernel:
-    """The step on a GPU; `advance` as in `kreisel.kernels.cpu.Kernel`.  One number of all lanes lies in one row.
+class CudaEngine:
+    """The step on a GPU; `advance` as in `kreisel.kernels.cpu.CpuEngine`.  One number of all lanes lies in one row.
 
     float32 is not projected: what rounding does to it is far more.
     """
@@ -279,9 +279,9 @@ class Kernel:
         self.z = np.asarray(z0).astype(self._real).astype(np.float64)
         constants, columns = flat_constants(scheme, len(self.z))
         stages, stage_columns = flat_stages(scheme, len(self.z))
-        record = recorded(scheme, constants, columns, stage_columns)
-        self.source = source(record, PRECISIONS[engine])
-        self._kernel = load(self.source).kernel
+        record = recorded_for_gpu(scheme, constants, columns, stage_columns)
+        self.source = cuda_source(record, PRECISIONS[engine])
+        self._kernel = load_kernel(self.source).kernel
         self._constants = self._on_gpu(constants.T)
         self._stages = self._on_gpu(stages.transpose(1, 2, 0))
         self._state = self._on_gpu(self.z.T)
@@ -290,10 +290,10 @@ class Kernel:
         except TooLong:
             program = None
         also = program_of_orientation(scheme) if program else None
-        self.projection: Projection | None = None
+        self.projection: CudaProjection | None = None
         if program is not None:
             every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
-            self.projection = Projection(program, also, every, self._cuda, self._state, self._constants)
+            self.projection = CudaProjection(program, also, every, self._cuda, self._state, self._constants)
 
     def _on_gpu(self, values: Floats) -> Any:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 
 
-class Marcher(Protocol):
+class Engine(Protocol):
     """An engine at work: rows of state `z` (lanes, d), advanced in place."""
 
     z: Floats
@@ -49,31 +49,31 @@ class Marcher(Protocol):
 
 def engine_of(
     scheme: Scheme, z: Floats, *, name: str, dt: float, time: float, printer: Printer | None, project: bool
-) -> Marcher:
+) -> Engine:
     """The engine of that name for rows z (lanes, d), which it may change, up to this time.
 
     `printer`: what prints the kernel of engine="large".  Raises `InputError` where it does not run such a scheme.
     """
     if name in ("cuda", "cuda-float32"):
         _require_map(scheme, name)
-        from kreisel.kernels.cuda import Kernel as OnGpu
+        from kreisel.kernels.cuda import CudaEngine
 
-        return OnGpu(scheme, z, name, project)
+        return CudaEngine(scheme, z, name, project)
     if scheme.numbers == "jax" and scheme.step is not None:
-        from kreisel.kernels.jax import Compiled
+        from kreisel.kernels.jax import JaxEngine
 
-        return Compiled(scheme, z, dt, project)
+        return JaxEngine(scheme, z, dt, project)
     if scheme.step is not None:
-        from kreisel.kernels.cpu import Kernel
+        from kreisel.kernels.cpu import CpuEngine
 
-        return Kernel(scheme, z, printer, project)
+        return CpuEngine(scheme, z, printer, project)
     if scheme.orbit is not None:
         from kreisel.kernels.exact.engine import ClosedForm
 
         return ClosedForm(scheme, z, dt, time).ready()
-    from kreisel.kernels.ode import Reference
+    from kreisel.kernels.ode import ReferenceEngine
 
-    return Reference(scheme, z, dt)
+    return ReferenceEngine(scheme, z, dt)
 
 
 def _require_map(scheme: Scheme, name: str) -> None:

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 from kreisel.kernels.printing import KEPT, Line, needed
-from kreisel.kernels.tape import TRANSCENDENTAL, Scalar, Tape, text
+from kreisel.kernels.tape import TRANSCENDENTAL, Scalar, Tape, source_of
 
 
 def folded(lines: list[Line], new: list[str], values: Mapping[str, float], mark: str) -> tuple[list[Line], list[str]]:
@@ -29,18 +29,18 @@ def _folded(
             for name in line.needs:
                 known.setdefault(name, Scalar(tape, name))
             if "\n" in line.text:
-                tape.lines += [_alias(name, known[name]) for name in line.needs if text(known[name]) != name]
+                tape.lines += [_alias(name, known[name]) for name in line.needs if source_of(known[name]) != name]
                 tape.lines.append(line)
                 known |= {name: Scalar(tape, name) for name in line.names}
             else:
                 exec(line.text, known)
-        outputs = [text(_value(output, known, tape)) for output in new]
+        outputs = [source_of(_folded_value(output, known, tape)) for output in new]
     except ZeroDivisionError:  # 1/0 on a branch that is not taken, or a fault that the run will name
         return lines, new
     return tuple(needed(tape.lines, [output.strip("(-)") for output in outputs])), tuple(outputs)
 
 
-def _value(output: str, known: dict[str, Any], tape: Tape) -> Any:
+def _folded_value(output: str, known: dict[str, Any], tape: Tape) -> Any:
     name = output.strip("(-)")
     if name.isidentifier():
         known.setdefault(name, Scalar(tape, name))
@@ -48,7 +48,7 @@ def _value(output: str, known: dict[str, Any], tape: Tape) -> Any:
 
 
 def _alias(name: str, value: Any) -> Line:
-    return Line((name,), f"{name} = {text(value)}", (value.name,) if isinstance(value, Scalar) else ())
+    return Line((name,), f"{name} = {source_of(value)}", (value.name,) if isinstance(value, Scalar) else ())
 
 
 def _fma(x: Any, y: Any, z: Any) -> Any:

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.errors import RunError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection.arrays import InDoubles, led, newton, scales
+from kreisel.kernels.projection.arrays import InDoubles, gauss_newton, led, scales
 from kreisel.kernels.projection.program import recordable
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
@@ -93,7 +93,7 @@ def _projection(
         J, lack, lead = jnp.where(there[:, None], J, 0), jnp.where(there, lack, 0), jnp.where(there, lead, 0)
         scale, unit = scales(z, J, size)
         worst, lead = led(lack, lead, unit, worst)
-        return newton(z, J, lack + lead, scale), worst, lead
+        return gauss_newton(z, J, lack + lead, scale), worst, lead
 
     each = {k: 0 if k in lanes else None for k in constants}
     every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
@@ -103,7 +103,7 @@ def _projection(
     return _projections[key]
 
 
-class Projection(InDoubles):
+class JaxProjection(InDoubles):
     """The projection of a step of JAX."""
 
     def __init__(self, scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]):
@@ -126,13 +126,15 @@ class Projection(InDoubles):
         return new, worst, lead
 
 
-def _projected(scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]) -> Projection | None:
+def _projected(
+    scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]
+) -> JaxProjection | None:
     """None where nothing is conserved, and, with a warning, for integrals of a user's own that JAX cannot trace."""
-    projection = recordable(lambda: Projection(scheme, z, constants, lanes), "arrays of JAX")
+    projection = recordable(lambda: JaxProjection(scheme, z, constants, lanes), "arrays of JAX")
     return projection if projection and projection.labels else None
 
 
-class Compiled:
+class JaxEngine:
     """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
 
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, project: bool = False):
@@ -186,8 +188,8 @@ class Compiled:
         state = layout.restore(self.z[lane], self._kinds, self._scheme.n)
         constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
         why = self._scheme.explain(state, constants) if self._scheme.explain else "The step is not finite."
-        told = f" of lane {lane}" if lanes > 1 else ""
-        raise RunError(f"Step {step}{told} (time {step * self._dt:g}) could not be made. {why}")
+        where = f" of lane {lane}" if lanes > 1 else ""
+        raise RunError(f"Step {step}{where} (time {step * self._dt:g}) could not be made. {why}")
 
 
 def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:

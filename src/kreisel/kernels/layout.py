@@ -19,7 +19,7 @@ def no_look() -> None:
     """For kernels at work without anybody who may stop them."""
 
 
-def size(kind: str, n: int) -> int:
+def coordinate_count(kind: str, n: int) -> int:
     """The number of independent coordinates of a component."""
     if kind.startswith("R^"):
         return int(kind[2:])
@@ -47,8 +47,8 @@ def restore(flat: Array, kinds: Sequence[str], n: int) -> tuple[Array, ...]:
     """The inverse of `flatten`."""
     parts, start = [], 0
     for kind in kinds:
-        piece = flat[..., start : start + size(kind, n)]
-        start += size(kind, n)
+        piece = flat[..., start : start + coordinate_count(kind, n)]
+        start += coordinate_count(kind, n)
         if kind == "skew":
             piece = algebra.skew(piece, n)
         elif kind == "symmetric":

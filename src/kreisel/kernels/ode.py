@@ -34,7 +34,7 @@ def _compiled(scheme: Scheme, lanes: int) -> Rate:
     return compiled_rate(scheme, lanes)
 
 
-class Reference:
+class ReferenceEngine:
     """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output."""
 
     projection = None

@@ -14,7 +14,7 @@ from kreisel.kernels.tape import Tape, literal
 ELIMINATED_N = 24
 
 
-class Matrix:
+class RecordedMatrix:
     """A recorded real array of fixed shape, printed as NumPy code that Numba compiles."""
 
     __array_ufunc__ = None  # so that NumPy arrays leave their operators to us
@@ -30,18 +30,18 @@ class Matrix:
     def __array_namespace__(self) -> type[MatrixNamespace]:
         return MatrixNamespace
 
-    def _new(self, expression: str, shape: tuple[int, ...], *needs: str, real: bool = False) -> Matrix:
+    def _new(self, expression: str, shape: tuple[int, ...], *needs: str, real: bool = False) -> RecordedMatrix:
         name = self.tape.record(expression, needs)
         if not real and not self.tape.complex_names.isdisjoint(needs):
             self.tape.complex_names.add(name)
-        return Matrix(self.tape, name, shape)
+        return RecordedMatrix(self.tape, name, shape)
 
-    def record_complex(self, im: Matrix) -> Matrix:
+    def record_complex(self, im: RecordedMatrix) -> RecordedMatrix:
         out = self._new(f"({self.name} + 1j * {im.name})", self.shape, self.name, im.name)
         self.tape.complex_names.add(out.name)
         return out
 
-    def record_parts(self) -> tuple[Matrix, Matrix | None]:
+    def record_parts(self) -> tuple[RecordedMatrix, RecordedMatrix | None]:
         if self.name not in self.tape.complex_names:
             return self, None
         texts = [f"{self.name}.{part}" for part in ("real", "imag")]
@@ -50,7 +50,7 @@ class Matrix:
         return re, im
 
     def _operand(self, other: Any) -> tuple[str, tuple[int, ...], tuple[str, ...]] | None:
-        if isinstance(other, Matrix):
+        if isinstance(other, RecordedMatrix):
             return other.name, other.shape, (other.name,)
         if np.ndim(other) == 0:
             return literal(float(other)), (), ()
@@ -69,7 +69,9 @@ class Matrix:
 
     def __add__(self, other: Any) -> Any:
         return (
-            self if np.ndim(other) == 0 and not isinstance(other, Matrix) and other == 0 else self._binary(other, "add")
+            self
+            if np.ndim(other) == 0 and not isinstance(other, RecordedMatrix) and other == 0
+            else self._binary(other, "add")
         )
 
     __radd__ = __add__
@@ -94,24 +96,24 @@ class Matrix:
     def __pow__(self, exponent: int) -> Any:
         return self._binary(exponent, "power")
 
-    def __neg__(self) -> Matrix:
+    def __neg__(self) -> RecordedMatrix:
         return self._new(f"negative({self.name})", self.shape, self.name)
 
-    def __matmul__(self, other: Matrix) -> Matrix:
+    def __matmul__(self, other: RecordedMatrix) -> RecordedMatrix:
         shape = (*self.shape[:-1], *other.shape[1:])
         return self._new(f"{self.name} @ {other.name}", shape, self.name, other.name)
 
     @property
-    def mT(self) -> Matrix:
+    def mT(self) -> RecordedMatrix:
         return self._new(f"ascontiguousarray({self.name}.T)", self.shape[::-1], self.name)
 
-    def sum(self, axis: int) -> Matrix:
+    def sum(self, axis: int) -> RecordedMatrix:
         if self.ndim == 1:
             return self._new(f"{self.name}.sum()", (), self.name)
         place = axis % self.ndim
         return self._new(f"{self.name}.sum({place})", self.shape[:place] + self.shape[place + 1 :], self.name)
 
-    def __getitem__(self, index: Any) -> Matrix:
+    def __getitem__(self, index: Any) -> RecordedMatrix:
         """Only new axes, whole axes and one leading or trailing place, which is all that `algebra` asks for."""
         index = [i for i in (index if isinstance(index, tuple) else (index,)) if i is not Ellipsis]
         if None in index:
@@ -134,33 +136,37 @@ class Matrix:
         whole = sum(i is not None for i in index)
         return [slice(None)] * (self.ndim - whole) + index
 
-    def record_solve(self, B: Any) -> Matrix:
+    def record_solve(self, B: Any) -> RecordedMatrix:
         name, shape, needs = self._operand(B) or ("", (), ())
         if self.name in self.tape.complex_names and self.tape.complex_names.isdisjoint(needs):
             name = f"{name} + 0j"  # both sides of one type
         by = "eliminated" if self.shape[-1] <= ELIMINATED_N else "solve"
         return self._new(f"{by}({self.name}, {name})", shape, self.name, *needs)
 
-    def sqrt(self) -> Matrix:
+    def sqrt(self) -> RecordedMatrix:
         return self._new(f"root({self.name})", self.shape, self.name)
 
-    def maximum(self, other: Matrix) -> Matrix:
+    def maximum(self, other: RecordedMatrix) -> RecordedMatrix:
         return self._new(f"max({self.name}, {other.name})", (), self.name, other.name)
 
     def record_loop(
-        self, body: Callable[..., tuple[tuple[Matrix, ...], Matrix]], start: tuple[Matrix, ...], small: float, most: int
-    ) -> tuple[tuple[Matrix, ...], Matrix]:
+        self,
+        body: Callable[..., tuple[tuple[RecordedMatrix, ...], RecordedMatrix]],
+        start: tuple[RecordedMatrix, ...],
+        small: float,
+        most: int,
+    ) -> tuple[tuple[RecordedMatrix, ...], RecordedMatrix]:
         """`x, defect = body(*x)`, repeated, for arrays x."""
 
-        def arrays(names: list[str]) -> tuple[Matrix, ...]:
-            return tuple(Matrix(self.tape, name, x.shape) for name, x in zip(names, start, strict=True))
+        def arrays(names: list[str]) -> tuple[RecordedMatrix, ...]:
+            return tuple(RecordedMatrix(self.tape, name, x.shape) for name, x in zip(names, start, strict=True))
 
         def on_names(names: list[str]) -> tuple[list[Any], Any]:
             new, defect = body(*arrays(names))
             return list(new), defect
 
         names, defect = self.tape.loop(on_names, list(start), small, most)
-        return arrays(names), Matrix(self.tape, defect, ())
+        return arrays(names), RecordedMatrix(self.tape, defect, ())
 
     @property
     def signed(self) -> str:
@@ -174,5 +180,5 @@ class MatrixNamespace:
     """What `algebra` needs of a library for recorded arrays."""
 
     @staticmethod
-    def concatenate(parts: list[Matrix], axis: int) -> Matrix:
+    def concatenate(parts: list[RecordedMatrix], axis: int) -> RecordedMatrix:
         raise TypeError("concatenation of recorded arrays is not needed by any step")

@@ -12,8 +12,8 @@ from kreisel.kernels import layout
 from kreisel.kernels.folding import folded
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
-from kreisel.kernels.recorded_array import Matrix
-from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.kernels.recorded_array import RecordedMatrix
+from kreisel.kernels.tape import Scalar, Tape, source_of
 from kreisel.method.scheme import Scheme
 
 # A conjugate pair of Clebsch's system, n = 10, in 6700 lines: compiled in 35 s, run in 2.3 us; array code 28 s, 10 us.
@@ -29,7 +29,7 @@ STORERS = {
 }
 
 
-class Piece(NamedTuple):
+class RecordedFunction(NamedTuple):
     """A recorded function: its lines, and the names of the new state."""
 
     lines: list[Line]
@@ -58,7 +58,7 @@ class Varying(NamedTuple):
     fixed: list[Line]
     late: list[str]
     of_stage: list[Line]
-    pieces: list[Piece]
+    pieces: list[RecordedFunction]
 
 
 class Recording:
@@ -79,7 +79,7 @@ class Recording:
         self.kinds = [kind for _, kind in scheme.components]
         self.places: list[tuple[str, slice, str]] = []
         self.work = 0  # about how many operations a step is, whatever the numbers
-        functions = [_function(scheme), *([] if scheme.close is None else [scheme.close])]
+        functions = [_step_or_rate(scheme), *([] if scheme.close is None else [scheme.close])]
         straight = scheme.n <= STRAIGHT_LINE_N
         if straight:
             self._straight_line(functions, constants)
@@ -114,9 +114,9 @@ class Recording:
 
     def _straight_line(self, functions: list[Callable[..., Any]], constants: Floats) -> None:
         """Record scalar code."""
-        count = sum(layout.size(kind, self.n) for kind in self.kinds)
+        count = sum(layout.coordinate_count(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
-        self.pieces: list[Piece] = []
+        self.pieces: list[RecordedFunction] = []
         self.words: set[str] = set()
         numbers = special_constants(constants)
         for k, function in enumerate(functions):
@@ -129,7 +129,7 @@ class Recording:
             self.work += sum(len(line.text.splitlines()) for line in lines)
             if numbers:
                 lines, new = folded(lines, new, numbers, f"f{mark}")
-            self.pieces.append(Piece(lines, new))
+            self.pieces.append(RecordedFunction(lines, new))
             self.words |= self.pieces[-1].words
 
     def _array_code(self, functions: list[Callable[..., Any]]) -> None:
@@ -139,9 +139,11 @@ class Recording:
         self.pieces, self.work = [], 0
         for k, function in enumerate(functions):
             tape = Tape("e" * k)
-            parts = [Matrix(tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)]
+            parts = [
+                RecordedMatrix(tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)
+            ]
             known = {
-                name: Matrix(tape, f"{letter}_{name}", (self.n,) * self.scheme.axes[name])
+                name: RecordedMatrix(tape, f"{letter}_{name}", (self.n,) * self.scheme.axes[name])
                 for letter in self._letters(k)
                 for name in self.columns[letter]
             }
@@ -150,9 +152,9 @@ class Recording:
                 f"{MIRRORS[kind]}({v.name})" if kind in MIRRORS else v.name
                 for v, kind in zip(new, self.kinds, strict=True)
             ]
-            self.pieces.append(Piece(tape.needed([v.name for v in new]), names))
+            self.pieces.append(RecordedFunction(tape.needed([v.name for v in new]), names))
             self.work += len(self.pieces[-1].lines) * self.n**2
-        edges = np.cumsum([0, *(layout.size(kind, self.n) for kind in self.kinds)])
+        edges = np.cumsum([0, *(layout.coordinate_count(kind, self.n) for kind in self.kinds)])
         self.places = [
             (kind, slice(int(a), int(b)), name)
             for kind, a, b, name in zip(self.kinds, edges[:-1], edges[1:], self.state, strict=True)
@@ -203,7 +205,7 @@ def names_of(lines: list[Line]) -> list[str]:
     return [name for line in lines for name in line.names]
 
 
-def _without(pieces: list[Piece], known: Collection[str]) -> tuple[list[Line], list[Piece]]:
+def _without(pieces: list[RecordedFunction], known: Collection[str]) -> tuple[list[Line], list[RecordedFunction]]:
     """The lines that need nothing but `known` names, and the pieces without them."""
     parts = [split(piece.lines, known) for piece in pieces]
     rest = [piece._replace(lines=others) for piece, (_, others) in zip(pieces, parts, strict=True)]
@@ -220,7 +222,7 @@ def recorded_arguments(
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
     """Recorded numbers in place of the state and of the constants, which are called by their letter."""
     kinds = [kind for _, kind in scheme.components]
-    count = sum(layout.size(kind, scheme.n) for kind in kinds)
+    count = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
     flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
     known = {
         name: _shaped(
@@ -240,7 +242,7 @@ def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
 
 def _printed(tape: Tape, values: list[Any]) -> tuple[list[Line], list[str]]:
     outputs = [v.name for v in values if isinstance(v, Scalar)]
-    return arranged(tape.needed(outputs), outputs), [text(v) for v in values]
+    return arranged(tape.needed(outputs), outputs), [source_of(v) for v in values]
 
 
 class Outputs(NamedTuple):
@@ -302,7 +304,7 @@ def special_constants(constants: Floats) -> dict[str, float]:
     }
 
 
-def _function(scheme: Scheme) -> Callable[..., tuple[Array, ...]]:
+def _step_or_rate(scheme: Scheme) -> Callable[..., tuple[Array, ...]]:
     function = scheme.step if scheme.step is not None else scheme.rate
     if function is None:
         raise TypeError(f"the scheme {scheme.name} states neither a step nor a rate")
@@ -311,15 +313,15 @@ def _function(scheme: Scheme) -> Callable[..., tuple[Array, ...]]:
 
 def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
     """All constants as rows (lanes, count), and where each stands."""
-    return _rows(scheme.constants, scheme.axes, (lanes,))
+    return _columns_of(scheme.constants, scheme.axes, (lanes,))
 
 
 def flat_stages(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
     """The constants of the stages as rows (lanes, stages, count), and where each stands."""
-    return _rows(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
+    return _columns_of(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
 
 
-def _rows(
+def _columns_of(
     values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
 ) -> tuple[Floats, dict[str, slice]]:
     pieces, columns, start = [np.empty((*lead, 0))], {}, 0

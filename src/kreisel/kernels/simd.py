@@ -49,7 +49,7 @@ def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
 STAGES = "for stage in range(s.shape[1]):"
 
 
-def source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
+def simd_source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
     """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     from kreisel.kernels._numba.vector_type import register_width
 
@@ -57,7 +57,7 @@ def source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
     width, vectors = register_width(), 4 if functions.lines <= FOUR_VECTORS else 2 if functions.short else 1
     while (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
         vectors //= 2
-    return HEAD + functions.text + _kernel(record, functions, options, weave, width, vectors)
+    return HEAD + functions.text + _kernel_source(record, functions, options, weave, width, vectors)
 
 
 class Functions(NamedTuple):
@@ -92,16 +92,20 @@ class Functions(NamedTuple):
         known = [name for name in (*early, *names_of(fixed)) if name in words]
 
         lines = sum(len(piece.lines) for piece in pieces)
-        text = _function("known", {"c": constants, "s": [] if by_stage else varying}, fixed, known)
+        text = _function_of_tuples("known", {"c": constants, "s": [] if by_stage else varying}, fixed, known)
         if staged:
-            text += _function("staged", {"k": known, "s": varying}, of_stage, staged)
+            text += _function_of_tuples("staged", {"k": known, "s": varying}, of_stage, staged)
         takes = ({"z": record.state, "k": known, "v": staged}, {"z": record.state, "k": known})
         for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
-            text += _function(name, given, latest(piece.lines) if lines <= TWO_VECTORS else piece.lines, piece.new)
+            text += _function_of_tuples(
+                name, given, latest(piece.lines) if lines <= TWO_VECTORS else piece.lines, piece.new
+            )
         return cls(text, staged, by_stage, len(pieces) > 1, lines)
 
 
-def _kernel(record: Recording, functions: Functions, options: str, weave: Weave, width: int, vectors: int) -> str:
+def _kernel_source(
+    record: Recording, functions: Functions, options: str, weave: Weave, width: int, vectors: int
+) -> str:
     """The loops, `vectors` of them side by side."""
     count = len(functions.staged)
     kept = vectors * count
@@ -145,7 +149,7 @@ def _kernel(record: Recording, functions: Functions, options: str, weave: Weave,
     )
 
 
-def _function(name: str, given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
+def _function_of_tuples(name: str, given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
     """A function of tuples of numbers: of rows c, s all columns, of others those that are listed."""
     unpacked = [
         f"{', '.join(names)}, = {', '.join(f'{letter}[{n[1:]}]' for n in names)},"

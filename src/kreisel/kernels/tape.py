@@ -1,8 +1,9 @@
 """Recording: run a definition once on recording scalars or arrays, print straight-line Python.
 
-A `Tape` holds each value once.  `Scalar` is a recorded number, for small n; `kreisel.kernels.recorded_array.Matrix` a
-recorded array, for n beyond straight-line code.  Foldings are exact in floating point (0, 1, signs, x - x), so a record
-with numbers put in for some parameters (`kreisel.kernels.folding`) computes the same as one without.
+A `Tape` holds each value once.  `Scalar` is a recorded number, for small n; `RecordedMatrix`, of
+`kreisel.kernels.recorded_array`, is a recorded array, for n beyond straight-line code.  Foldings are exact in floating
+point (0, 1, signs, x - x), so a record with numbers put in for some parameters (`kreisel.kernels.folding`) computes the
+same as one without.
 """
 
 from __future__ import annotations
@@ -75,8 +76,8 @@ class Tape:
         last = self._fresh("d")
         wanted = [v.name for v in (*new, defect) if not _is_plain(v)]
         block = [line.text for line in arranged(needed(inner, wanted), wanted)]
-        block += [f"{', '.join(names)}, = {', '.join(map(text, new))},", f"{last} = {text(defect)}"]
-        lines = [f"{', '.join(names)}, = {', '.join(map(text, start))},", f"for _ in range({most}):"]
+        block += [f"{', '.join(names)}, = {', '.join(map(source_of, new))},", f"{last} = {source_of(defect)}"]
+        lines = [f"{', '.join(names)}, = {', '.join(map(source_of, start))},", f"for _ in range({most}):"]
         lines += [f"    {line}" for line in (*block, f"if {last} <= {small!r}:", "    break")]
         needs = [v.name for v in start if not _is_plain(v)] + wanted + [n for line in inner for n in line.needs]
         outer = tuple(dict.fromkeys(n for n in needs if n not in local))
@@ -92,7 +93,7 @@ def _is_plain(x: Any) -> bool:
     return not hasattr(x, "tape")
 
 
-def _number(x: Any) -> float | None:
+def _plain_value(x: Any) -> float | None:
     """The value of a plain number, or None for a recorded one."""
     return None if isinstance(x, Scalar) else float(x)
 
@@ -115,7 +116,7 @@ class Scalar:
     def __add__(self, other: Any) -> Any:
         if not _is_number(other):
             return NotImplemented
-        value = _number(other)
+        value = _plain_value(other)
         if value == 0:
             return self
         if value is None and other.name == self.name and other.negative != self.negative:
@@ -142,7 +143,7 @@ class Scalar:
     def __mul__(self, other: Any) -> Any:
         if not _is_number(other):
             return NotImplemented
-        value = _number(other)
+        value = _plain_value(other)
         if value is not None:
             if value in (0, 1, -1):
                 return 0.0 if value == 0 else (self if value == 1 else -self)
@@ -155,7 +156,7 @@ class Scalar:
     def __truediv__(self, other: Any) -> Any:
         if not _is_number(other):
             return NotImplemented
-        value = _number(other)
+        value = _plain_value(other)
         if value is not None:
             if value in (1, -1):
                 return self if value == 1 else -self
@@ -195,7 +196,7 @@ class Scalar:
 
     def maximum(self, other: Any) -> Scalar:
         needs = (self.name,) if _is_plain(other) else (self.name, other.name)
-        return self._new(f"max({self.signed}, {text(other)})", *needs)
+        return self._new(f"max({self.signed}, {source_of(other)})", *needs)
 
     def record_loop(
         self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
@@ -218,7 +219,9 @@ class Scalar:
             return self * other + addend
         if not isinstance(addend, Scalar) and addend == 0:
             return self * other
-        return self._new(f"fma({self.signed}, {text(other)}, {text(addend)})", *_names(self, other, addend))
+        return self._new(
+            f"fma({self.signed}, {source_of(other)}, {source_of(addend)})", *_scalar_names(self, other, addend)
+        )
 
     def record_sum_with(self, x: float, y: float) -> Any:
         """x * y + self for plain x, y, rounded once."""
@@ -232,7 +235,7 @@ class Scalar:
         return self.signed
 
 
-def _names(*numbers: Any) -> tuple[str, ...]:
+def _scalar_names(*numbers: Any) -> tuple[str, ...]:
     return tuple(x.name for x in numbers if isinstance(x, Scalar))
 
 
@@ -247,6 +250,6 @@ def literal(x: float) -> str:
     return "(1e999 - 1e999)" if math.isnan(x) else f"{'-' * (x < 0)}1e999"
 
 
-def text(x: Any) -> str:
+def source_of(x: Any) -> str:
     """A recorded or plain number, or a recorded array, as source."""
     return literal(float(x)) if _is_plain(x) else x.signed

@@ -2,7 +2,7 @@
 
 A bivector Pi with polynomial entries is preserved if J Pi(x) J^T = Pi(f(x)) with the Jacobian J of f; a density rho if
 rho(f(x)) det J = rho(x), or 1/rho if rho(f(x)) = rho(x) det J.  All are linear in the unknown coefficients, so a null
-space has them all.  Whether a bivector is a Poisson bracket is told by Jacobi's identity.
+space has them all.  Whether a bivector is a Poisson bracket is decided by Jacobi's identity.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ def jacobians(what: Subject, p: int, seed: list[int], points: int) -> tuple[Arra
     new = what.over(p)(independent(x))
     J = slopes(new, what.dim)
     values = np.array([getattr(v, "value", v) for v in new], dtype=object)
-    return _numbers(x, points, p), _numbers(values, points, p), _numbers(J, points, p)
+    return _residues_at_points(x, points, p), _residues_at_points(values, points, p), _residues_at_points(J, points, p)
 
 
-def _numbers(x: Array, points: int, p: int) -> Array:
+def _residues_at_points(x: Array, points: int, p: int) -> Array:
     out = np.zeros((points, *x.shape), dtype=np.int64)
     for place in np.ndindex(x.shape):
         v = x[place]
@@ -79,7 +79,7 @@ def preserves(what: Subject, tensor: Callable[[Array], Array], seed: int = 0, po
     def test(p: int, seeds: list[int]) -> bool:
         x, new, J = jacobians(what, p, seeds, points)
         before, after = (_tensor_at(tensor, v, p) for v in (x, new))
-        return bool((_product(_product(J, before, p), np.swapaxes(J, 1, 2), p) == after).all())
+        return bool((_product_modulo(_product_modulo(J, before, p), np.swapaxes(J, 1, 2), p) == after).all())
 
     return _without_poles(what, seed, test)
 
@@ -88,10 +88,10 @@ def _tensor_at(tensor: Callable[[Array], Array], x: Array, p: int) -> Array:
     numbers = np.empty(x.shape[1], dtype=object)
     for i in range(x.shape[1]):
         numbers[i] = Mod(x[:, i], p)
-    return _numbers(np.asarray(tensor(numbers), dtype=object), len(x), p)
+    return _residues_at_points(np.asarray(tensor(numbers), dtype=object), len(x), p)
 
 
-def _product(A: Array, B: Array, p: int) -> Array:
+def _product_modulo(A: Array, B: Array, p: int) -> Array:
     return sum(A[:, :, k, None] * B[:, None, k, :] % p for k in range(A.shape[2])) % p
 
 
@@ -107,7 +107,7 @@ def _without_poles(what: Subject, seed: int, test: Callable[[int, list[int]], An
 def brackets(what: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
     """A basis of the bivectors of that degree that the map preserves."""
     pairs = list(itertools.combinations(range(what.dim), 2))
-    count = _checked(len(pairs) * math.comb(what.dim + degree, degree), degree)
+    count = _checked_count(len(pairs) * math.comb(what.dim + degree, degree), degree)
     exponents = list(monomials(what.dim, degree))
 
     def rows(p: int, seeds: list[int]) -> Array:
@@ -130,7 +130,7 @@ def brackets(what: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
 
 def volumes(what: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
     """Bases of the densities rho, and of the inverse densities, of that degree that the map preserves."""
-    count = _checked(math.comb(what.dim + degree, degree), degree)
+    count = _checked_count(math.comb(what.dim + degree, degree), degree)
     exponents = list(monomials(what.dim, degree))
     found: list[Volume] = []
     for inverse in (False, True):
@@ -149,7 +149,7 @@ def volumes(what: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
     return found
 
 
-def _checked(count: int, degree: int) -> int:
+def _checked_count(count: int, degree: int) -> int:
     if count > MOST_MONOMIALS:
         raise InputError(f"Degree {degree} has {count} unknowns; at most {MOST_MONOMIALS} are tried. Use a lower one.")
     return count

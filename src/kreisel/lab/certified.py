@@ -82,8 +82,8 @@ def certify(
     if what.implicit:
         raise InputError(f"{what.implicit}: a certified step must be a rational function. Choose an explicit map.")
     if steps < 1 or precision < 24 or not tolerance > 0:
-        told = f"{steps}, {precision} and {tolerance}"
-        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {told}.")
+        given = f"{steps}, {precision} and {tolerance}"
+        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {given}.")
     flint = require_flint()
     with _working(flint, precision):
         known = {k: _balls(flint, v) for k, v in what.constants.items()}
@@ -167,7 +167,7 @@ def _lohner(
         # the mean value theorem needs the segments from c to the set; cut as it is, the box may have lost c itself
         X = np.array([a.union(b) for a, b in zip(X, c, strict=True)], dtype=object)
         for name, f in named.items():
-            ranges[name] = _wider(ranges.get(name), _value(f, c, X, Q, r))
+            ranges[name] = _wider(ranges.get(name), _mean_value_form(f, c, X, Q, r))
         if done == steps:
             break
         new = _step(what, c, known)
@@ -175,7 +175,7 @@ def _lohner(
         A = _jacobian(images, d) @ Q
         following = np.array([v.mid() for v in new], dtype=object)
         off = new - following
-        if not _finite(A) or not _finite(new):
+        if not _all_finite(A) or not _all_finite(new):
             stopped = "an enclosure meets a pole"
             break
         U = _orthogonal(flint, A, r)
@@ -208,7 +208,7 @@ def _both(a: Any, b: Any) -> Any:
     return a.intersection(b)
 
 
-def _finite(values: Array) -> bool:
+def _all_finite(values: Array) -> bool:
     return all(getattr(v, "is_finite", lambda: True)() for v in np.ravel(values))
 
 
@@ -226,7 +226,7 @@ def _inverse(flint: Any, U: Array) -> Array:
     return np.array([[inverse[i, j] for j in range(d)] for i in range(d)], dtype=object)
 
 
-def _value(f: Callable[[Array], Any], c: Array, X: Array, Q: Array, r: Array) -> Any:
+def _mean_value_form(f: Callable[[Array], Any], c: Array, X: Array, Q: Array, r: Array) -> Any:
     """f on the set, by the mean-value form, cut with its value on the box."""
     at = f(independent(X))
     direct = _value_of(at)
@@ -245,6 +245,6 @@ def _wider(known: tuple[float, float] | None, value: Any) -> tuple[float, float]
 def _alone(what: Subject, known: Mapping[str, Any], x: Array, steps: int, tolerance: float) -> int:
     for done in range(steps):
         x = _step(what, x, known)
-        if not _finite(x) or max(float(v.rad()) for v in x) > tolerance:
+        if not _all_finite(x) or max(float(v.rad()) for v in x) > tolerance:
             return done
     return steps

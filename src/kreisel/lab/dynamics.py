@@ -22,7 +22,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.exact import Dual
 from kreisel.lab.fields import fraction
@@ -72,7 +72,7 @@ class Dynamics:
         return self.sali > ALIGNED and float(self.exponents[0]) < self.threshold
 
     def __str__(self) -> str:
-        word = "chaotic" if self.chaotic else "regular" if self.regular else "not told"
+        word = "chaotic" if self.chaotic else "regular" if self.regular else "unknown"
         shown = ", ".join(f"{v:.2g}" for v in self.exponents)
         return (
             f"{word}: exponents a step {shown} (+- {self.errors[0]:.1g} of the first) over {self.steps:,} steps, "
@@ -80,7 +80,7 @@ class Dynamics:
         )
 
 
-class Orbit:
+class CompiledOrbit:
     """A compiled step, with tangent vectors (k, d) along: a lane for each; a point is x (d,)."""
 
     def __init__(self, what: Subject, x: Array, vectors: Array | None = None):
@@ -93,11 +93,11 @@ class Orbit:
             rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)
         scheme = _scheme(what, vectors is not None)
         if scheme.numbers == "jax":
-            from kreisel.kernels.jax import Compiled
+            from kreisel.kernels.jax import JaxEngine
 
-            self._kernel: Any = Compiled(scheme, rows, 1.0)
+            self._kernel: Any = JaxEngine(scheme, rows, 1.0)
         else:
-            self._kernel = Kernel(scheme, rows)
+            self._kernel = CpuEngine(scheme, rows)
 
     @property
     def vectors(self) -> Array:
@@ -227,7 +227,7 @@ def dynamics(
     frame = tangents(what, x, count, seed)
     k = len(frame)
     apart = tangents(what, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
-    orbit = Orbit(what, x, np.concatenate([frame, apart]))
+    orbit = CompiledOrbit(what, x, np.concatenate([frame, apart]))
     logs, sali, reached = [], 2.0, 0
     gali = np.full(max(0, len(apart) - 1), np.nan)
     for done in range(EVERY, steps + 1, EVERY):
@@ -253,7 +253,7 @@ def dynamics(
 def points(what: Subject, x: Array | None = None, steps: int = 4096, seed: int = 0) -> Array:
     """The orbit (steps + 1, d)."""
     x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
-    return np.concatenate([x[None], Orbit(what, x).advance(1, steps)])
+    return np.concatenate([x[None], CompiledOrbit(what, x).advance(1, steps)])
 
 
 def frequencies(what: Subject, x: Array | None = None, steps: int = 4096, lines: int = 6, seed: int = 0) -> Any:

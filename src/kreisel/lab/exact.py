@@ -181,14 +181,14 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
     square = draw((n, n))
     positive = (square @ square.T) / n + algebra.identity(n)
-    return positive * algebra.identity(n) if p.exact_diagonal and algebra.exact(square) else positive
+    return positive * algebra.identity(n) if p.exact_diagonal and algebra.is_exact(square) else positive
 
 
 def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
     """A random point of a phase space."""
     if space.draw is not None:
         return tuple(space.draw(n, draw))
-    return layout.restore(draw((sum(layout.size(k, n) for k in space.kinds),)), space.kinds, n)
+    return layout.restore(draw((sum(layout.coordinate_count(k, n) for k in space.kinds),)), space.kinds, n)
 
 
 def random_rotation(n: int, draw: Random) -> Array:

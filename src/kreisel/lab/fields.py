@@ -67,7 +67,7 @@ class Mod:
     __rmul__ = __mul__
 
     def __pow__(self, exponent: int) -> Mod:
-        return Mod(_power(self.v, exponent, self.p), self.p)
+        return Mod(_power_modulo(self.v, exponent, self.p), self.p)
 
     def inverse(self) -> Mod:
         v = self.v
@@ -76,7 +76,7 @@ class Mod:
                 raise Pole("division by 0 modulo a prime")
             _MARKS[-1][...] |= v == 0
             v = np.where(v == 0, 1, v)
-        return Mod(_power(v, self.p - 2, self.p), self.p)
+        return Mod(_power_modulo(v, self.p - 2, self.p), self.p)
 
     def __truediv__(self, other: Any) -> Any:
         n = _operand(other, self.p)
@@ -105,7 +105,7 @@ def _operand(other: Any, p: int) -> Any:
     return residue(other, p) if known else NotImplemented
 
 
-def _power(base: Any, exponent: int, p: int) -> Any:
+def _power_modulo(base: Any, exponent: int, p: int) -> Any:
     out = base * 0 + 1
     while exponent:
         if exponent & 1:
@@ -153,7 +153,7 @@ def random_residues(rng: np.random.Generator, p: int, points: int) -> Callable[[
     return draw
 
 
-def lifted(r: int, p: int) -> Fraction | None:
+def reconstructed(r: int, p: int) -> Fraction | None:
     """The rational number of least size that is r modulo p, None where none is small (Wang's reconstruction)."""
     bound = int((p // 2) ** 0.5)
     a, b, s, t = p, r % p, 0, 1

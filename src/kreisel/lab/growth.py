@@ -64,7 +64,7 @@ class Growth:
 
 def growth(what: Subject, iterates: int = 20, seed: int = 0) -> Growth:
     """Degrees of that many iterates of a map, and their growth.  Raises `InputError` for maps that are not rational."""
-    return fitted(degrees(what, iterates, seed))
+    return fitted_growth(degrees(what, iterates, seed))
 
 
 def degrees(what: Subject, iterates: int = 20, seed: int = 0) -> tuple[int, ...]:
@@ -156,7 +156,7 @@ def _degree(flint: Any, values: Array, coset: int, p: int) -> int | None:
 # -- what the degrees say ---------------------------------------------------------------------------
 
 
-def fitted(d: tuple[int, ...]) -> Growth:
+def fitted_growth(d: tuple[int, ...]) -> Growth:
     """The growth of a sequence of degrees: by a linear recurrence that further terms confirm, else by estimates."""
     for after in range(max(1, len(d) // 3)):
         found = _recurrence(d[after:])
@@ -184,7 +184,7 @@ def _recurrence(d: tuple[int, ...]) -> tuple[int, ...] | None:
 
 
 def _roots(recurrence: tuple[int, ...]) -> tuple[int | None, float]:
-    """The power of k, or the logarithm of the largest root.  Roots of 1 are told exactly, by cyclotomic factors."""
+    """The power of k, or the logarithm of the largest root.  Roots of 1 are found exactly, by cyclotomic factors."""
     flint = require_flint()
     multiplicity, largest = 0, 1.0
     for factor, power in flint.fmpz_poly(list(recurrence)).factor()[1]:

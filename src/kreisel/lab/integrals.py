@@ -24,7 +24,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.lab.fields import PRIMES, Pole, lifted, require_flint
+from kreisel.lab.fields import PRIMES, Pole, reconstructed, require_flint
 from kreisel.lab.subject import Subject
 
 STEPS = 6  # of each orbit: few, over many orbits, so that no integral is a constant by chance
@@ -144,7 +144,7 @@ def monomials(dim: int, degree: int) -> Iterable[Exponents]:
             yield tuple(exponents)
 
 
-def _rank(label: Any) -> Any:
+def _label_key(label: Any) -> Any:
     return (sum(label), label) if isinstance(label[0], int) else label
 
 
@@ -210,7 +210,7 @@ def rational_kernel(
         vector = np.array([_residue(terms.get(label, Fraction(0)), p) for label in labels]) if terms else None
         if vector is None or ((third * vector % p).sum(1) % p).any():
             raise InputError(
-                "A result has coefficients too large to be told from two primes. Usual cause: constants that are "
+                "A result has coefficients too large to be found from two primes. Usual cause: constants that are "
                 "floats such as 0.1; give whole numbers or fractions."
             )
         found.append(terms)
@@ -270,7 +270,7 @@ def lift(terms: dict[Any, tuple[int, int]]) -> dict[Any, Fraction]:
     p, q = PRIMES[:2]
     out = {}
     for label, (a, b) in terms.items():
-        c = lifted((a + p * ((b - a) * pow(p, -1, q) % q)) % (p * q), p * q)
+        c = reconstructed((a + p * ((b - a) * pow(p, -1, q) % q)) % (p * q), p * q)
         if c is None:
             return {}
         out[label] = c
@@ -281,7 +281,7 @@ def _primitive(terms: dict[Any, Fraction]) -> dict[Any, Fraction]:
     """Scaled so that the coefficients are whole without a common factor, the largest label's positive."""
     scale = Fraction(math.lcm(*(c.denominator for c in terms.values())), 1)
     scale /= math.gcd(*(int(c * scale) for c in terms.values()))
-    leading = max(terms, key=_rank)
+    leading = max(terms, key=_label_key)
     return {e: c * scale * (1 if terms[leading] > 0 else -1) for e, c in terms.items()}
 
 

@@ -38,16 +38,16 @@ class Investigation:
         return next(f for f in self.findings if f.question == question)
 
     def __str__(self) -> str:
-        from kreisel.lab.report import text
+        from kreisel.lab.report import terminal_table
 
-        return text(self)
+        return terminal_table(self)
 
     @property
     def html(self) -> str:
         """One page that needs nothing else."""
-        from kreisel.lab.report import page
+        from kreisel.lab.report import report_page
 
-        return page(self)
+        return report_page(self)
 
     def _repr_html_(self) -> str:
         from kreisel.lab.report import table_html
@@ -98,7 +98,7 @@ def investigate(
     clues = Clues(x, degree, iterates, steps, seed)
     findings = tuple(question(clues) for question in QUESTIONS)
     stated = x.constants if x.model is None or not x.model.params else {**x.model.params, "eps": x.constants["eps"]}
-    shown = ", ".join(f"{k} = {_plain(v)}" for k, v in stated.items())
+    shown = ", ".join(f"{k} = {_plain_text(v)}" for k, v in stated.items())
     return Investigation(
         x.name,
         f"{x.dim} coordinates {', '.join(x.names)}{'; ' + shown if shown else ''}",
@@ -108,12 +108,12 @@ def investigate(
     )
 
 
-def _plain(v: Any) -> str:
-    array = np.vectorize(_number, otypes=[object])(v)
+def _plain_text(v: Any) -> str:
+    array = np.vectorize(_rational_text, otypes=[object])(v)
     return str(array[()]) if np.ndim(v) == 0 else "(" + ", ".join(map(str, np.ravel(array))) + ")"
 
 
-def _number(v: Any) -> str:
+def _rational_text(v: Any) -> str:
     q = fraction(v)
     return str(q) if q.denominator < 10_000 else f"{float(q):g}"
 

@@ -112,7 +112,7 @@ def _has_flow(system: System) -> bool:
     return system.flow is not None and system.energy is not None
 
 
-def _states(*claims: str) -> Callable[[System], bool]:
+def _has_map_with(*claims: str) -> Callable[[System], bool]:
     """Whether a record has a map and these entries of it."""
     return lambda s: s.map is not None and all(getattr(s.map, claim) is not None for claim in claims)
 
@@ -123,13 +123,13 @@ def _functions(system: System) -> dict[str, Callable[..., Any]]:
     return {**energy, **system.integrals}
 
 
-def _kept(system: System) -> list[Callable[..., Any]]:
+def _conserved_functions(system: System) -> list[Callable[..., Any]]:
     """What the map keeps."""
     keeps = None if system.map is None else system.map.conserves
     return [f for name, f in _functions(system).items() if keeps is None or name in keeps]
 
 
-def _gradients(case: Case, eps: Any) -> Iterator[tuple[str, Array]]:
+def _integral_gradients(case: Case, eps: Any) -> Iterator[tuple[str, Array]]:
     """Name and gradient (count, d) of the energy and the commuting integrals at a step eps."""
     for name in ("energy", *case.system.commuting):
         function = _functions(case.system)[name]

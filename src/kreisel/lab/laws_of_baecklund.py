@@ -66,7 +66,7 @@ def _record(case: Case) -> Baecklund:
     return case.system.baecklund
 
 
-def _curve(case: Case) -> _Curve:
+def _point_on_curve(case: Case) -> _Curve:
     """In exact numbers a random rational point; in floats the case's own state with eps = 2/7."""
     record = _record(case)
     if case.numbers == "exact":
@@ -79,7 +79,7 @@ def _curve(case: Case) -> _Curve:
 
 @_law("(mu, rho) lies on the spectral curve; e is the eigenvector that a rational case is made from", _has_baecklund)
 def spectral_point(case: Case) -> Sides:
-    curve = _curve(case)
+    curve = _point_on_curve(case)
     e = curve.call(curve.record.vector, *curve.state)
     value = curve.call(curve.record.defect, *curve.state, e)
     yield value, 0 * value
@@ -90,7 +90,7 @@ def spectral_point(case: Case) -> Sides:
 @_law("I(D(z)) = I(z) for the Casimirs and every integral of the continuous flow", _has_baecklund)
 def integrals_of_baecklund(case: Case) -> Sides:
     casimirs: Any = case.system.space.casimirs
-    for curve in (_curve(case), _pairs(case)[0]):
+    for curve in (_point_on_curve(case), _pairs(case)[0]):
         new = curve.move()
         yield casimirs(*new), casimirs(*curve.state)
         for function in (case.system.energy, *case.system.integrals.values()):
@@ -99,7 +99,7 @@ def integrals_of_baecklund(case: Case) -> Sides:
 
 @_law("N L = L_new N at random lambda: the Darboux matrix", _has_baecklund)
 def darboux(case: Case) -> Sides:
-    curve = _curve(case)
+    curve = _point_on_curve(case)
     e = curve.call(curve.record.vector, *curve.state)
     N = curve.call(curve.record.darboux, *curve.state, e, lam=case.lam)
     old, new = (curve.call(case.system.lax, *z, lam=case.lam)[0] for z in (curve.state, curve.move()))
@@ -108,7 +108,7 @@ def darboux(case: Case) -> Sides:
 
 @_law("J Pi(z) J^T = Pi(D(z)), the derivative of rho included", _has_baecklund)
 def poisson_baecklund(case: Case) -> Sides:
-    curve = _curve(case)
+    curve = _point_on_curve(case)
     flat = curve.flat(curve.state)
     new = curve.move(*layout.restore(exact.independent(flat), case.kinds, curve.model.n))  # Newton's step has d rho
     J = slopes(layout.flatten(new, case.kinds), len(flat))
@@ -117,7 +117,7 @@ def poisson_baecklund(case: Case) -> Sides:
 
 @_law("D(-eps) is the inverse of D(eps)", _has_baecklund)
 def symmetric_baecklund(case: Case) -> Sides:
-    curve = _curve(case)
+    curve = _point_on_curve(case)
     sign = curve.record.odd
     back = _Curve(case, curve.model, curve.record, curve.move(), -curve.mu, sign * curve.rho)
     yield curve.flat(back.move()), curve.flat(curve.state)
@@ -125,7 +125,7 @@ def symmetric_baecklund(case: Case) -> Sides:
 
 @_law("D(eps) D(delta) = D(delta) D(eps), and D(eps) commutes with the flow", _has_baecklund, exact=False)
 def commuting_baecklund(case: Case) -> Sides:
-    curve = _curve(case)
+    curve = _point_on_curve(case)
     first, second = curve, curve.at(5.0)
     yield curve.flat(second.move(*first.move())), curve.flat(first.move(*second.move()))
 
@@ -176,7 +176,7 @@ def _pairs(case: Case) -> list[_Curve]:
     """Complex points: in exact numbers a random one over Q(i), in floats two of the case's own state."""
     record = _record(case)
     if case.numbers == "float":
-        return [_curve(case).at(mu) for mu in (7 + 4j, 2 + 1.5j)]
+        return [_point_on_curve(case).at(mu) for mu in (7 + 4j, 2 + 1.5j)]
     if record.pair_case is None:
         raise InputError(f"{case.system.name} does not state a case over Q(i).")
     state, params, _, mu, rho = record.pair_case(case.model.n, case.draw)

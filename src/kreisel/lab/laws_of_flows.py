@@ -9,7 +9,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.lab.exact import along, jacobian, slopes
-from kreisel.lab.law import Case, Sides, _functions, _gradients, _has_flow, _has_map, _law
+from kreisel.lab.law import Case, Sides, _functions, _has_flow, _has_map, _integral_gradients, _law
 from kreisel.record.contract import System
 
 
@@ -46,8 +46,10 @@ def integrals_of_the_flow(case: Case) -> Sides:
 @_law("{I, K} = 0 for the energy and the commuting integrals, at eps = 0 and deformed", lambda s: bool(s.commuting))
 def involution(case: Case) -> Sides:
     for eps in (0, case.eps) if _has_map(case.system) else (0,):
-        all_gradients = np.concatenate([g for _, g in _gradients(case, eps)])
-        half = all_gradients @ np.triu(case.tensor(case.state)) @ all_gradients.T  # {I_i, I_k} = half_ik - half_ki
+        all_integral_gradients = np.concatenate([g for _, g in _integral_gradients(case, eps)])
+        half = (
+            all_integral_gradients @ np.triu(case.tensor(case.state)) @ all_integral_gradients.T
+        )  # {I_i, I_k} = half_ik - half_ki
         yield half, half.T
 
 
@@ -61,7 +63,7 @@ def lax_equation(case: Case) -> Sides:
 
 @_law(
     "a' = omega a (rest frame), P' = -Omega P or [P, Omega] (moving frame): the velocity turns what is carried",
-    lambda s: s.velocity is not None and _turns(s),
+    lambda s: s.velocity is not None and _has_turning_components(s),
 )
 def velocity(case: Case) -> Sides:
     turn, rate = -case.system.space.sign * case.call(case.system.velocity), case.model.flow(*case.state)
@@ -94,7 +96,7 @@ def separable(case: Case) -> Sides:
             yield turning, 0 * turning
 
 
-def _turns(system: System) -> bool:
+def _has_turning_components(system: System) -> bool:
     """Whether there are components that turn with the body, of kinds that this module knows."""
     kinds = [system.space.kinds[i] for i in system.space.carried if i < len(system.space.kinds)]
     return bool(kinds) and all(kind in ("vector", "skew", "symmetric") for kind in kinds)

@@ -12,8 +12,18 @@ from kreisel.algebra import Array
 from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.exact import along, random_rotation, slopes
-from kreisel.lab.law import ORDER_TOLERANCE, Case, Sides, _functions, _has_flow, _has_map, _kept, _law, _states
-from kreisel.lab.laws_of_flows import _carried, _turns
+from kreisel.lab.law import (
+    ORDER_TOLERANCE,
+    Case,
+    Sides,
+    _conserved_functions,
+    _functions,
+    _has_flow,
+    _has_map,
+    _has_map_with,
+    _law,
+)
+from kreisel.lab.laws_of_flows import _carried, _has_turning_components
 from kreisel.lab.orders import flowed, measured_orders
 from kreisel.record.contract import Frame, call, keywords
 
@@ -24,7 +34,7 @@ def integrals_of_the_map(case: Case) -> Sides:
     space = case.system.space
     if space.casimirs is not None:
         yield space.casimirs(*new), space.casimirs(*case.state)
-    for function in _kept(case.system):
+    for function in _conserved_functions(case.system):
         yield np.asarray(case.call(function, *new)), np.asarray(case.call(function))
 
 
@@ -42,7 +52,7 @@ def continuous_limit(case: Case) -> Sides:
     yield (tiny_step - case.flat(case.state)) * 1e9 * 1e-6, case.flat(case.model.flow(*case.state)) * 1e-6
 
 
-@_law("V_k L_(k+1) = L_k V_k at random lambda", _states("lax", "conjugator"))
+@_law("V_k L_(k+1) = L_k V_k at random lambda", _has_map_with("lax", "conjugator"))
 def discrete_lax_equation(case: Case) -> Sides:
     V, L = case.call(case.map.conjugator), case.call(case.map.lax)
     yield V @ case.call(case.map.lax, *case.call(case.map.step)), L @ V
@@ -54,19 +64,19 @@ def poisson(case: Case) -> Sides:
     yield J @ case.tensor(case.state) @ J.T, case.tensor(case.call(case.map.step))
 
 
-@_law("inverse(step(z)) = z = step(inverse(z))", _states("inverse"))
+@_law("inverse(step(z)) = z = step(inverse(z))", _has_map_with("inverse"))
 def inverse(case: Case) -> Sides:
     start = case.flat(case.state)
     yield case.flat(case.call(case.map.inverse, *case.call(case.map.step))), start
     yield case.flat(case.call(case.map.step, *case.call(case.map.inverse))), start
 
 
-@_law("adjoint(eps) is the inverse of step(-eps)", _states("adjoint"))
+@_law("adjoint(eps) is the inverse of step(-eps)", _has_map_with("adjoint"))
 def adjoint(case: Case) -> Sides:
     yield case.flat(case.call(case.map.adjoint, *case.call(case.map.step, eps=-case.eps))), case.flat(case.state)
 
 
-@_law("R R = 1, R step R = inverse, and R is anti-Poisson", _states("involution"))
+@_law("R R = 1, R step R = inverse, and R is anti-Poisson", _has_map_with("involution"))
 def reversing_involution(case: Case) -> Sides:
     R, step, start = case.map.involution, case.map.step, case.flat(case.state)
     turned = case.call(R)
@@ -76,7 +86,7 @@ def reversing_involution(case: Case) -> Sides:
     yield J @ case.tensor(case.state) @ J.T, -case.tensor(turned)
 
 
-@_law("S(eps) S(-eps) = 1 for S = chi step chi^-1, chi half a kick", _states("to_symmetric", "from_symmetric"))
+@_law("S(eps) S(-eps) = 1 for S = chi step chi^-1, chi half a kick", _has_map_with("to_symmetric", "from_symmetric"))
 def symmetric_conjugate(case: Case) -> Sides:
     def symmetric(state: tuple[Array, ...], eps: Any) -> tuple[Array, ...]:
         inner = case.call(case.map.from_symmetric, *state, eps=eps)
@@ -87,27 +97,29 @@ def symmetric_conjugate(case: Case) -> Sides:
     yield case.flat(symmetric(symmetric(case.state, -case.eps), case.eps)), case.flat(case.state)
 
 
-@_law("w = cay(X) is orthogonal and turns what is carried: a_(k+1) = w a_k, P_(k+1) = W^T P_k", _states("generator"))
+@_law(
+    "w = cay(X) is orthogonal and turns what is carried: a_(k+1) = w a_k, P_(k+1) = W^T P_k", _has_map_with("generator")
+)
 def reconstruction(case: Case) -> Sides:
     new = case.call(case.map.step)
     X = case.call(case.map.generator, *case.state, *new)
     yield X, -X.mT
     sign = 1 if case.system.frame is Frame.REST else -1
-    for i in case.system.space.carried if _turns(case.system) else ():
+    for i in case.system.space.carried if _has_turning_components(case.system) else ():
         yield algebra.turned(case.kinds[i], sign * X, case.state[i]), new[i]
 
 
 @_law(
     "D1 L(q_k, q_(k+1)) + D2 L(q_(k-1), q_k) = 0 and the momentum is D2 L(q_(k-1), q_k)",
-    _states("generator", "lagrangian"),
+    _has_map_with("generator", "lagrangian"),
 )
 def discrete_euler_lagrange(case: Case) -> Sides:
     n, rest = case.model.n, case.system.frame is Frame.REST
     g0 = random_rotation(n, case.draw)
     first, second = case.state, case.call(case.map.step)
     third = case.call(case.map.step, *second)
-    g1 = _turned(case, g0, first, second)
-    g2 = _turned(case, g1, second, third)
+    g1 = _turned_by_generator(case, g0, first, second)
+    g2 = _turned_by_generator(case, g1, second, third)
     if case.system.space.constraints:  # the particle: q is its position
         q0, q1, q2, x = (_carried(case, z) for z in (first, second, third, first))
         carried: tuple[Array, ...] = (x,)
@@ -120,7 +132,7 @@ def discrete_euler_lagrange(case: Case) -> Sides:
         momentum = second[0]
 
     def action(function_of: Callable[[Array], tuple[Array, Array]]) -> Array:
-        varied = function_of(_varied(q1, rest, n))
+        varied = function_of(_perturbed_orientation(q1, rest, n))
         return slopes(case.call(case.map.lagrangian, *varied, *carried), n * (n - 1) // 2)
 
     before, after = action(lambda q: (q0, q)), action(lambda q: (q, q2))
@@ -128,12 +140,12 @@ def discrete_euler_lagrange(case: Case) -> Sides:
     yield before, algebra.coordinates(momentum)
 
 
-def _turned(case: Case, g: Array, old: tuple[Array, ...], new: tuple[Array, ...]) -> Array:
+def _turned_by_generator(case: Case, g: Array, old: tuple[Array, ...], new: tuple[Array, ...]) -> Array:
     X = case.call(case.map.generator, *old, *new)
     return algebra.turn_left(X, g) if case.system.frame is Frame.REST else algebra.turn_right(g, X)
 
 
-def _varied(q: Array, rest: bool, n: int) -> Array:
+def _perturbed_orientation(q: Array, rest: bool, n: int) -> Array:
     """exp(eta) g (rest frame), g exp(eta) (moving frame) or exp(-eta) x, to first order in eta's coordinates."""
     zero = 0 * algebra.coordinates(q if q.ndim == 2 else algebra.wedge(q, q))
     eta = algebra.skew(exact.independent(zero), n)
@@ -165,7 +177,7 @@ def relations(case: Case) -> Sides:
         yield carried, layout.flatten(model.flow(*there), kinds)
         if relation.map is not None and (case.numbers == "float" or case.map.rational):
             new = case.call(case.map.step)
-            moved = carry(new, _turned(case, g, case.state, new))[0]
+            moved = carry(new, _turned_by_generator(case, g, case.state, new))[0]
             expected = model.call(getattr(model.map, relation.map), *there, eps=case.eps)
             yield layout.flatten(moved, kinds), layout.flatten(expected, kinds)
 
@@ -199,7 +211,7 @@ def commuting_maps(case: Case) -> Sides:
 
 @_law(
     "the error at a fixed time is O(dt^order), and O(dt^2) after half a kick, in the state and in g",
-    lambda s: _has_flow(s) and _states("generator")(s),
+    lambda s: _has_flow(s) and _has_map_with("generator")(s),
     exact=False,
 )
 def order(case: Case) -> Sides:

@@ -1,4 +1,4 @@
-"""Lax pairs put to the test: whether the spectrum is kept, and whether its integrals are enough.
+"""Lax pairs put to the test: whether the spectrum is conserved, and whether its integrals are enough.
 
 For matrices L(x, lambda), V(x, lambda) of a map x -> x': the residual V L(x') - L(x) V, the coefficients of
 det(L(lambda) - mu) at x and x', the rank of their differentials, their brackets, and how many there are on a leaf
@@ -36,7 +36,7 @@ class Lax:
     """What a Lax pair is worth.
 
     equation     whether V L(x') = L(x) V, exactly; None without V, or for a map that is not rational
-    isospectral  whether the spectrum of L is kept; None for a map that is not rational
+    isospectral  whether the spectrum of L is conserved; None for a map that is not rational
     involution   whether the brackets of the coefficients vanish; None without a bracket
     rank         independent coefficients, Casimirs among them
     on_leaf      those on a generic leaf
@@ -62,8 +62,8 @@ class Lax:
         return self.leaf // 2
 
     @property
-    def kept(self) -> bool:
-        """Whether the coefficients are integrals, as far as that could be told."""
+    def conserved(self) -> bool:
+        """Whether the coefficients are integrals, as far as that is known."""
         return self.isospectral is not False and self.equation is not False and None in (self.involution, True)
 
     @property
@@ -78,10 +78,10 @@ class Lax:
         return commuting and self.torus < self.needed and self.with_more + self.torus == self.leaf
 
     def __str__(self) -> str:
-        told = {True: "yes", False: "no", None: "not told"}
+        words = {True: "yes", False: "no", None: "unknown"}
         text = (
-            f"V L' = L V: {told[self.equation]}; spectrum kept: {told[self.isospectral]}; in involution: "
-            f"{told[self.involution]}; {self.on_leaf} independent on leaves of dimension {self.leaf}, needed "
+            f"V L' = L V: {words[self.equation]}; spectrum conserved: {words[self.isospectral]}; in involution: "
+            f"{words[self.involution]}; {self.on_leaf} independent on leaves of dimension {self.leaf}, needed "
             f"{self.needed}"
         )
         if self.with_more > self.on_leaf:
@@ -126,7 +126,7 @@ def _tested(what: Subject, seed: list[int]) -> Lax:
     p = PRIMES[0]
     x = what.point(random_residues(np.random.default_rng([*seed, p]), p, 1))
     G = _spectral_gradients(what, x, p, seed)
-    H = G if what.integrals is None else np.concatenate([G, _gradients(what, what.integrals, x, p)])
+    H = G if what.integrals is None else np.concatenate([G, _gradients_modulo(what, what.integrals, x, p)])
     return counted(what, x, G, H, p, equation, isospectral)
 
 
@@ -135,18 +135,29 @@ def counted(
 ) -> Lax:
     """Ranks and brackets of the gradients G (rows, d) at x modulo p, and of H, which has further ones."""
     if what.tensor is None:
-        return Lax(what.name, what.dim, what.dim, rank(G, p), rank(G, p), rank(H, p), 0, equation, isospectral, None)
-    tensor = _numbers(np.asarray(what.tensor(x), dtype=object), 1, p)[0]
+        return Lax(
+            what.name,
+            what.dim,
+            what.dim,
+            rank_modulo(G, p),
+            rank_modulo(G, p),
+            rank_modulo(H, p),
+            0,
+            equation,
+            isospectral,
+            None,
+        )
+    tensor = _whole_residues(np.asarray(what.tensor(x), dtype=object), 1, p)[0]
     fields, more = G @ tensor % p, H @ tensor % p
-    brackets, with_more = fields @ G.T % p, rank(more, p)
+    brackets, with_more = fields @ G.T % p, rank_modulo(more, p)
     return Lax(
         name=what.name,
         dimension=what.dim,
-        leaf=rank(tensor, p),
-        rank=rank(G, p),
-        on_leaf=rank(fields, p),
+        leaf=rank_modulo(tensor, p),
+        rank=rank_modulo(G, p),
+        on_leaf=rank_modulo(fields, p),
         with_more=with_more,
-        torus=with_more - rank(more @ H.T % p, p),
+        torus=with_more - rank_modulo(more @ H.T % p, p),
         equation=equation,
         isospectral=isospectral,
         involution=not brackets.any(),
@@ -214,7 +225,7 @@ def _residual_over_q(what: Subject, seed: list[int]) -> bool:
 
 def _isospectral(what: Subject, seed: list[int], p: int) -> bool:
     flint, (x, lam), known = require_flint(), _random(what, seed, p), what.known(p)
-    both = [_numbers(_matrix(what, what.lax, z, lam, known), POINTS, p) for z in (x, what.over(p)(x))]
+    both = [_whole_residues(_matrix(what, what.lax, z, lam, known), POINTS, p) for z in (x, what.over(p)(x))]
 
     def polynomial(M: Array) -> list[int]:
         return [int(c) for c in flint.nmod_mat(*M.shape, [int(v) for v in M.ravel()], p).charpoly().coeffs()]
@@ -222,7 +233,7 @@ def _isospectral(what: Subject, seed: list[int], p: int) -> bool:
     return all(polynomial(old) == polynomial(new) for old, new in zip(*both, strict=True))
 
 
-def _numbers(x: Array, lanes: int, p: int) -> Array:
+def _whole_residues(x: Array, lanes: int, p: int) -> Array:
     """An array of residues at several points as whole numbers (lanes, ...)."""
     out = np.zeros((lanes, *x.shape), dtype=object)
     for place in np.ndindex(x.shape):
@@ -244,7 +255,7 @@ def _spectral_gradients(what: Subject, x: Array, p: int, seed: list[int]) -> Arr
     values = np.empty(L.shape, dtype=object)
     for place in np.ndindex(L.shape):
         values[place] = getattr(L[place], "value", L[place])
-    at, along = _numbers(values, lanes, p), _numbers(slopes(L, what.dim), lanes, p)
+    at, along = _whole_residues(values, lanes, p), _whole_residues(slopes(L, what.dim), lanes, p)
     power, rows = np.broadcast_to(algebra.identity(size).astype(object), at.shape), []
     for _ in range(size):
         rows.append(np.einsum("lij,ljik->lk", power, along) % p)
@@ -252,15 +263,15 @@ def _spectral_gradients(what: Subject, x: Array, p: int, seed: list[int]) -> Arr
     return np.concatenate(rows)
 
 
-def _gradients(what: Subject, functions: Any, x: Array, p: int) -> Array:
+def _gradients_modulo(what: Subject, functions: Any, x: Array, p: int) -> Array:
     out = np.ravel(np.asarray(functions(independent(x), **what.known(p)), dtype=object))
-    return _numbers(slopes(out, what.dim), 1, p)[0]
+    return _whole_residues(slopes(out, what.dim), 1, p)[0]
 
 
-def rank(A: Array, p: int) -> int:
+def rank_modulo(A: Array, p: int) -> int:
     """The rank modulo p."""
     flint = require_flint()
     return int(flint.nmod_mat(*A.shape, [int(v) for v in A.ravel()], p).rank())
 
 
-__all__ = ["Lax", "counted", "lax", "rank"]
+__all__ = ["Lax", "counted", "lax", "rank_modulo"]

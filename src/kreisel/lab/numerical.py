@@ -58,7 +58,7 @@ class Numerical:
 
 
 def integrals_in_floats(what: Subject, degree: int = 2, seed: int = 0) -> Numerical:
-    """Polynomial integrals up to that degree, told from orbits in floats.
+    """Polynomial integrals up to that degree, found from orbits in floats.
 
     Raises `InputError` for too many monomials, and `RunError` where all orbits escape.
     """
@@ -86,19 +86,19 @@ def integrals_in_floats(what: Subject, degree: int = 2, seed: int = 0) -> Numeri
     still = int((sizes < ROUND_OFF).sum())
     vectors = V[len(sizes) - still :] / scale
     x = dynamics.float_start(what, seed + 7)
-    G = vectors @ _gradients(x, exponents)
-    rank = _rank(G)
+    G = vectors @ _monomial_gradients(x, exponents)
+    rank = _numerical_rank(G)
     pi = np.asarray(what.tensor(x), dtype=float) if what.tensor is not None else np.zeros((what.dim, what.dim))
     fields = G @ pi
     both = fields @ G.T
-    on_leaf = _rank(fields, float(np.linalg.norm(G) * np.linalg.norm(pi)))
+    on_leaf = _numerical_rank(fields, float(np.linalg.norm(G) * np.linalg.norm(pi)))
     sized = np.linalg.norm(G, axis=1)
     return Numerical(
         degree=degree,
         count=rank,
         on_leaf=on_leaf,
-        leaf=_rank(pi),
-        torus=on_leaf - _rank(both, float(np.linalg.norm(G) ** 2 * np.linalg.norm(pi))),
+        leaf=_numerical_rank(pi),
+        torus=on_leaf - _numerical_rank(both, float(np.linalg.norm(G) ** 2 * np.linalg.norm(pi))),
         largest=float(sizes[len(sizes) - still]) if still else 0.0,
         next=float(sizes[len(sizes) - still - 1]),
         involution=float((np.abs(both) / np.outer(sized, sized)).max(initial=0.0)),
@@ -109,7 +109,7 @@ def _monomials(points: Array, exponents: Array) -> Array:
     return np.prod(points[:, None, :] ** exponents[None], axis=-1)
 
 
-def _gradients(x: Array, exponents: Array) -> Array:
+def _monomial_gradients(x: Array, exponents: Array) -> Array:
     """d monomial / d x_i at x, (monomials, d)."""
     out = np.empty(exponents.shape)
     for i in range(len(x)):
@@ -119,7 +119,7 @@ def _gradients(x: Array, exponents: Array) -> Array:
     return out
 
 
-def _rank(A: Array, scale: float | None = None) -> int:
+def _numerical_rank(A: Array, scale: float | None = None) -> int:
     if not A.size:
         return 0
     sizes = np.linalg.svd(A, compute_uv=False)

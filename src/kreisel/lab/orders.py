@@ -7,7 +7,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import Kernel
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.lab.exact import jacobian
 from kreisel.method import scheme
@@ -34,7 +34,7 @@ def measured_orders(
     """Slopes of log error against log dt for the state and the orientation, over four steps."""
     g0, kinds = np.eye(model.n), (*model.system.space.kinds, "matrix")
     ends = [layout.flatten(_iterate(model, state, g0, time / k, k, conjugate), kinds) for k in counts]
-    return fitted(time / np.array(counts), _errors(model, _truth(model, state, time), ends))
+    return fitted_orders(time / np.array(counts), _errors(model, _truth(model, state, time), ends))
 
 
 def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: int) -> list[float]:
@@ -78,14 +78,14 @@ class _Ends:
     def __init__(self, model: Model, state: tuple[Array, ...], method: str, order: int):
         self._model, self._method, self._order = model, method, order
         self._start = (*state, np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n))
-        self._kernel: Kernel | None = None
+        self._kernel: CpuEngine | None = None
 
     def __call__(self, time: float, count: int) -> Array:
         model = self._model
         plan = scheme(model, self._method, time / count, self._order, oriented=True)
         kinds = [kind for _, kind in plan.components]
         z = np.asarray(layout.flatten(plan.prepare(self._start), kinds))[None]
-        kernel = self._kernel = self._kernel or Kernel(plan, z)
+        kernel = self._kernel = self._kernel or CpuEngine(plan, z)
         kernel.z, (kernel.constants, _), (kernel.stages, _) = z, flat_constants(plan, 1), flat_stages(plan, 1)
         kernel.advance(np.empty((1, *z.shape)), count)
         end = plan.observe(layout.restore(kernel.z[0], kinds, model.n))
@@ -108,7 +108,7 @@ def baecklund_orders(
         z = (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
         return layout.flatten(z, (*model.system.space.kinds, "matrix"))
 
-    return fitted(time / np.array(counts), _errors(model, _truth(model, state, time), [end(k) for k in counts]))
+    return fitted_orders(time / np.array(counts), _errors(model, _truth(model, state, time), [end(k) for k in counts]))
 
 
 def flowed(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, ...]:
@@ -138,7 +138,7 @@ def _errors(model: Model, truth: Array, ends: list[Array]) -> Array:
     return np.array([[abs(end - truth)[:own].max(), abs(end - truth)[own:].max()] for end in ends])
 
 
-def fitted(steps: Array, errors: Array) -> list[float]:
+def fitted_orders(steps: Array, errors: Array) -> list[float]:
     """Slopes of log error against log step."""
     return [float(np.polyfit(np.log(steps), np.log(errors[:, i]), 1)[0]) for i in range(errors.shape[1])]
 

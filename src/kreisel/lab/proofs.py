@@ -113,12 +113,12 @@ def _symbols(what: System | Model, system: System, n: int) -> tuple[tuple[Array,
     names.append("eps")
     K, *plain = field(names, QQ)
     generators = [Expression(f) for f in plain]
-    count = sum(layout.size(kind, n) for kind in system.space.kinds)
+    count = sum(layout.coordinate_count(kind, n) for kind in system.space.kinds)
     flat, rest = np.array(generators[:count], dtype=object), generators[count:]
     state = layout.restore(flat, system.space.kinds, n)
     known: dict[str, Any] = {"eps": rest[-1]}
     if isinstance(what, Model):
-        known |= {k: _numbers(K, v) for k, v in what.constants.items()}
+        known |= {k: _rational_constants(K, v) for k, v in what.constants.items()}
     else:
         place = 0
         for p in system.parameters:
@@ -129,7 +129,7 @@ def _symbols(what: System | Model, system: System, n: int) -> tuple[tuple[Array,
     return state, known, tuple(names)
 
 
-def _numbers(K: Any, v: Any) -> Any:
+def _rational_constants(K: Any, v: Any) -> Any:
     from kreisel.lab.fields import fraction
 
     def one(c: Any) -> Any:

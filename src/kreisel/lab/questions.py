@@ -6,7 +6,7 @@ The verdict follows from the evidence alone:
                      has dimensions (Liouville), or so many more that the leaf is filled: rank + dimension of the tori =
                      dimension of the leaf (superintegrable).  Exact identities at random points; of implicit maps in
                      floats, where they must stand still to round-off with a gap.
-    not integrable   the degrees of the iterates grow exponentially, told by a recurrence or by an estimate beyond its
+    not integrable   the degrees of the iterates grow exponentially, by a recurrence or by an estimate beyond its
                      uncertainty; or an orbit is chaotic (a float experiment, not a proof).
     undecided        everything else, and evidence for both.
 """
@@ -60,11 +60,11 @@ class Clues:
         self.iterates = iterates or (ITERATES if what.dim <= 6 else FEWER)
         self.degree = degree or next(d for d in (4, 3, 2, 1) if math.comb(what.dim + d, d) <= MONOMIALS or d == 1)
         self.tensor: Callable[[Array], Array] | None = None  # of a bracket that is preserved
-        self.unaided = False  # that bracket was found: its Casimirs need not be kept
+        self.unaided = False  # that bracket was found: its Casimirs need not be conserved
         self.growth: growth.Growth | None = None
         self.found: list[Any] = []
         self.lax: Lax | None = None
-        self.told: Lax | None = None
+        self.ranks: Lax | None = None
         self.numeric: Numerical | None = None  # of a map that is no rational function
         self.in_floats = False
         self.orbits: list[dynamics.Dynamics] = []
@@ -124,8 +124,10 @@ def _tensor_of(bivector: brackets.Bivector, dim: int) -> Callable[[Array], Array
 
 def _volume(c: Clues) -> Finding:
     if c.what.model is not None and c.what.model.system.space.constraints:
-        kept = "yes" if c.tensor is not None else "not told"
-        return Finding("volume", kept, "its coordinates are not free; a Poisson map keeps the volume of the leaves")
+        answer = "yes" if c.tensor is not None else "unknown"
+        return Finding(
+            "volume", answer, "its coordinates are not free; a Poisson map preserves the volume of the leaves"
+        )
     if not c.rational:
         det = float(np.linalg.det(c.float_jacobian()[2]))
         return Finding("volume", "yes" if abs(det - 1) < CLOSE else "no", f"det J - 1 = {det - 1:.1e} in floats")
@@ -142,14 +144,14 @@ def _reversible(c: Clues) -> Finding:
         held = _reverses(c, what.involution)
         return Finding("reversible", "yes" if held else "no", "R step R step = 1 for the involution of the record")
     if not c.rational:
-        return Finding("reversible", "not told", "no involution is stated")
+        return Finding("reversible", "unknown", "no involution is stated")
     tried = 0
     for R in _involutions(what.dim):
         tried += 1
         if _reverses(c, R):
             shown = ", ".join(f"{'-' if s < 0 else ''}{what.names[i]}" for i, s in _images(R, what.dim))
             return Finding("reversible", "yes", f"R step R step = 1 for R: ({', '.join(what.names)}) -> ({shown})")
-    return Finding("reversible", "not told", f"none of {tried} changes of signs, with a swap in the plane, reverses it")
+    return Finding("reversible", "unknown", f"none of {tried} changes of signs, with a swap in the plane, reverses it")
 
 
 def _images(R: Callable[..., Array], dim: int) -> list[tuple[int, int]]:
@@ -192,7 +194,7 @@ def _order(c: Clues) -> Finding:
         return Finding("order", "no flow stated", "nothing to compare the map with")
     from scipy.integrate import solve_ivp
 
-    from kreisel.lab.orders import fitted
+    from kreisel.lab.orders import fitted_orders
 
     x, known = dynamics.float_start(what, c.seed), what.floats
     rate: Any = what.flow
@@ -201,11 +203,11 @@ def _order(c: Clues) -> Finding:
         ends = []
         for count in COUNTS:
             finer = replace(what, constants={**what.constants, "eps": TIME / count})
-            ends.append(dynamics.Orbit(finer, x).advance(count)[0])
+            ends.append(dynamics.CompiledOrbit(finer, x).advance(count)[0])
     except RunError as error:
-        return Finding("order", "not told", str(error))
+        return Finding("order", "unknown", str(error))
     errors = np.array([abs(end - exact).max() for end in ends])
-    (slope,) = fitted(TIME / np.array(COUNTS), errors[:, None])
+    (slope,) = fitted_orders(TIME / np.array(COUNTS), errors[:, None])
     agrees = slope > 0.8
     return Finding(
         "order",
@@ -244,31 +246,31 @@ def _integrals(c: Clues) -> Finding:
         try:
             numeric = c.numeric = integrals_in_floats(replace(what, tensor=c.tensor), 2, c.seed)
         except RunError as error:
-            return Finding("integrals", "not told", str(error))
+            return Finding("integrals", "unknown", str(error))
         answer = (
             f"{numeric.count} of degree 2 or less, in floats; {numeric.on_leaf} on leaves of dimension {numeric.leaf}"
         )
         return Finding("integrals", answer, str(numeric), 1 if numeric.enough else 0)
     c.found = list(integrals.integrals(what, c.degree, quotients=what.dim == 2, seed=c.seed))
     if c.tensor is not None and c.found:
-        c.told = liouville(what, c.tensor, c.found, c.seed)
-    told = c.told
+        c.ranks = liouville(what, c.tensor, c.found, c.seed)
+    ranks = c.ranks
     count = f"{len(c.found)} of degree {c.degree} or less"
-    if told is not None:
-        count += f"; {told.with_more} on leaves of dimension {told.leaf}, "
-        count += "in involution" if told.involution else "not all in involution"
-    shown = "; ".join(_short(str(f)) for f in c.found) or f"none of degree {c.degree} or less"
+    if ranks is not None:
+        count += f"; {ranks.with_more} on leaves of dimension {ranks.leaf}, "
+        count += "in involution" if ranks.involution else "not all in involution"
+    shown = "; ".join(_truncated(str(f)) for f in c.found) or f"none of degree {c.degree} or less"
     return Finding(
-        "integrals", count if c.found else "none found", shown, 1 if told is not None and enough(told) else 0
+        "integrals", count if c.found else "none found", shown, 1 if ranks is not None and enough(ranks) else 0
     )
 
 
-def _short(text: str) -> str:
+def _truncated(text: str) -> str:
     return text if len(text) < 160 else text[:150] + " ..."
 
 
 def liouville(what: Subject, tensor: Callable[[Array], Array], found: list[Any], seed: int) -> Lax:
-    """The counts of `Lax` for functions that are known to be kept."""
+    """The counts of `Lax` for functions that are known to be conserved."""
     p = PRIMES[0]
     x = what.point(random_residues(np.random.default_rng([seed, 5]), p, 1))
     whole = np.array([int(np.ravel(v.v)[0]) for v in x], dtype=object)
@@ -276,27 +278,27 @@ def liouville(what: Subject, tensor: Callable[[Array], Array], found: list[Any],
     return counted(replace(what, tensor=tensor), x, G, G, p, isospectral=True)
 
 
-def enough(told: Lax) -> bool:
+def enough(ranks: Lax) -> bool:
     """Whether integrals of these counts fill a leaf: Liouville, or superintegrable."""
-    if told.leaf == 0:
+    if ranks.leaf == 0:
         return False
-    return (bool(told.involution) and told.on_leaf == told.needed) or told.with_more + told.torus == told.leaf
+    return (bool(ranks.involution) and ranks.on_leaf == ranks.needed) or ranks.with_more + ranks.torus == ranks.leaf
 
 
 def _lax(c: Clues) -> Finding:
     what = c.what
     if what.lax is None:
         return Finding("Lax pair", "none stated", "give lax and conjugator to test one")
-    told = lax(replace(what, tensor=c.tensor), seed=c.seed)
-    if told.isospectral is None and _isospectral_in_floats(c):
-        told = replace(told, isospectral=True)
+    ranks = lax(replace(what, tensor=c.tensor), seed=c.seed)
+    if ranks.isospectral is None and _isospectral_in_floats(c):
+        ranks = replace(ranks, isospectral=True)
         c.in_floats = True
-    c.lax = told
-    answer = "complete" if told.complete else "superintegrable" if told.superintegrable else "not complete"
-    if told.isospectral is not True:
+    c.lax = ranks
+    answer = "complete" if ranks.complete else "superintegrable" if ranks.superintegrable else "not complete"
+    if ranks.isospectral is not True:
         answer = "no Lax pair of this map"
-    good = told.isospectral is True and told.involution is True and enough(told)
-    return Finding("Lax pair", answer, str(told), 1 if good else 0)
+    good = ranks.isospectral is True and ranks.involution is True and enough(ranks)
+    return Finding("Lax pair", answer, str(ranks), 1 if good else 0)
 
 
 def _isospectral_in_floats(c: Clues) -> bool:
@@ -319,8 +321,8 @@ def _chaos(c: Clues) -> Finding:
         except RunError as error:
             trouble = str(error)
     if not c.orbits:
-        return Finding("Lyapunov", "not told", trouble)
-    kinds = ["chaotic" if o.chaotic else "regular" if o.regular else "not told" for o in c.orbits]
+        return Finding("Lyapunov", "unknown", trouble)
+    kinds = ["chaotic" if o.chaotic else "regular" if o.regular else "unknown" for o in c.orbits]
     worst = max(c.orbits, key=lambda o: (o.chaotic, float(o.exponents[0])))
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     return Finding("Lyapunov", f"{counts} of {len(kinds)} orbits", str(worst), -1 if worst.chaotic else 0)
@@ -338,7 +340,9 @@ def leaves_stay(c: Clues) -> bool:
 
     A map may preserve a bracket and permute its leaves: z' = 2 z beside a turn of (x, y), with {x, y} = 1.
     """
-    counts = [told.rank - told.on_leaf == told.dimension - told.leaf for told in (c.told, c.lax) if told is not None]
+    counts = [
+        ranks.rank - ranks.on_leaf == ranks.dimension - ranks.leaf for ranks in (c.ranks, c.lax) if ranks is not None
+    ]
     return not c.unaided or any(counts)
 
 
@@ -347,15 +351,15 @@ def verdict(c: Clues) -> tuple[str, str]:
     for_it, against = [], []
     where = "in floats" if c.in_floats else "exactly"
     if c.tensor is not None and leaves_stay(c):
-        if c.told is not None and enough(c.told):
-            count = _counted(c.told.with_more, "independent integral")
-            for_it.append(f"{count} on leaves of dimension {c.told.leaf} found exactly")
+        if c.ranks is not None and enough(c.ranks):
+            count = _counted(c.ranks.with_more, "independent integral")
+            for_it.append(f"{count} on leaves of dimension {c.ranks.leaf} found exactly")
         if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
             more = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
-            for_it.append(f"a Lax pair whose spectrum{more} is complete, kept {where}")
+            for_it.append(f"a Lax pair whose spectrum{more} is complete, conserved {where}")
         if c.numeric is not None and c.numeric.enough:
             count = _counted(c.numeric.on_leaf, "integral")
-            for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} kept in floats")
+            for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} conserved in floats")
     if c.growth is not None and _exponential(c.growth):
         against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
     chaotic = [o for o in c.orbits if o.chaotic]

@@ -37,7 +37,7 @@ RULE = (
 )
 
 
-def text(told: Investigation, width: int = 110) -> str:
+def terminal_table(investigation: Investigation, width: int = 110) -> str:
     """A table for the terminal."""
     from rich.console import Console
     from rich.table import Table
@@ -45,12 +45,12 @@ def text(told: Investigation, width: int = 110) -> str:
     grid = Table(box=None, pad_edge=False, show_header=False)
     for style in ("bold", "", "dim"):
         grid.add_column(style=style)
-    for f in told.findings:
+    for f in investigation.findings:
         grid.add_row(f.question, _literal(f.answer), _literal(f.evidence))
     console = Console(file=io.StringIO(), width=width, highlight=False, no_color=True)
-    console.print(f"{_literal(told.name)}: {_literal(told.about)}\n")
+    console.print(f"{_literal(investigation.name)}: {_literal(investigation.about)}\n")
     console.print(grid)
-    console.print(f"\n[bold]{told.verdict}[/bold]: {_literal(told.reason)}")
+    console.print(f"\n[bold]{investigation.verdict}[/bold]: {_literal(investigation.reason)}")
     return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]
 
 
@@ -58,30 +58,32 @@ def _literal(text: str) -> str:
     return text.replace("[", r"\[")
 
 
-def table_html(told: Investigation) -> str:
+def table_html(investigation: Investigation) -> str:
     """The verdict and the table, for a page or a notebook."""
     rows = "".join(
         f"<tr><th>{escape(f.question)}</th><td>{escape(f.answer)}</td><td>{escape(f.evidence)}</td></tr>"
-        for f in told.findings
+        for f in investigation.findings
     )
     return (
-        f'<h1>{escape(told.name)}</h1><p class="about">{escape(told.about)}</p>'
-        f'<p class="verdict">{escape(told.verdict)}</p><p>{escape(told.reason)}</p><table>{rows}</table>'
+        f'<h1>{escape(investigation.name)}</h1><p class="about">{escape(investigation.about)}</p>'
+        f'<p class="verdict">{escape(investigation.verdict)}</p><p>{escape(investigation.reason)}</p>'
+        f"<table>{rows}</table>"
     )
 
 
-def page(told: Investigation) -> str:
+def report_page(investigation: Investigation) -> str:
     """One HTML file: no script, nothing from elsewhere."""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="Kreisel">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
-        f"<title>{escape(told.name)}: {escape(told.verdict)}</title><style>{STYLE}</style></head><body>"
-        f'{table_html(told)}{_degrees(told.degrees)}<p class="about">{RULE}</p></body></html>\n'
+        f"<title>{escape(investigation.name)}: {escape(investigation.verdict)}</title>"
+        f"<style>{STYLE}</style></head><body>"
+        f'{table_html(investigation)}{_degree_chart(investigation.degrees)}<p class="about">{RULE}</p></body></html>\n'
     )
 
 
-def _degrees(degrees: tuple[int, ...]) -> str:
+def _degree_chart(degrees: tuple[int, ...]) -> str:
     """The degrees against the iterate, both on logarithmic scales: a power is a straight line."""
     known = [(k, d) for k, d in enumerate(degrees) if k and d > 0]
     if len(known) < 3:
@@ -108,35 +110,38 @@ def _degrees(degrees: tuple[int, ...]) -> str:
     )
 
 
-def save(told: Investigation, path: Any) -> None:
+def save(investigation: Investigation, path: Any) -> None:
     """Write the page; a page that Kreisel wrote is replaced.
 
     Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
     """
     with written(place(path, "The page needs a name such as map.html")) as scratch:
-        scratch.write_text(page(told), encoding="utf-8")
+        scratch.write_text(report_page(investigation), encoding="utf-8")
 
 
 def markdown(results: list[tuple[str, Investigation]]) -> str:
     """A table of the documentation: one row a map."""
     head = "| map | Poisson | reversible | order | degree growth | integrals | Lax pair | Lyapunov | verdict |"
     lines = [head, "|" + "---|" * 9]
-    for name, told in results:
-        cells = [told[q].answer for q in ("Poisson", "reversible", "order", "degree growth", "integrals", "Lax pair")]
-        cells += [told["Lyapunov"].answer, f"**{told.verdict}**: {told.reason}"]
+    for name, investigation in results:
+        cells = [
+            investigation[q].answer
+            for q in ("Poisson", "reversible", "order", "degree growth", "integrals", "Lax pair")
+        ]
+        cells += [investigation["Lyapunov"].answer, f"**{investigation.verdict}**: {investigation.reason}"]
         lines.append("| " + " | ".join([name, *(cell.replace("|", "\\|") for cell in cells)]) + " |")
     return "\n".join(lines) + "\n"
 
 
-def plain(told: Investigation) -> dict[str, Any]:
+def plain_data(investigation: Investigation) -> dict[str, Any]:
     """The same as plain data."""
-    findings = [{"question": f.question, "answer": f.answer, "evidence": f.evidence} for f in told.findings]
+    findings = [{"question": f.question, "answer": f.answer, "evidence": f.evidence} for f in investigation.findings]
     return {
-        "map": told.name,
-        "about": told.about,
-        "verdict": told.verdict,
-        "reason": told.reason,
-        "degrees": list(told.degrees),
+        "map": investigation.name,
+        "about": investigation.about,
+        "verdict": investigation.verdict,
+        "reason": investigation.reason,
+        "degrees": list(investigation.degrees),
         "findings": findings,
     }
 

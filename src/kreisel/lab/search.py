@@ -105,7 +105,7 @@ def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
     return explicit(lambda P, eps: 2 * c * eps * (B * P), "quadratic", len(b))
 
 
-def axial(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
+def axial_potential(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
     """The potential U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
     axis = _exact([0, 0, 1])
     beta, kappa, mu = (_exact(v) for v in (beta, kappa, mu))
@@ -166,7 +166,7 @@ def _exact(v: Any) -> Any:
 class Score:
     """What was found of a member; `rank` sorts: 0 integrable, 1 not condemned, 2 condemned.
 
-    entropy    algebraic, exact where `power` is told; NaN for members in floats
+    entropy    algebraic, exact where `power` is given; NaN for members in floats
     on_leaf, needed   independent integrals found on a leaf, and half its dimension
     exponent   the largest of Lyapunov's exponents a step, `chaotic` of `orbits` orbits
     """
@@ -204,7 +204,7 @@ def judge(
     steps: int = 4000,
     orbits: int = 2,
 ) -> Score:
-    """One member.  Trouble is told in the score, so that a search goes on."""
+    """One member.  An error goes into the score, so that a search goes on."""
     try:
         made = family(**parameters)
         what = made if isinstance(made, Subject) else subject(made, eps=eps)
@@ -214,17 +214,17 @@ def judge(
         found = _orbits(clues, steps, orbits)
     except (InputError, RunError) as error:
         return Score(parameters, (), None, math.nan, 0, 0, math.nan, 0, 0, False, False, str(error))
-    growth, told, numeric = clues.growth, clues.told, clues.numeric
+    growth, ranks, numeric = clues.growth, clues.ranks, clues.numeric
     chaotic = sum(o.chaotic for o in found)
     exponential = growth is not None and growth.power is None and growth.entropy > 2 * growth.uncertainty + 0.1
-    complete = enough(told) if told is not None else numeric is not None and numeric.enough
+    complete = enough(ranks) if ranks is not None else numeric is not None and numeric.enough
     return Score(
         parameters=parameters,
         degrees=growth.degrees if growth else (),
         power=growth.power if growth else None,
         entropy=growth.entropy if growth else math.nan,
-        on_leaf=told.with_more if told else numeric.on_leaf if numeric else 0,
-        needed=told.needed if told else numeric.leaf // 2 if numeric else 0,
+        on_leaf=ranks.with_more if ranks else numeric.on_leaf if numeric else 0,
+        needed=ranks.needed if ranks else numeric.leaf // 2 if numeric else 0,
         exponent=max((float(o.exponents[0]) for o in found), default=math.nan),
         chaotic=chaotic,
         orbits=len(found),
@@ -240,7 +240,7 @@ def _orbits(clues: Clues, steps: int, orbits: int) -> list[dynamics.Dynamics]:
         try:
             out.append(dynamics.dynamics(clues.what, steps=steps, count=1 if slow else None, seed=10 * k))
         except RunError:
-            continue  # it escapes: nothing is told
+            continue  # it escapes: no answer
     return out
 
 
@@ -283,7 +283,8 @@ def search(
 ) -> Ranking:
     """Judge every member of a family and rank them.
 
-    family     parameters -> a model, or a `Subject`: `logarithmic`, `axial`, ... of this module or a function of yours
+    family     parameters -> a model, or a `Subject`: `logarithmic`, `axial_potential`, ... of this module, or a
+               function of yours
     grid       name -> values; all combinations
     workers    processes of Dask, as in `kr.sweep`; 0: this one.  `scheduler`: the address of one
     options    of `judge`: eps, degree, iterates, steps (0: no orbits in floats), orbits
@@ -299,14 +300,14 @@ def search(
     with pool(workers, scheduler, False) as who:
         for place, score in who.map(work, members):
             scores[place] = score
-    return Ranking(tuple(sorted(scores, key=_order)))
+    return Ranking(tuple(sorted(scores, key=_sort_key)))
 
 
 def _judged(family: Callable[..., Any], options: Mapping[str, Any], parameters: Mapping[str, Any]) -> Score:
     return judge(family, parameters, **options)
 
 
-def _order(s: Score) -> tuple[float, ...]:
+def _sort_key(s: Score) -> tuple[float, ...]:
     entropy = math.inf if math.isnan(s.entropy) else s.entropy
     exponent = math.inf if math.isnan(s.exponent) else s.exponent
     return (s.rank, s.needed - s.on_leaf, entropy, s.power or 0, exponent)
@@ -315,7 +316,7 @@ def _order(s: Score) -> tuple[float, ...]:
 __all__ = [
     "Ranking",
     "Score",
-    "axial",
+    "axial_potential",
     "explicit",
     "judge",
     "logarithmic",

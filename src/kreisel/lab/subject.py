@@ -200,7 +200,7 @@ def _axial(flat: Array, kinds: tuple[str, ...], n: int) -> Array:
     for kind in kinds:
         if kind == "skew":
             place[start : start + 3], sign[start : start + 3] = place[start : start + 3][::-1], (-1, 1, -1)
-        start += layout.size(kind, n)
+        start += layout.coordinate_count(kind, n)
     return flat[..., place] * sign
 
 
@@ -211,5 +211,5 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
         if kind == "skew" and n > 3:
             names += [f"{letter}{i + 1}{j + 1}" for i, j in zip(*algebra.triangle(n), strict=True)]
         else:
-            names += [f"{letter}{i + 1}" for i in range(layout.size(kind, n))]
+            names += [f"{letter}{i + 1}" for i in range(layout.coordinate_count(kind, n))]
     return tuple(names)

@@ -1,7 +1,7 @@
 """Taylor series and quadrature of the equations of motion, in many digits: independent references.
 
-`series` is for the Lagrange top and Clebsch's case of any n, `free_body` for the Euler top, n = 3; the others for the
-Lagrange top, n = 3, with orientation: m' = p x b, b' = m x b, q' = omega q / 2 with
+`taylor_solution` is for the Lagrange top and Clebsch's case of any n, `free_body` for the Euler top, n = 3; the others
+for the Lagrange top, n = 3, with orientation: m' = p x b, b' = m x b, q' = omega q / 2 with
 omega = m + (1/alpha - 1) (m.b) b/|b|^2; nothing of a method's formulas enters.  Needs python-flint.
 """
 
@@ -31,12 +31,12 @@ def taylor(m: Array, b: Array, p: Array, time: Any, *, alpha: float = 1.0, digit
     before = flint.ctx.prec
     flint.ctx.prec = int((digits + 15) * 3.33)
     try:
-        return _march(flint.arb, m, b, p, time, Fraction(alpha), digits)
+        return _taylor_steps(flint.arb, m, b, p, time, Fraction(alpha), digits)
     finally:
         flint.ctx.prec = before
 
 
-def series(
+def taylor_solution(
     X: Array, v: Array, fixed: Array, time: float, *, clebsch: bool = False, digits: int = 24
 ) -> tuple[Array, Array]:
     """(X, v) at `time` >= 0, of flint.arb: X' = v ^ p, v' = X v, or X' = v ^ Bv, v' = -X v with `clebsch`.
@@ -58,7 +58,7 @@ def series(
 def free_body(mu: Array, moments: Array, time: float, *, digits: int = 24) -> Array:
     """The axial vector mu (3,) at `time` >= 0, of flint.arb: mu' = mu x mu/I, doubles taken as exact.
 
-    Steps and rounding as in `series`.  Raises `InputError` without python-flint.
+    Steps and rounding as in `taylor_solution`.  Raises `InputError` without python-flint.
     """
     try:
         import flint
@@ -112,7 +112,7 @@ def _cauchy(f: list[Any], g: list[Any], k: int) -> Any:
     return sum((f[i] * g[k - i] for i in range(1, k + 1)), f[0] * g[k])
 
 
-def _march(arb: Any, m: Array, b: Array, p: Array, time: Any, alpha: Fraction, digits: int) -> tuple[Array, ...]:
+def _taylor_steps(arb: Any, m: Array, b: Array, p: Array, time: Any, alpha: Fraction, digits: int) -> tuple[Array, ...]:
     z = [arb(float(v)) for v in (*m, *b, 1, 0, 0, 0)]
     gravity = [arb(float(v)) for v in p]
     momentum, axis = z[:3], z[3:6]
@@ -122,7 +122,7 @@ def _march(arb: Any, m: Array, b: Array, p: Array, time: Any, alpha: Fraction, d
     while not done == time:
         terms = [[v] for v in z]
         for k in range(order):
-            for term, slope in zip(terms, _slopes(terms, gravity, extra, k), strict=True):
+            for term, slope in zip(terms, _right_hand_sides(terms, gravity, extra, k), strict=True):
                 term.append(slope / (k + 1))
         h, left = _length(terms, order, digits), time - done
         last = bool(abs(left) <= h)
@@ -132,7 +132,7 @@ def _march(arb: Any, m: Array, b: Array, p: Array, time: Any, alpha: Fraction, d
     return tuple(np.array(part, dtype=object) for part in (z[:3], z[3:6], z[6:]))
 
 
-def _slopes(terms: Terms, p: list[Any], extra: Any, k: int) -> list[Any]:
+def _right_hand_sides(terms: Terms, p: list[Any], extra: Any, k: int) -> list[Any]:
     """Coefficient k of the right-hand sides."""
     m, b, (w, *v) = terms[:3], terms[3:6], terms[6:]
     omega = [[x + extra * y for x, y in zip(mi, bi, strict=True)] for mi, bi in zip(m, b, strict=True)]

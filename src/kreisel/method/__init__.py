@@ -9,7 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from kreisel.algebra.reuse import reused
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.method.record import Method
 from kreisel.method.scheme import Outcome, Scheme
 from kreisel.record.contract import System
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:  # not at the import: closed forms, which methods need, import what stands here
     if name == "METHODS":
-        return _found()
+        return _found_methods()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 @cache
-def _found() -> dict[str, Method]:
+def _found_methods() -> dict[str, Method]:
     """All records by name, the first default first."""
     modules = [importlib.import_module(f"{__name__}.{info.name}") for info in pkgutil.iter_modules(__path__)]
     records = [module.METHOD for module in modules if hasattr(module, "METHOD")]
@@ -38,20 +38,20 @@ def _found() -> dict[str, Method]:
 
 def default_method(system: System) -> str:
     """The name of the first of the methods that apply to a system."""
-    fitting = (m.name for m in _found().values() if m.rank is not None and m.applies(system))
+    fitting = (m.name for m in _found_methods().values() if m.rank is not None and m.applies(system))
     return next(fitting, "dop853")  # which then says what it lacks
 
 
 def find(name: Any) -> Method:
     """The method of that name.  Raises `InputError` with the nearest name."""
     if not isinstance(name, str):
-        raise InputError(f"method: expected a name, one of {', '.join(_found())}, got {shown(name)}.")
-    if name not in _found():
+        raise InputError(f"method: expected a name, one of {', '.join(_found_methods())}, got {shown(name)}.")
+    if name not in _found_methods():
         raise InputError(
-            f"method: expected one of {', '.join(_found())}, got {shown(name)}.{nearest(name, _found())} "
+            f"method: expected one of {', '.join(_found_methods())}, got {shown(name)}.{hint(name, _found_methods())} "
             "kr.methods() has what each is for."
         )
-    return _found()[name]
+    return _found_methods()[name]
 
 
 def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool) -> Scheme:

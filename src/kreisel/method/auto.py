@@ -45,14 +45,14 @@ def choose(model: Model, state: tuple[Array, ...], spacing: float, time: float, 
     Of an ensemble the worst lane counts.  Raises `InputError` for a tolerance that doubles cannot hold, and where no
     order gets through the pilot.
     """
-    tolerance = _checked(tol)
-    return _cheapest(*_measured(model, state, time), spacing, tolerance)
+    tolerance = _checked_tolerance(tol)
+    return _cheapest(*_pilot_steps(model, state, time), spacing, tolerance)
 
 
 def choose_each(model: Model, state: tuple[Array, ...], spacing: float, time: float, tol: Any) -> list[Choice]:
     """The same of each lane for itself, whatever the others are."""
-    tolerance = _checked(tol)
-    h, error = _measured(model, state, time)
+    tolerance = _checked_tolerance(tol)
+    h, error = _pilot_steps(model, state, time)
     return [_cheapest(h[:, i : i + 1], error[:, i : i + 1], spacing, tolerance) for i in range(h.shape[1])]
 
 
@@ -76,7 +76,7 @@ def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choic
     return best[1]
 
 
-def _checked(tol: Any) -> float:
+def _checked_tolerance(tol: Any) -> float:
     try:
         tolerance = float(tol)
     except (TypeError, ValueError, OverflowError):
@@ -89,12 +89,12 @@ def _checked(tol: Any) -> float:
     return tolerance
 
 
-def _measured(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, Array]:
+def _pilot_steps(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, Array]:
     """The step of each order's pilot (orders, lanes), and the error that it would make until `time`.
 
     The length of a pilot is one of a few; lanes of the same are stepped together.
     """
-    state = _spread(model, state)
+    state = _with_lanes(model, state)
     with np.errstate(all="ignore"):
         rate = _fastest(model, state)
         span = np.minimum(time, TURNS / 2.0 ** np.ceil(np.log2(rate)))  # where nothing moves, `time`
@@ -102,13 +102,13 @@ def _measured(model: Model, state: tuple[Array, ...], time: float) -> tuple[Arra
         for length in np.unique(span[span > 0]):
             here = np.flatnonzero(span == length)
             few, start = model.lanes(here), tuple(part[here] for part in state)
-            truth = _march(few, start, ORDERS[-1], length, FINEST)
+            truth = _stepped(few, start, ORDERS[-1], length, FINEST)
             for k, order in enumerate(ORDERS):
                 h[k, here], error[k, here] = _pilot(few, start, order, length, truth)
         return h, np.maximum(error, ROUND_OFF) * SAFETY * np.maximum(time / span, 1.0)
 
 
-def _spread(model: Model, state: tuple[Array, ...]) -> tuple[Array, ...]:
+def _with_lanes(model: Model, state: tuple[Array, ...]) -> tuple[Array, ...]:
     """The components with their axis of lanes, of one lane if need be."""
     axes = [component_axes(kind) for _, kind in model.system.space.components]
     batch = np.broadcast_shapes((1,), model.batch, *(p.shape[: p.ndim - k] for p, k in zip(state, axes, strict=True)))
@@ -127,7 +127,7 @@ def _fastest(model: Model, state: tuple[Array, ...]) -> Array:
     return np.maximum(turning, np.sqrt(pull))
 
 
-def _march(model: Model, state: tuple[Array, ...], order: int, span: float, count: int) -> tuple[Array, ...]:
+def _stepped(model: Model, state: tuple[Array, ...], order: int, span: float, count: int) -> tuple[Array, ...]:
     plan = baecklund(model, span / count, order, oriented=False).on(state)
     z = plan.prepare(state)
     for _ in range(count):
@@ -143,14 +143,14 @@ def _pilot(
     lost = ~np.isfinite(np.max([_size(part) for part in truth], axis=0))
     for halvings in range(MOST_HALVINGS):
         coarse = ~(error < SMALL)
-        error[coarse] = _apart(_march(model, state, order, span, 1 << halvings), truth)[coarse]
+        error[coarse] = _relative_difference(_stepped(model, state, order, span, 1 << halvings), truth)[coarse]
         step[coarse] = span / (1 << halvings)
         if ((error < SMALL) | lost).all():
             break
     return step, error
 
 
-def _apart(one: tuple[Array, ...], other: tuple[Array, ...]) -> Array:
+def _relative_difference(one: tuple[Array, ...], other: tuple[Array, ...]) -> Array:
     """The largest difference of each lane, relative to the largest entry of each component."""
     sizes = [_size(part) for part in other]
     apart = [_size(a - b) for a, b in zip(one, other, strict=True)]

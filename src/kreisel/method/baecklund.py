@@ -94,7 +94,9 @@ class Product:
             stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # what overflows is refused
             if self.spins:
-                constants |= _turns("spin", self.model.call(self.record.spin, *own), lambda theta: self.dt * theta)
+                constants |= _constant_turns(
+                    "spin", self.model.call(self.record.spin, *own), lambda theta: self.dt * theta
+                )
             if self.oriented:
                 g = algebra.rotation_matrix(x0[self.count]) if self.model.n == 3 else x0[self.count]
                 constants |= self._orientation_turns(own, g)
@@ -125,7 +127,9 @@ class Product:
         wide = {k: v.astype(np.longdouble) for k, v in self.model.constants.items()}
         with np.errstate(all="ignore"):
             try:
-                rho = call(self.record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide(mu)})
+                rho = call(
+                    self.record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide_scalar(mu)}
+                )
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
         if not np.isfinite(rho).all():
@@ -155,10 +159,10 @@ class Product:
         def by_maps(theta: Array) -> Array:
             return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in self.points)
 
-        out = _turns("turn", other(self.model.call(self.record.block, *own)), by_maps)
+        out = _constant_turns("turn", other(self.model.call(self.record.block, *own)), by_maps)
         if self.record.spin is not None:
             spin = self.model.call(self.record.spin, *own)
-            out |= _turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
+            out |= _constant_turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
         return out
 
 
@@ -199,14 +203,14 @@ def one_stage(
     return tuple(call(move, (*own, e), known)), call(arc, (*own, e), known)
 
 
-def _wide(mu: complex | float) -> Any:
+def _wide_scalar(mu: complex | float) -> Any:
     return np.clongdouble(mu) if isinstance(mu, complex) else np.longdouble(mu)
 
 
 # -- turns that are the same at every step ----------------------------------------------------------
 
 
-def _turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
+def _constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
     """V0, V1 with cay(V0) cay(V1) the turn by angle(theta) in each plane where the skew matrix K turns by theta."""
     if not np.isfinite(K).all():
         raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")

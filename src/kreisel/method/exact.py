@@ -11,8 +11,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact.motion import UNTURNED, Motion
-from kreisel.exact.nutation import Number, number, rationals
+from kreisel.exact.motion import UNTURNED, TopMotion
+from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.pairs import exact_pair
 from kreisel.exact.rotor import Rotor
 from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
@@ -22,11 +22,11 @@ from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
 
 
-def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Motion:
+def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> TopMotion:
     """The motion in space of the top that the record states.  Raises `InputError` if it states none."""
     m, b, p = call(model.system.top, state[:2], constants)
     kappa = 1 / Fraction(float(constants.get("alpha", 1.0))) - 1  # omega = m + kappa (m.b) b/|b|^2
-    return Motion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
+    return TopMotion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
 
 
 def iterates(model: Model) -> Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None:
@@ -55,15 +55,15 @@ def _iterated(
     hat, b, rho = call(model.map.darboux, tuple(rationals(z) for z in z0), exactly)
     m, p, s = sign * algebra.axial(hat), exactly[fixed], eps * eps / 4
     r = rho / s
-    here = Motion(m, b, p, reach=0.0)
+    here = TopMotion(m, b, p, reach=0.0)
     known = here.integrals
     root = 2 * (known.A + s * known.J**2) / r - (1 + 2 * s * known.E + 2 * s * s * known.J * known.c)
 
-    def clock() -> tuple[Number, Number]:
-        step = number(here.ctx, eps)
+    def clock() -> tuple[MpNumber, MpNumber]:
+        step = mp_number(here.ctx, eps)
         return (here.nutation.tau(step), here.nutation.theta(step)) if root >= 0 else here.nutation.beyond(step)
 
-    here = Motion(m, b, p, reach=reach * abs(float(clock()[0])))
+    here = TopMotion(m, b, p, reach=reach * abs(float(clock()[0])))
     constants = {"eps": np.asarray(float(eps)), "shift": float(s * r) * p.astype(np.float64)}
 
     def finish(m: Array, b: Array, q: Array, *, eps: Array, shift: Array) -> tuple[Array, ...]:
@@ -127,8 +127,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for free bodies.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
-    all integrals are kept.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.  Raises
-    `InputError` for n > 3.
+    all integrals are conserved.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.
+    Raises `InputError` for n > 3.
     """
     system = model.system
     free = system.moments is not None

@@ -20,8 +20,8 @@ SINGULAR = 1e-12
 def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The implicit map of a discrete Lagrangian with step eps = dt; the orientation is carried as a matrix.
 
-    Poisson, so that Casimirs are kept; of the integrals, those that the record names.  Raises `InputError` for other
-    orders than the map's own, and for an orientation of a group that is not SO(n).
+    Poisson, so that Casimirs are conserved; of the integrals, those that the record names.  Raises `InputError` for
+    other orders than the map's own, and for an orientation of a group that is not SO(n).
     """
     phi, space = model.map, model.system.space
     if order not in (None, phi.order):

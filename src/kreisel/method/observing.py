@@ -32,13 +32,14 @@ def functions(
     eps: float | None,
     order: int = 1,
     conserved: Collection[str] = (),
-    told: Mapping[str, str] | None = None,
+    meanings: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
     """Name -> (what it is, function, whether it takes the map's own variables).
 
-    With `eps` (a step of the map) those integrals are kept that the map's record names (`Map.conserves`).  Where they
-    take `eps`, they are kept deformed, under names ending in `_eps`, and the undeformed ones change by O(dt^order).
-    Without `eps` only the names in `conserved` are.  `told` has other meanings.
+    With `eps` (a step of the map) those integrals are conserved that the map's record names (`Map.conserves`).  Where
+    they take `eps`, they are conserved deformed, under names ending in `_eps`, and the undeformed ones change by
+    O(dt^order).
+    Without `eps` only the names in `conserved` are.  `meanings` replaces what is said of some names.
     """
     system = model.system
     by_map = eps is not None
@@ -62,7 +63,7 @@ def functions(
             deformed = f"deformed {name}, conserved exactly by the map"
             out[f"{name}_eps"] = (Outcome("integral", deformed, conserved=True), _bind(model, function, eps=eps), True)
         elif not deforms:
-            meaning = (told or {}).get(name, meaning)
+            meaning = (meanings or {}).get(name, meaning)
             out[name] = (
                 Outcome("integral", meaning, conserved=by_this_map or name in conserved),
                 _bind(model, function),
@@ -83,7 +84,7 @@ def observer(
     eps: float | None,
     to_user: Callable[..., tuple[Array, ...]] | None,
     conserved: Collection[str] = (),
-    told: Mapping[str, str] | None = None,
+    meanings: Mapping[str, str] | None = None,
     continuous: bool = False,
 ) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
     """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's.
@@ -91,7 +92,7 @@ def observer(
     `continuous`: the method carries of q and -q the one that is continuous in time, which stays.
     """
     space = model.system.space
-    table = functions(model, eps, 1 if to_user is None else 2, conserved, told)
+    table = functions(model, eps, 1 if to_user is None else 2, conserved, meanings)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
 

@@ -180,7 +180,7 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
     )
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
-    plain, outcomes = observer(model, None, None, conserved=names, told={"energy": energy}, continuous=True)
+    plain, outcomes = observer(model, None, None, conserved=names, meanings={"energy": energy}, continuous=True)
     if body.oriented:
         outcomes[ORIENTATION] = orientation_outcome(model, continuous=True)
     if body.driven:

@@ -38,7 +38,7 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
         own = z[: len(letters)]
         new = call(phi.step, own, consts)
-        return (*new, *(_turned(model, own, new, g, consts) for g in z[len(letters) :]))
+        return (*new, *(_turned_by_generator(model, own, new, g, consts) for g in z[len(letters) :]))
 
     if oriented:
         outcomes[ORIENTATION] = orientation_outcome(model)
@@ -58,7 +58,9 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     )
 
 
-def _turned(model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: dict[str, Array]) -> Array:
+def _turned_by_generator(
+    model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: dict[str, Array]
+) -> Array:
     X = call(model.map.generator, (*old, *new), consts)
     return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
 

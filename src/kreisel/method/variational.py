@@ -53,7 +53,7 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     system, space = model.system, model.system.space
     fractions = symmetric_composition(order)
     energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
-    observe, outcomes = observer(model, None, None, conserved=("casimir", "noether"), told={"energy": energy})
+    observe, outcomes = observer(model, None, None, conserved=("casimir", "noether"), meanings={"energy": energy})
     count = len(space.letters)
 
     def step(*z: Array, eps: Array, **consts: Array) -> State:
@@ -93,7 +93,7 @@ def stage(
     """The symmetric step of order 2: the new state, the orientations `turned` along, and the defect."""
     state = kick(system, state, eps / 2, consts)
     X, defect = half_turn(system, state, eps, consts)
-    turned = tuple(_turned(system, state, X, g, eps, consts) for g in turned)
+    turned = tuple(_turned_like_the_vector(system, state, X, g, eps, consts) for g in turned)
     return kick(system, coadjoint(system, X, state), eps / 2, consts), turned, defect
 
 
@@ -133,7 +133,7 @@ def newton(turn: Linear, M: Array) -> tuple[Array, Array]:
     """
     N = M
     for _ in range(2):
-        N, _ = sweep(turn, M, N)
+        N, _ = fixed_point_sweep(turn, M, N)
     defect: Any = 0
     for _ in range(NEWTON_STEPS):
         N, defect = newton_step(turn, M, N)
@@ -162,14 +162,14 @@ def sweeps(turn: Linear, M: Array) -> tuple[Array, Array]:
     """The same N by fixed-point sweeps, as many as round-off needs: for n > 3, where a Newton step costs O(n^6)."""
 
     def improved(N: Array) -> tuple[tuple[Array], Array]:
-        new, defect = sweep(turn, M, N)
+        new, defect = fixed_point_sweep(turn, M, N)
         return (new,), defect
 
     (N,), defect = repeat(improved, (M,), SWEEP_LIMIT**2, MOST_SWEEPS, ("skew",))
     return N, defect
 
 
-def sweep(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
+def fixed_point_sweep(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
     """N <- M - [X, N] + X N X."""
     X = turn(N)
     XN = X @ N
@@ -181,7 +181,7 @@ def _square(X: Array) -> Array:
     return algebra.pairing(X, X)
 
 
-def _turned(system: System, state: State, X: Array, g: Array, eps: Array, consts: Constants) -> Array:
+def _turned_like_the_vector(system: System, state: State, X: Array, g: Array, eps: Array, consts: Constants) -> Array:
     """The orientation, turned like the vector; first by the spin, if any, which leaves the vector alone."""
     turns = [] if system.spin is None else [eps / 2 * call(system.spin, state, consts)]
     for Y in (*turns, system.space.sign * X):

@@ -40,10 +40,10 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         own = z[:count]
         if implicit:
             X, defect = call(phi.turn, own, consts)
-            turned = (_turned(model, X, g) for g in z[count:-1])
+            turned = (_turned_by(model, X, g) for g in z[count:-1])
             return (*call(phi.move, (*own, X), consts), *turned, algebra.maximum(z[-1], defect))
         new = call(phi.step, own, consts)
-        return (*new, *(_turned(model, call(phi.generator, (*own, *new), consts), g) for g in z[count:]))
+        return (*new, *(_turned_by(model, call(phi.generator, (*own, *new), consts), g) for g in z[count:]))
 
     def reopen(x: State) -> State:
         return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0]) if implicit else x
@@ -84,7 +84,7 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     )
 
 
-def _turned(model: Model, X: Array, g: Array) -> Array:
+def _turned_by(model: Model, X: Array, g: Array) -> Array:
     return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.physical.measures import RATE, SI, Units, in_range, number, numbers, scales_of, settle, three
+from kreisel.physical.measures import RATE, SI, Units, convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.record.model import Model, State
 from kreisel.system.kirchhoff import SYSTEM as Kirchhoff
 from kreisel.units import Scales
@@ -35,10 +35,10 @@ class Ellipsoid:
 
     def __post_init__(self) -> None:
         axes = three(self.semi_axes, "m", "semi_axes (a, b, c)")
-        lengths = tuple(number(a, "m", k, positive=True) for k, a in zip("abc", axes, strict=True))
+        lengths = tuple(si_number(a, "m", k, positive=True) for k, a in zip("abc", axes, strict=True))
         object.__setattr__(self, "semi_axes", lengths)
-        settle(self, positive=True, mass="kg")
-        settle(self, fluid_density="kg/m^3")
+        convert_fields(self, positive=True, mass="kg")
+        convert_fields(self, fluid_density="kg/m^3")
         if self.fluid_density < 0:
             raise InputError(f"fluid_density: expected 0 or more kg/m^3, got {self.fluid_density!r}.")
         for name in ("displaced_mass", "added_masses", "added_moments", "moments"):
@@ -48,7 +48,7 @@ class Ellipsoid:
     @classmethod
     def of_density(cls, semi_axes: tuple[float, float, float], density: float, fluid_density: float) -> Ellipsoid:
         """The same from the density of the body, kg/m^3.  Raises `InputError`."""
-        axes, density = three(semi_axes, "m", "semi_axes (a, b, c)"), number(density, "kg/m^3", "density")
+        axes, density = three(semi_axes, "m", "semi_axes (a, b, c)"), si_number(density, "kg/m^3", "density")
         mass = in_range("The mass", lambda: density * 4 / 3 * math.pi * math.prod(axes))
         return cls(axes, mass, fluid_density)
 
@@ -101,7 +101,7 @@ class Ellipsoid:
 
         U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  Raises `InputError`.
         """
-        U, Omega = numbers(velocity, "m/s", "velocity"), numbers(angular_velocity, RATE, "angular_velocity")
+        U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, RATE, "angular_velocity")
         momentum = units.mass * units.length / units.time
         P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
         M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))

@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.inertia import CLOSE, Principal, inertia_tensor, principal
-from kreisel.physical.measures import RATE, in_range, number, numbers, scales_of, settle, three
+from kreisel.physical.measures import RATE, convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.record.model import Model, State
 from kreisel.system.euler_top import SYSTEM as EulerTop
 from kreisel.units import Scales
@@ -51,11 +51,11 @@ class FreeBody:
 
     def __post_init__(self) -> None:
         if self.mass is not None:
-            settle(self, positive=True, mass="kg")
-        settle(self, positive=True, time_unit="s")
+            convert_fields(self, positive=True, mass="kg")
+        convert_fields(self, positive=True, time_unit="s")
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
         for name in ("momentum_unit", "energy_unit"):
-            number(in_range(name, lambda name=name: getattr(self, name)), "J", name, positive=True)  # type: ignore[misc]
+            si_number(in_range(name, lambda name=name: getattr(self, name)), "J", name, positive=True)  # type: ignore[misc]
 
     @classmethod
     def box(cls, mass: float, sides: Any, time_unit: float = 1.0) -> FreeBody:
@@ -124,7 +124,7 @@ class FreeBody:
 
         Raises `InputError`, also where a moment of inertia is 0.
         """
-        momentum = numbers(M, "1", "M")
+        momentum = si_numbers(M, "1", "M")
         moments = self._moments("The angular velocity")
         return in_range("Omega", lambda: (momentum / moments * self.momentum_unit) @ self.principal.axes.T)
 
@@ -156,7 +156,7 @@ class FreeBody:
 
         About the axis 1 a disturbance goes as exp(s t), s^2 = spin^2 (I1 - I2)(I3 - I1)/(I2 I3).  Raises `InputError`.
         """
-        rate = abs(number(spin, RATE, "spin"))
+        rate = abs(si_number(spin, RATE, "spin"))
         moments, axes = self._moments("The stability"), self.principal.axes
         in_range("The growth", lambda: rate * moments.max() / moments.min())
         found = []
@@ -171,7 +171,7 @@ class FreeBody:
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        seconds = number(duration, "s", "dt")
+        seconds = si_number(duration, "s", "dt")
         return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
 
     def scales(self) -> Scales:
@@ -182,7 +182,7 @@ class FreeBody:
 def angular_velocity_of(spin: Any, axis: Any) -> Array:
     """(..., 3) in rad/s along the body axes, from a vector, or from a rate and an axis.  Raises `InputError`."""
     if axis is not None:
-        rate, direction = number(spin, RATE, "spin"), numbers(axis, "1", "axis", ((3,),))
+        rate, direction = si_number(spin, RATE, "spin"), si_numbers(axis, "1", "axis", ((3,),))
         length = in_range("The length of axis", lambda: np.linalg.norm(direction))
         if length == 0:
             raise InputError("axis: expected a direction in the body, got the zero vector.")
@@ -192,7 +192,7 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
             f"spin: expected three components along the body axes, got {shown(spin)}. Usual cause: a rate without its "
             "axis; say axis=(0, 0, 1)."
         )
-    return numbers(spin, RATE, "spin")
+    return si_numbers(spin, RATE, "spin")
 
 
 def _quaternion(value: Any, name: str) -> Array:
@@ -208,7 +208,7 @@ def _quaternion(value: Any, name: str) -> Array:
 
 def _homogeneous(kind: type[FreeBody], mass: Any, sizes: tuple[float, ...], part: float, time_unit: float) -> FreeBody:
     """I_1 = mass (b^2 + c^2)/part."""
-    mass = number(mass, "kg", "mass", positive=True)
+    mass = si_number(mass, "kg", "mass", positive=True)
     if min(sizes) < 0:
         raise InputError(f"expected lengths of at least 0, got {shown(sizes)}.")
     squares = in_range("The moments", lambda: mass * np.array(sizes) ** 2 / part)

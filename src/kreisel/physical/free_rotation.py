@@ -39,7 +39,7 @@ from kreisel.physical.elliptic import (
     third_over_first,
 )
 from kreisel.physical.inertia import Principal
-from kreisel.physical.measures import in_range, number
+from kreisel.physical.measures import in_range, si_number
 from kreisel.units import si
 
 LEAST_POINTS = 2
@@ -47,7 +47,7 @@ SHORT = 0.5  # u - u0 below which psi is a quadrature of its rate: differences o
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-class Form(NamedTuple):
+class Relabelled(NamedTuple):
     """The relabelled motion; moments in tr(I)/3, L = 1."""
 
     turn: Array  # (3, 3), from the body axes to the relabelled axes
@@ -86,10 +86,10 @@ class FreeRotation:
 
     @cached_property
     def _rate(self) -> float:
-        """|M|/(tr(I)/3), rad/s: the inverse of the unit of time of `Form`."""
+        """|M|/(tr(I)/3), rad/s: the inverse of the unit of time of `Relabelled`."""
         scale = float(abs(self.momentum).max())
         length = in_range("|M|", lambda: scale * np.linalg.norm(self.momentum / scale))
-        return number(
+        return si_number(
             in_range("3 |M|/tr(I)", lambda: length / (np.trace(self.inertia) / 3)), "rad/s", "rate", positive=True
         )
 
@@ -99,7 +99,7 @@ class FreeRotation:
         return self._form.lam * self._rate
 
     @cached_property
-    def _form(self) -> Form:
+    def _form(self) -> Relabelled:
         return _relabelled(self.principal, self.spin, float(np.trace(self.inertia)) / 3)
 
     @property
@@ -180,7 +180,7 @@ class FreeRotation:
 
         They are the zeros of sn u.  Raises `InputError`.
         """
-        reach = number(duration, "s", "duration", positive=True)
+        reach = si_number(duration, "s", "duration", positive=True)
         step = self.nutation_period
         if self._form.steady or not self._pace:
             return np.empty(0)
@@ -206,7 +206,7 @@ class FreeRotation:
         The attitude is a unit quaternion (w, x, y, z), body to space, at time 0 the one given.  Digits are lost in
         proportion to the number of periods.  Raises `InputError`.
         """
-        times, g0 = _floats(si(seconds, "s", "seconds"), "seconds"), _floats(attitude, "attitude")
+        times, g0 = _finite_floats(si(seconds, "s", "seconds"), "seconds"), _finite_floats(attitude, "attitude")
         if g0.shape != (4,) or not abs(g0 @ g0 - 1) < 1e-6:
             raise InputError(f"attitude: expected a unit quaternion (w, x, y, z), got {shown(attitude)}.")
         M, psi = in_range("The motion at these times", lambda: self._motion(times))
@@ -230,7 +230,7 @@ class FreeRotation:
 
         Its third component is constant, 2T/|M|: the path lies in the invariable plane.  Raises `InputError`.
         """
-        reach = number(duration, "s", "duration", positive=True)
+        reach = si_number(duration, "s", "duration", positive=True)
         times = np.linspace(0.0, reach, _points(points))
         M, psi = in_range("The motion at these times", lambda: self._motion(times))
         turn = algebra.rotation_matrix(algebra.quaternion_product(_about_third(psi), _onto_third(M)))
@@ -270,8 +270,8 @@ class FreeRotation:
         return np.asarray(t * (rates @ WEIGHTS) / 2)
 
 
-def _relabelled(body: Principal, spin: Array, unit: float) -> Form:
-    """The `Form` of a spin along the body axes: exact in the given moments and spin, so that k' has all its digits."""
+def _relabelled(body: Principal, spin: Array, unit: float) -> Relabelled:
+    """The relabelled motion of a spin along the body axes.  Exact in moments and spin: k' then has all its digits."""
     moments = np.array([Fraction(float(v)) / Fraction(unit) for v in body.moments])
     M = moments * [Fraction(float(v)) for v in body.axes.T @ np.ldexp(spin, -math.frexp(abs(spin).max())[1])]
     order = np.argsort(moments, kind="stable")
@@ -286,26 +286,30 @@ def _relabelled(body: Principal, spin: Array, unit: float) -> Form:
     x, y, z = M * M
     D, E = x * (i3 - i1) / i1 + y * (i3 - i2) / i2, y * (i2 - i1) / i2 + z * (i3 - i1) / i3
     L2, slow = x + y + z, E * (i3 - i2) == 0
-    return Form(
+    return Relabelled(
         turn=turn @ body.axes.T,
         moments=moments[order].astype(float),
-        M=np.array([math.copysign(_root(v * v / L2), v) for v in M]),
+        M=np.array([math.copysign(_fraction_sqrt(v * v / L2), v) for v in M]),
         gap=float(1 / i1 - 1 / i3),
         twice_energy=float((M * M / moments[order]).sum() / L2),
         amplitudes=np.array(
-            [_root(i1 * D / (i3 - i1) / L2), _root(i2 * D / (i3 - i2) / L2), _root(i3 * E / (i3 - i1) / L2)]
+            [
+                _fraction_sqrt(i1 * D / (i3 - i1) / L2),
+                _fraction_sqrt(i2 * D / (i3 - i2) / L2),
+                _fraction_sqrt(i3 * E / (i3 - i1) / L2),
+            ]
             if not slow
             else [1.0, 1.0, 1.0]
         ),
         side=1.0 if i3 > i1 else -1.0,
-        lam=_root((i3 - i2) * E / (i1 * i2 * i3) / L2),
-        kc=1.0 if slow else _root((i3 - i1) * excess / ((i3 - i2) * E)),
+        lam=_fraction_sqrt((i3 - i2) * E / (i1 * i2 * i3) / L2),
+        kc=1.0 if slow else _fraction_sqrt((i3 - i1) * excess / ((i3 - i2) * E)),
         nu=0.0 if i2 == i1 else float(-i3 * (i2 - i1) / (i1 * (i3 - i2))),
         steady=not (np.roll(M, 1) * M * (moments[order] - np.roll(moments[order], 1))).any(),
     )
 
 
-def _root(x: Fraction) -> float:
+def _fraction_sqrt(x: Fraction) -> float:
     """The root of x >= 0, also where x leaves the range of doubles."""
     e = (x.numerator.bit_length() - x.denominator.bit_length()) // 2 if x else 0
     return math.ldexp(math.sqrt(x / Fraction(4) ** e), e)
@@ -327,7 +331,7 @@ def _points(points: int) -> int:
     return int(points)
 
 
-def _floats(value: Any, name: str) -> Array:
+def _finite_floats(value: Any, name: str) -> Array:
     """Finite floats of any shape.  Raises `InputError`."""
     try:
         array = np.asarray(value)

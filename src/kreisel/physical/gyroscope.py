@@ -10,7 +10,16 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.physical.measures import MOMENT, RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
+from kreisel.physical.measures import (
+    MOMENT,
+    RATE,
+    STANDARD_GRAVITY,
+    convert_fields,
+    in_range,
+    scales_of,
+    si_number,
+    si_numbers,
+)
 from kreisel.record.model import Model, State
 from kreisel.system.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.units import Scales
@@ -46,7 +55,7 @@ class Gyroscope:
 
     def __post_init__(self) -> None:
         units = {"mass": "kg", "axial_moment": MOMENT, "transverse_moment": MOMENT, "lever": "m", "gravity": "m/s^2"}
-        settle(self, positive=True, **units)
+        convert_fields(self, positive=True, **units)
         central = in_range("mass lever^2", lambda: self.transverse_moment - self.mass * self.lever**2)
         if self.axial_moment > 2 * central + 1e-12 * self.transverse_moment:  # equal for a flat body, but for rounding
             raise InputError(
@@ -59,8 +68,8 @@ class Gyroscope:
     @classmethod
     def flat(cls, mass: float, axial_moment: float, lever: float, gravity: float = STANDARD_GRAVITY) -> Gyroscope:
         """A flat wheel on a light axle: I1 = I3/2 + m l^2 (perpendicular axes, Steiner).  Raises `InputError`."""
-        mass, lever = number(mass, "kg", "mass", positive=True), number(lever, "m", "lever", positive=True)
-        axial_moment = number(axial_moment, MOMENT, "axial_moment", positive=True)
+        mass, lever = si_number(mass, "kg", "mass", positive=True), si_number(lever, "m", "lever", positive=True)
+        axial_moment = si_number(axial_moment, MOMENT, "axial_moment", positive=True)
         transverse = in_range("mass lever^2", lambda: axial_moment / 2 + mass * lever**2)
         return cls(mass, axial_moment, transverse, lever, gravity)
 
@@ -90,7 +99,7 @@ class Gyroscope:
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        seconds = number(duration, "s", "dt")
+        seconds = si_number(duration, "s", "dt")
         return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
 
     def scales(self) -> Scales:
@@ -103,8 +112,8 @@ class Gyroscope:
         Tilt theta in rad from the upward vertical; spin w3 (the total axial angular velocity), precession
         phi' and nutation theta' in rad/s: with neither, the axis is released from rest.  Raises `InputError`.
         """
-        tilt, spin = number(tilt, "rad", "tilt"), number(spin, RATE, "spin")
-        precession, nutation = number(precession, RATE, "precession"), number(nutation, RATE, "nutation")
+        tilt, spin = si_number(tilt, "rad", "tilt"), si_number(spin, RATE, "spin")
+        precession, nutation = si_number(precession, RATE, "precession"), si_number(nutation, RATE, "nutation")
         sin, cos = math.sin(tilt), math.cos(tilt)
         a, swing = np.array([sin, 0.0, cos]), np.array([-precession * sin * cos, nutation, precession * sin**2])
         m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * spin * a))
@@ -113,12 +122,12 @@ class Gyroscope:
     @staticmethod
     def orientation(tilt: float) -> Array:
         """The unit quaternion (w, x, y, z) that takes the third body axis to the `a` of `state(tilt, ...)`."""
-        tilt = number(tilt, "rad", "tilt")
+        tilt = si_number(tilt, "rad", "tilt")
         return np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
 
     def motion(self, m: Any, a: Any) -> Motion:
         """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN."""
-        m, a = numbers(m, "1", "m"), numbers(a, "1", "a")
+        m, a = si_numbers(m, "1", "m"), si_numbers(a, "1", "a")
         try:
             m, a = np.broadcast_arrays(m, a)
         except ValueError:
@@ -133,8 +142,8 @@ class Gyroscope:
 
     def slow_precession(self, spin: float) -> float:
         """The textbook rate of a fast top, m g l/(I3 w3), rad/s.  Raises `InputError` for no spin."""
-        spin = number(spin, RATE, "spin")
-        number(abs(spin), RATE, "|spin|", positive=True)
+        spin = si_number(spin, RATE, "spin")
+        si_number(abs(spin), RATE, "|spin|", positive=True)
         return float(in_range("The precession", lambda: self.torque / (self.axial_moment * spin)))
 
     def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
@@ -143,7 +152,7 @@ class Gyroscope:
         Free of cancellation: W = 2 m g l/q and q/(2 I1 cos(theta)), where q = I3 w3 +- sqrt(discriminant) with
         the sign of w3; the fast root of a horizontal axis is at infinity.  Raises `InputError` for no real root.
         """
-        tilt, spin = number(tilt, "rad", "tilt"), number(spin, RATE, "spin")
+        tilt, spin = si_number(tilt, "rad", "tilt"), si_number(spin, RATE, "spin")
         momentum, rise = self.axial_moment * spin, self.transverse_moment * math.cos(tilt)
         discriminant = in_range("(I3 w3)^2", lambda: momentum**2 - 4 * rise * self.torque)
         q = momentum + math.copysign(math.sqrt(max(discriminant, 0.0)), momentum)
@@ -156,7 +165,7 @@ class Gyroscope:
 
     def nutation_rate(self, spin: float) -> float:
         """The nutation frequency of a fast top, I3 w3/I1, rad/s."""
-        spin = number(spin, RATE, "spin")
+        spin = si_number(spin, RATE, "spin")
         return float(in_range("The nutation", lambda: self.alpha * spin))
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.physical.inertia import inertia_tensor, mass_tensor
-from kreisel.physical.measures import RATE, STANDARD_GRAVITY, in_range, number, numbers, scales_of, settle
+from kreisel.physical.measures import RATE, STANDARD_GRAVITY, convert_fields, in_range, scales_of, si_number, si_numbers
 from kreisel.record.model import Model, State
 from kreisel.system.heavy_top import SYSTEM as HeavyTop
 from kreisel.units import Scales
@@ -26,7 +26,7 @@ class HeavyBody:
 
     Scaled as `HeavyTop`: J = (tr(I)/2 - I)/I0 with I0 = tr(I)/3, A = arm/|arm|, |P| = 1, time in sqrt(I0/(m g l)),
     momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.
-    For a symmetric body `Gyroscope` is the better choice: its default method keeps every integral.
+    For a symmetric body `Gyroscope` is the better choice: its default method conserves every integral.
     Raises `InputError` for moments that no body has.  [Goldstein, Classical Mechanics, 3rd ed., chapter 5]
     """
 
@@ -36,12 +36,12 @@ class HeavyBody:
     gravity: float = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        settle(self, positive=True, mass="kg")
-        settle(self, gravity="m/s^2")
+        convert_fields(self, positive=True, mass="kg")
+        convert_fields(self, gravity="m/s^2")
         if self.gravity < 0:
             raise InputError(f"gravity must not be negative: it points down, along -e3, got {self.gravity!r}.")
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
-        object.__setattr__(self, "arm", numbers(self.arm, "m", "arm", ((3,),)))
+        object.__setattr__(self, "arm", si_numbers(self.arm, "m", "arm", ((3,),)))
         for name in ("torque", "time_unit", "momentum_unit"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
@@ -88,8 +88,8 @@ class HeavyBody:
         Omega (..., 3) in rad/s and the upward vertical `up` (..., 3), both along the body axes: for a body turned by
         the rotation matrix g (body to space), up = g[2].  Raises `InputError`.
         """
-        Omega = numbers(angular_velocity, RATE, "angular_velocity")
-        up = numbers(up, "1", "up")
+        Omega = si_numbers(angular_velocity, RATE, "angular_velocity")
+        up = si_numbers(up, "1", "up")
         length = in_range("The length of up", lambda: np.linalg.norm(up, axis=-1, keepdims=True))
         if (length == 0).any():
             raise InputError("up must not be the zero vector: it is the upward vertical along the body axes.")
@@ -101,7 +101,7 @@ class HeavyBody:
 
         Raises `InputError`, also where a moment of inertia is 0.
         """
-        momentum = numbers(M, "1", "M")[..., None]
+        momentum = si_numbers(M, "1", "M")[..., None]
         try:
             return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0] * self.momentum_unit)
         except np.linalg.LinAlgError:
@@ -111,7 +111,7 @@ class HeavyBody:
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        seconds = number(duration, "s", "dt")
+        seconds = si_number(duration, "s", "dt")
         return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
 
     def scales(self) -> Scales:

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.physical.measures import MOMENT, in_range, numbers
+from kreisel.physical.measures import MOMENT, in_range, si_numbers
 
 CLOSE = 1e-12  # of the trace: what rounding may do to a flat body
 
@@ -18,7 +18,7 @@ def inertia_tensor(value: Any) -> Array:
 
     Raises `InputError` unless it is symmetric and no principal moment is above the sum of the other two.
     """
-    inertia = numbers(value, MOMENT, "inertia", ((3,), (3, 3)))
+    inertia = si_numbers(value, MOMENT, "inertia", ((3,), (3, 3)))
     inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
     if abs(inertia - inertia.T).max() > CLOSE * abs(inertia).max():
         raise InputError(f"inertia must be symmetric, got {inertia.tolist()}.")

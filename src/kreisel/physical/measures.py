@@ -16,7 +16,7 @@ from kreisel.units import Scale, Scales, si
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
 
-def number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
+def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
     """A finite number in SI, positive if asked, or a quantity with units.  Raises `InputError`."""
     array = _floats(si(value, unit, name))
     if array.shape != () or not np.isfinite(array) or (positive and array <= 0):
@@ -27,13 +27,13 @@ def number(value: Any, unit: str, name: str, *, positive: bool = False) -> float
     return float(array)
 
 
-def numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:
+def si_numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:
     """Finite floats of one of the shapes, or (..., 3), in SI or with units.  Raises `InputError`."""
     array = _floats(si(value, unit, name))
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
-        told = " or ".join(map(str, shapes)) or "(..., 3)"
-        raise InputError(f"{name} must be finite numbers of shape {told}, got {shown(value)}.")
+        expected = " or ".join(map(str, shapes)) or "(..., 3)"
+        raise InputError(f"{name} must be finite numbers of shape {expected}, got {shown(value)}.")
     return array
 
 
@@ -57,10 +57,10 @@ def _floats(value: Any) -> Array:
     return np.asarray(np.nan)
 
 
-def settle(body: Any, *, positive: bool = False, **units: str) -> None:
+def convert_fields(body: Any, *, positive: bool = False, **units: str) -> None:
     """Fields of a frozen record, from quantities to numbers in SI.  Raises `InputError`."""
     for name, unit in units.items():
-        object.__setattr__(body, name, number(getattr(body, name), unit, name, positive=positive))
+        object.__setattr__(body, name, si_number(getattr(body, name), unit, name, positive=positive))
 
 
 def in_range(what: str, value: Callable[[], Any]) -> Any:
@@ -87,7 +87,7 @@ class Units:
     time: float = 1.0
 
     def __post_init__(self) -> None:
-        settle(self, positive=True, mass="kg", length="m", time="s")
+        convert_fields(self, positive=True, mass="kg", length="m", time="s")
 
 
 SI = Units()

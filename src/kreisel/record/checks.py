@@ -44,7 +44,7 @@ def positive(J, letter):
         )
 
 
-def mass_tensor(J, letter):
+def check_mass_tensor(J, letter):
     """J_j >= 0 and J_j + J_k > 0: one may be 0, that of a flat body."""
     values = np.sort(np.asarray(J), -1)
     if np.asarray(values[..., 0] < 0).any() or np.asarray(values[..., 0] + values[..., 1] <= 0).any():

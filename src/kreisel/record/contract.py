@@ -131,7 +131,7 @@ TWO_FIELDS_SPACE = semidirect(
 )
 
 
-def on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:
+def random_on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:
     """A random (x, q) with |x| = 1, <x, q> = 0 and all |x_i| > least/(2 sqrt(n))."""
     count = n * (n - 1) // 2
     while True:
@@ -149,7 +149,7 @@ SPHERE_SPACE = PhaseSpace(
     sign=+1,
     carried=(0,),
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
-    draw=on_sphere,
+    draw=random_on_sphere,
 )
 
 
@@ -352,8 +352,8 @@ class System:
 
     def __post_init__(self) -> None:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
-        told = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
-        object.__setattr__(self, "__doc__", told)
+        text = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
+        object.__setattr__(self, "__doc__", text)
 
     @property
     def __signature__(self) -> inspect.Signature:

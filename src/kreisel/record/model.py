@@ -17,7 +17,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import (
     PARAMETER_AXES,
     SKEW_TOLERANCE,
@@ -88,7 +88,7 @@ class Model:
         for letter in params:
             if letter not in known:
                 raise InputError(
-                    f"{system.name} has the parameters {', '.join(known)}, got {shown(letter)}.{nearest(letter, known)}"
+                    f"{system.name} has the parameters {', '.join(known)}, got {shown(letter)}.{hint(letter, known)}"
                 )
         self.params: dict[str, Array] = {}
         for p in system.parameters:
@@ -110,8 +110,8 @@ class Model:
         try:
             self.batch = np.broadcast_shapes(*batches)
         except ValueError:
-            told = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
-            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {told}.") from None
+            given = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
+            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {given}.") from None
         spread = {
             k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
             for (k, v), b in zip(self.params.items(), batches, strict=True)
@@ -163,8 +163,8 @@ class Model:
             return _whole_dimension(self.params[stated[0]], stated[0], self.system.name)
         sizes = {p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"}
         if len(set(sizes.values())) != 1:
-            told = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
-            raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {told}.")
+            given = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
+            raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {given}.")
         letter, n = next(iter(sizes.items()))
         if n < 3:
             raise InputError(
@@ -174,8 +174,8 @@ class Model:
         return n
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{k}={v.tolist()}" for k, v in self.params.items())
-        return f"{self.system.name}({told})"
+        given = ", ".join(f"{k}={v.tolist()}" for k, v in self.params.items())
+        return f"{self.system.name}({given})"
 
     def _repr_html_(self) -> str:
         return str(show("model", self))
@@ -206,7 +206,7 @@ class Model:
             if letter not in space.letters:
                 raise InputError(
                     f"A state of {self.system.name} has the components {', '.join(space.letters)} "
-                    f"({self.system.frame.value} frame), got {shown(letter)}.{nearest(letter, space.letters)}"
+                    f"({self.system.frame.value} frame), got {shown(letter)}.{hint(letter, space.letters)}"
                 )
         parts = {}
         for letter, kind in space.components:
@@ -336,9 +336,9 @@ def _component(letter: str, kind: str, value: Any, n: int) -> Array:
         _check_symmetric(array, name)
         return array / 2 + array.mT / 2
     if kind != "skew":
-        count, told = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
+        count, expected = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
         if array.ndim < 1 or array.shape[-1] != count:
-            raise InputError(f"{name} must be {told} numbers (..., {count}), got shape {array.shape}.")
+            raise InputError(f"{name} must be {expected} numbers (..., {count}), got shape {array.shape}.")
         return array
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
         off = algebra.magnitude(array + array.mT)
@@ -365,10 +365,10 @@ def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
         np.broadcast_shapes(*batches)
     except ValueError:
         raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
-    for told, constraint in space.constraints.items():
+    for formula, constraint in space.constraints.items():
         off = algebra.magnitude(constraint(*parts.values()))
         if off > SKEW_TOLERANCE:
             raise InputError(
-                f"The state must lie on {space.name}: {told} = 0, but it is {off:.3g}. "
+                f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
                 "Normalise x, then take the part of q orthogonal to x."
             )

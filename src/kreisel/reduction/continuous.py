@@ -47,7 +47,7 @@ class Continuous:
             M, P = known
             return self.momentum(x, P) - M
 
-        return newton.find(off, self.rep.group.dim, (M, P))
+        return newton.find_root(off, self.rep.group.dim, (M, P))
 
     def energy(self, M: Array, P: Array) -> Array:
         """H = <M, Omega> - L."""

@@ -96,7 +96,7 @@ class Discrete:
             M, P = known
             return self.before(self.rep.group.retract(x), P) - M
 
-        return self.rep.group.retract(newton.find(off, self.rep.group.dim, (M, P)))
+        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, (M, P)))
 
     def step(self, M: Array, P: Array) -> tuple[Array, Array]:
         """(M_k, P_k) -> (M_(k+1), P_(k+1))."""
@@ -111,7 +111,7 @@ class Discrete:
             W = self.rep.group.retract(x)
             return self.after(W, self.brought(W, P)) - M
 
-        return self.rep.group.retract(newton.find(off, self.rep.group.dim, (M, P)))
+        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, (M, P)))
 
     def inverse(self, M: Array, P: Array) -> tuple[Array, Array]:
         """(M_(k+1), P_(k+1)) -> (M_k, P_k)."""
@@ -168,7 +168,7 @@ class Unreduced:
             after = g @ self.group.retract(x)
             return -right_derivative(lambda y: self.lagrangian(y, after), g, self.group) - M
 
-        return self.group.retract(newton.find(off, self.group.dim, (M, g)))
+        return self.group.retract(newton.find_root(off, self.group.dim, (M, g)))
 
     def step(self, before: Array, g: Array) -> tuple[Array, Array]:
         """(g_(k-1), g_k) -> (g_k, g_(k+1)), on the branch with the continuous limit."""

@@ -1,6 +1,6 @@
 """The one door to JAX: float64 while Kreisel computes, the user's own settings outside.
 
-JAX computes in float32 unless told otherwise, for the whole process.  Kreisel leaves that switch alone: all that it
+JAX computes in float32 unless set otherwise, for the whole process.  Kreisel leaves that switch alone: all that it
 does itself runs inside `double()`.  Whoever differentiates or vectorises these functions opens the same door:
 
     with kreisel.reduction.double():

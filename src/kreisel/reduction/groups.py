@@ -156,7 +156,7 @@ class Group:
         def off(x: Array, W: Array) -> Array:
             return self.coordinates(jax.scipy.linalg.expm(-self.matrix(x)) @ W - one)
 
-        return newton.find(off, self.dim, W)
+        return newton.find_root(off, self.dim, W)
 
     def ad_star(self, x: Array, M: Array) -> Array:
         """ad*_xi M in coordinates."""

@@ -122,7 +122,7 @@ def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> A
         raise InputError(
             "Functions of kreisel.reduction take floats, got exact numbers. Use numbers=('float',) in the laws."
         )
-    values = [np.vectorize(_value, otypes=[float])(a) for a in args]
+    values = [np.vectorize(_plain_number, otypes=[float])(a) for a in args]
     if some is None:
         return run(values, known)
     slopes = np.array([getattr(v, "slope", 0 * some.slope) for v in flat], dtype=np.float64)
@@ -131,7 +131,7 @@ def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> A
     return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
 
 
-def _value(number: Any) -> float:
+def _plain_number(number: Any) -> float:
     return float(getattr(number, "value", number))
 
 

@@ -29,7 +29,7 @@ SHORTEST = 1 / 1024  # of the path
 Residual = Callable[[Array, Any], Array]
 
 
-def find(residual: Residual, dim: int, args: Any) -> Array:
+def find_root(residual: Residual, dim: int, args: Any) -> Array:
     """The root x (dim,) of residual(x, args) on the branch of x = 0; NaN where there is none."""
     start, inverse = _follow(lambda x: residual(x, lax.stop_gradient(args)), dim)
 

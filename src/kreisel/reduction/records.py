@@ -80,7 +80,7 @@ def _frame(frame: str | Frame) -> Frame:
         raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a), got {shown(frame)}.") from None
 
 
-def constants(function: Callable[..., Any] | None) -> dict[str, Any]:
+def lagrangian_constants(function: Callable[..., Any] | None) -> dict[str, Any]:
     """The keyword-only arguments of a Lagrangian and their defaults, without eps."""
     if function is None:
         return {}
@@ -103,8 +103,8 @@ class _Record:
         self.group = rep.group
         self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can be carried along
         self.spaces = (self.group.dual, rep.space)[: 2 if rep.dim else 1]
-        found = {**constants(lagrangian), **constants(discrete)}
-        self.parameters = tuple(stated.get(k, _parameter(k, v)) for k, v in found.items())
+        found = {**lagrangian_constants(lagrangian), **lagrangian_constants(discrete)}
+        self.parameters = tuple(stated.get(k, _lagrangian_parameter(k, v)) for k, v in found.items())
         for letter in stated:
             if letter not in found:
                 raise InputError(
@@ -116,7 +116,7 @@ class _Record:
     # the Lagrangians with their constants filled in
 
     def _bound(self, function: Callable[..., Any], known: Mapping[str, Any]) -> Callable[..., Any]:
-        mine = constants(function)
+        mine = lagrangian_constants(function)
         if "eps" in inspect.signature(function).parameters:
             mine["eps"] = None
         known = {k: jnp.asarray(known[k]) for k in mine}
@@ -291,7 +291,7 @@ class _Record:
         )
 
     def _integral(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        mine = constants(function)
+        mine = lagrangian_constants(function)
         unknown = [k for k in mine if k not in self.keywords]
         if unknown:
             raise InputError(f"An integral takes {shown(unknown[0])}, which no Lagrangian takes.")
@@ -308,6 +308,6 @@ class _Record:
         return named
 
 
-def _parameter(letter: str, default: Any) -> Parameter:
+def _lagrangian_parameter(letter: str, default: Any) -> Parameter:
     absent = default is inspect.Parameter.empty
     return Parameter(letter, "array", "a constant of the Lagrangian", default=None if absent else np.asarray(default))

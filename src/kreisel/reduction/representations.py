@@ -72,10 +72,10 @@ class Representation:
 
     def isotropy(self, p: Array) -> np.ndarray:
         """A basis (k, d), in coordinates, of the isotropy algebra {xi: phi(xi) p = 0}."""
-        return _kernel(np.einsum("iab,b->ai", self.phi, p))
+        return _null_space(np.einsum("iab,b->ai", self.phi, p))
 
 
-def _kernel(A: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
+def _null_space(A: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
     _, s, vt = np.linalg.svd(A)
     rank = int((s > tolerance * max(s.max(initial=0.0), 1e-300)).sum())
     return vt[rank:]
@@ -149,12 +149,12 @@ def casimir_count(rep: Representation, points: int = 3) -> int:
     size = rep.group.dim + rep.dim
     z = rng.uniform(-1, 1, (points, size))
     tensors = rep.tensor(z[:, : rep.group.dim], z[:, rep.group.dim :])
-    return min(len(_kernel(T)) for T in tensors)
+    return min(len(_null_space(T)) for T in tensors)
 
 
 def casimir_gradients(rep: Representation, M: Array, P: Array) -> np.ndarray:
     """An orthonormal basis (k, d + q) of the kernel of the tensor at coordinates (M, P): gradients of Casimirs."""
-    return _kernel(rep.tensor(np.asarray(M), np.asarray(P)))
+    return _null_space(rep.tensor(np.asarray(M), np.asarray(P)))
 
 
 def quadratic_casimirs(rep: Representation) -> np.ndarray:
@@ -171,7 +171,7 @@ def quadratic_casimirs(rep: Representation) -> np.ndarray:
     gradients[:, places, i] += z[:, j]
     gradients[:, places, j] += z[:, i]
     equations = gradients @ rep.tensor(z[:, :d], z[:, d:])
-    found = _echelon(_kernel(equations.transpose(0, 2, 1).reshape(-1, len(i))))
+    found = _echelon(_null_space(equations.transpose(0, 2, 1).reshape(-1, len(i))))
     Q = np.zeros((len(found), size, size))
     Q[:, i, j] = found / 2
     return Q + Q.transpose(0, 2, 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.errors import InputError, RunError, shown
 from kreisel.runs.plan import plan_of_times
-from kreisel.runs.settings import named, positive
+from kreisel.runs.settings import named, positive_number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +51,7 @@ def at(
         raise InputError(
             f"method={shown(method)} {'has no step: leave dt out' if dt is not None else 'needs a step dt'}."
         )
-    step = 1.0 if dt is None else positive(dt, "dt")
+    step = 1.0 if dt is None else positive_number(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
         raise InputError("The times of a map are its steps, whole numbers k for the time k dt, got others.")
     reach = float(abs(flat).max(initial=0))

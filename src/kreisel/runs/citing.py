@@ -30,7 +30,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     what    a run (`kr.simulate`, `kr.at`, `kr.open_run`), a system, or a system with its parameters (with its default
             method)
 
-    A source that is not in Kreisel's own list (that of a system of your own) is told in a comment at the end.
+    A source that is not in Kreisel's own list (that of a system of your own) is named in a comment at the end.
     Raises `InputError` for anything else.
     """
     import kreisel
@@ -39,7 +39,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     order: int | tuple[int, ...] | None = None
     if isinstance(what, Model | System):
         method = default_method(what.system) if isinstance(what, Model) else None
-        told, version = _told(what.system if isinstance(what, Model) else what), kreisel.__version__
+        references, version = _sources(what.system if isinstance(what, Model) else what), kreisel.__version__
     else:
         attrs = getattr(what, "attrs", None)
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
@@ -50,10 +50,10 @@ def cite(what: xr.Dataset | Model | System) -> str:
                 f"expected a run with its attributes, got one without {', '.join(missing)}. Give it as kr.simulate or "
                 "kr.open_run returned it."
             )
-        told, version = attrs["references"], attrs["source"].removeprefix("kreisel ")
+        references, version = attrs["references"], attrs["source"].removeprefix("kreisel ")
         method, order = attrs["method"], order_of(attrs)
     known = bibliography()
-    here, unknown = _keys(told, known)
+    here, unknown = _keys(references, known)
     keys = dict.fromkeys([*here, *(METHODS[method].cited(order) if method in METHODS else ())])
     comment = [f"% further: {', '.join(unknown)}"] if unknown else []
     return "\n\n".join([SOFTWARE.format(version=version), *(known[key] for key in keys), *comment])
@@ -65,12 +65,12 @@ def bibliography() -> dict[str, str]:
     return {re.split(r"[{,]", entry)[1]: entry.strip() for entry in re.split(r"\n(?=@)", text) if entry.strip()}
 
 
-def _told(system: System) -> str:
+def _sources(system: System) -> str:
     return system.source + (f"; {system.map.source}" if system.map is not None else "")
 
 
-def _keys(told: str, known: Iterable[str]) -> tuple[list[str], list[str]]:
+def _keys(text: str, known: Iterable[str]) -> tuple[list[str], list[str]]:
     """Keys of the sources in a text, "Suris 2001" being suris2001, and those that are not in the list."""
-    found = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", told))
+    found = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", text))
     keys = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in found}
     return [key for key in keys if key in known], [name for key, name in keys.items() if key not in known]

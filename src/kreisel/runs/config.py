@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.runs.settings import Settings
 from kreisel.storage.reading import place, shallow
 
@@ -82,7 +82,7 @@ def parse_sweep(
 ) -> tuple[dict[str, Any], Path | None, Path]:
     """The same of a configuration that is already a dict."""
     _check_sections(shallow(data, source), (*SECTIONS, "sweep"), source)
-    tables = {section: _table(data, section, source) for section in (*SECTIONS, "sweep")}
+    tables = {section: _section(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
     _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Settings, "run", source)  # what is missing may vary
     _, file, system = _system(tables["system"], source, folder)
@@ -90,21 +90,21 @@ def parse_sweep(
     if output.figure is not None:
         raise InputError(f"{source}: a sweep draws no figure; leave figure out of [output].")
     description = {**{k: dict(tables[k]) for k in ("state", "run", "sweep")}, "system": system}
-    return description, file, _named(output.path, "path", source)
+    return description, file, _output_path(output.path, "path", source)
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
     """Check a configuration that is already a dict; `folder` is where a file named in [system] is looked for."""
     _check_sections(shallow(data, source), SECTIONS, source)
-    tables = {section: _table(data, section, source) for section in SECTIONS}
+    tables = {section: _section(data, section, source) for section in SECTIONS}
     name, file, system = _system(tables["system"], source, folder)
     del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
     run = _convert(tables["run"], Settings, "run", source)
     output = _convert(tables["output"], Output, "output", source)
-    path = _named(output.path, "path", source)
-    figure = path.with_suffix(".png") if output.figure is None else _named(output.figure, "figure", source)
+    path = _output_path(output.path, "path", source)
+    figure = path.with_suffix(".png") if output.figure is None else _output_path(output.figure, "figure", source)
     if figure.suffix.lower() not in FIGURES:
         raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}, got {shown(str(figure))}.")
     if path.absolute() in (figure.absolute(), *figure.absolute().parents):
@@ -120,7 +120,7 @@ def _check_sections(data: Mapping[str, Any], known: Sequence[str], source: str) 
         if section not in known:
             raise InputError(
                 f"{source} has a section or key {shown(section)}; expected are {', '.join(known)}."
-                f"{nearest(section, known)}"
+                f"{hint(section, known)}"
             )
 
 
@@ -138,11 +138,11 @@ def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, P
     return name, folder / file if file else None, system
 
 
-def _named(text: str, key: str, source: str) -> Path:
+def _output_path(text: str, key: str, source: str) -> Path:
     return place(text, f"{source}: {key} in [output] must name a file or folder to make")
 
 
-def _table(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
+def _section(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
     table = data.get(section)
     if not isinstance(table, Mapping):
         got = "nothing" if table is None else repr(table)
@@ -154,7 +154,7 @@ def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, so
     for key in table:
         if key not in names:
             raise InputError(
-                f"{source}: [{section}] has the key {shown(key)}; expected are {', '.join(names)}.{nearest(key, names)}"
+                f"{source}: [{section}] has the key {shown(key)}; expected are {', '.join(names)}.{hint(key, names)}"
             )
 
 

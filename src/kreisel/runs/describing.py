@@ -18,7 +18,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
 from kreisel.runs.drift import KINDS
-from kreisel.runs.march import block_rows
+from kreisel.runs.integration import block_rows
 from kreisel.runs.plan import Plan
 from kreisel.storage import checkpoint
 from kreisel.storage.reading import an_object
@@ -58,11 +58,11 @@ def versions() -> dict[str, str]:
     from numba import config
 
     packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
-    told = {
+    out = {
         "python": platform.python_version(),
         "processor": getattr(config, "CPU_NAME", None) or llvm.get_host_cpu_name(),
     }
-    return told | {p: importlib.metadata.version(p) for p in packages}
+    return out | {p: importlib.metadata.version(p) for p in packages}
 
 
 def describe(plan: Plan) -> dict[str, Any]:
@@ -104,27 +104,30 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
                       when every coordinate of a component moves by the component's largest, signs at random
     evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
     """
-    z = _spread(plan, first)
+    z = _sampled_rows(plan, first)
     n = plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     directions = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *z.shape)) * _largest(plan, z)
     here = plan.observe(z)
-    up, down = _moved(plan, z, NUDGE * directions), _moved(plan, z, -NUDGE * directions)
-    a_bit_up, a_bit_down = _moved(plan, z, HAIR * directions), _moved(plan, z, -HAIR * directions)
+    up, down = _perturbed_outputs(plan, z, NUDGE * directions), _perturbed_outputs(plan, z, -NUDGE * directions)
+    a_bit_up, a_bit_down = (
+        _perturbed_outputs(plan, z, HAIR * directions),
+        _perturbed_outputs(plan, z, -HAIR * directions),
+    )
     out = {}
     for name, outcome in plan.outcomes.items():
         if outcome.kind in KINDS:
             felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
             noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
-            if n > MANY_SAMPLES_N and noise.shape[-1] == layout.size("skew", n):
+            if n > MANY_SAMPLES_N and noise.shape[-1] == layout.coordinate_count("skew", n):
                 noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
             computed = np.maximum(noise.max((0, 1)), abs(here[name]).max(0))
             out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
     return out
 
 
-def _moved(plan: Plan, z: Floats, by: Floats) -> dict[str, Array]:
+def _perturbed_outputs(plan: Plan, z: Floats, by: Floats) -> dict[str, Array]:
     """Outputs at z + by for `by` (samples, rows, lanes, d); samples and rows in front."""
     outputs = plan.observe((z + by).reshape(-1, *z.shape[1:]))
     return {name: value.reshape((*by.shape[:2], *value.shape[1:])) for name, value in outputs.items()}
@@ -144,7 +147,7 @@ def _largest(plan: Plan, z: Floats) -> Floats:
     return np.concatenate([np.broadcast_to(f.max(-1, keepdims=True), f.shape) for f in flat], -1)
 
 
-def _spread(plan: Plan, first: Mapping[str, Array]) -> Floats:
+def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
     """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d).
 
     Of more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand numbers are enough.

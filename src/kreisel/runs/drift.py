@@ -1,4 +1,4 @@
-"""kr.drift: how still the integrals stand, against what round-off allows; and which claims are broken."""
+"""kr.drift: how far the integrals drift, against what round-off allows; and which claims are broken."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ from kreisel.storage.reading import a_run
 MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 KINDS = ("casimir", "integral", "relation")
 
-# What is kept is broken where it has changed by more than FAR bands, times the square of a step's angle in radians, and
-# by more than FAR_RELATIVE of its scale.  Measured over 1000 steps of the tops' maps and Clebsch's, n = 3, 4, 5, of
-# states that are random, asleep, at rest, nearly so, of momenta times 1e-8 to 1e8: at most 20 bands for steps up to 3
-# and momenta up to 1, 4e3 at Clebsch's longest steps; roundings grow about as the angle of a step.  A walk of Gaussian
-# steps gets 40 times as far as its width with a chance below 1e-300.
+# What a method conserves counts as broken where it has changed by more than FAR widths of a random walk of rounding
+# errors, times the square of a step's angle in radians, and by more than FAR_RELATIVE of its scale.  Measured over 1000
+# steps of the tops' maps and Clebsch's, n = 3, 4, 5, of states that are random, asleep, at rest, nearly so, of momenta
+# times 1e-8 to 1e8: at most 20 widths for steps up to 3 and momenta up to 1, 4e3 at Clebsch's longest steps.  Rounding
+# errors grow about as the angle of a step.  A walk of Gaussian steps gets 40 times as far as its width with a chance
+# below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
 COLUMNS = ["kind", "conserved", "start", "max_change", "ulps", "slope", "correction", "broken"]
 GROWN = 100  # times the state of the first block
-LOOKED_AT = 16  # lanes at most, whose band is measured again
+LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured again
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
 
 
-def _place(variable: xr.DataArray) -> tuple[bool, int]:
+def _place_in_table(variable: xr.DataArray) -> tuple[bool, int]:
     attrs = variable.attrs
     return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
 
 
-def read(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
+def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
     """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
     try:
         return np.asarray(variable.values)
@@ -85,7 +86,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
         scan = _Scan(run[name], clock, sloping)
         judge = _Judge(run, scan)
         for part, label in enumerate(scan.labels):
-            lane, band = judge.worst(part)
+            lane, width = judge.worst(part)
             unit = MACHINE_EPSILON * scan.value_scale[lane, part]
             rows[label] = {
                 "kind": scan.kind,
@@ -95,19 +96,19 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
                 "ulps": float(_ratio(scan.largest[lane, part], unit)),
                 "slope": float(scan.slope[lane, part]),
                 "correction": float(scan.correction),
-                "broken": judge.broken(lane, part, band),
+                "broken": judge.broken(lane, part, width),
             }
     return rows
 
 
 def broken(table: pd.DataFrame) -> list[str]:
-    """A sentence for each row of `kr.drift` that should be kept and is not."""
+    """A sentence for each row of `kr.drift` that should be conserved and is not."""
     return [_sentence(str(name), row) for name, row in table.iterrows() if row["broken"]]
 
 
-def far(change: Any, band: Any, scale: Any, turn: float) -> Any:
-    """Whether a change is more than roundings can make; the body turns by about `turn` in a step."""
-    return (change > FAR * band * (1 + turn * turn)) & (change > FAR_RELATIVE * scale)
+def far(change: Any, width: Any, scale: Any, turn: float) -> Any:
+    """Whether a change is more than rounding errors make, which walk by `width`; the body turns by `turn` in a step."""
+    return (change > FAR * width * (1 + turn * turn)) & (change > FAR_RELATIVE * scale)
 
 
 def _sentence(name: str, row: Any) -> str:
@@ -120,17 +121,17 @@ def _sentence(name: str, row: Any) -> str:
 
 def watched(run: xr.Dataset) -> xr.Dataset:
     """The run itself.  Warns with `ConservationWarning` where something is broken, as `broken` says."""
-    kept = [name for name in _watched(run) if run[name].attrs.get("conserved")]
-    told = [_sentence(name, row) for name, row in _rows(run, kept, sloping=False).items() if row["broken"]]
-    if told:
-        warnings.warn(" ".join(told), ConservationWarning, stacklevel=3)
+    conserved = [name for name in _watched(run) if run[name].attrs.get("conserved")]
+    sentences = [_sentence(name, row) for name, row in _rows(run, conserved, sloping=False).items() if row["broken"]]
+    if sentences:
+        warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
     return run
 
 
 def _watched(run: xr.Dataset) -> list[str]:
-    """The Casimirs, integrals and relations, what is kept first."""
+    """The Casimirs, integrals and relations; those that are conserved come first."""
     found = [(str(name), v) for name, v in run.data_vars.items() if v.attrs.get("kind") in KINDS]
-    return [name for name, _ in sorted(found, key=lambda item: _place(item[1]))]
+    return [name for name, _ in sorted(found, key=lambda item: _place_in_table(item[1]))]
 
 
 class _Clock:
@@ -139,7 +140,7 @@ class _Clock:
     def __init__(self, run: xr.Dataset):
         self._time, self._asked = run["time"].variable, int(run.attrs.get("rows_in_block", 0))
         self.rows = run.sizes["time"]
-        ends = read(self._time[[0, -1]])
+        ends = read_values(self._time[[0, -1]])
         # those that are there: a run may be cut short; `kr.at` makes none
         dt = run.attrs.get("dt")
         self.steps = abs(float(ends[1] - ends[0])) / dt if isinstance(dt, int | float) and dt > 0 else 0.0
@@ -153,11 +154,11 @@ class _Clock:
 
     def centred(self, rows: slice) -> np.ndarray:
         """Times of some rows, less their mean over all rows."""
-        return np.asarray(read(self._time[rows]) - self.first - self._mean)
+        return np.asarray(read_values(self._time[rows]) - self.first - self._mean)
 
     @cached_property
     def _mean(self) -> float:
-        return sum(float((read(self._time[rows]) - self.first).sum()) for rows in self.blocks(1)) / self.rows
+        return sum(float((read_values(self._time[rows]) - self.first).sum()) for rows in self.blocks(1)) / self.rows
 
     @cached_property
     def spread(self) -> float:
@@ -188,10 +189,10 @@ class _Scan:
         self.slope = total / clock.spread if sloping and clock.spread > 0 else total
 
     def _rows(self, variable: xr.DataArray, rows: slice) -> np.ndarray:
-        values = read(variable.variable[rows], self.name).astype(np.float64)
+        values = read_values(variable.variable[rows], self.name).astype(np.float64)
         return values.reshape(len(values), *self.shape)
 
-    def band(self) -> np.ndarray:
+    def width(self) -> np.ndarray:
         """The width of a random walk of rounding errors, in every lane and part."""
         return MACHINE_EPSILON * (self.step_scale * np.sqrt(self.steps) + self.value_scale)
 
@@ -200,25 +201,25 @@ class _Judge:
     """What is round-off and what is not, for each part of a variable."""
 
     def __init__(self, run: xr.Dataset, scan: _Scan):
-        self._run, self._scan, self._band = run, scan, scan.band()
+        self._run, self._scan, self._width = run, scan, scan.width()
         self._unknown: set[int] = set()
-        suspects = np.flatnonzero((_ratio(scan.largest, self._band) > FAR).any(1))
+        suspects = np.flatnonzero((_ratio(scan.largest, self._width) > FAR).any(1))
         if scan.conserved and suspects.size:
             self._look_again(suspects)
 
     def worst(self, part: int) -> tuple[int, float]:
-        """The lane whose change is the most of its band, and that band."""
-        lane = int(_ratio(self._scan.largest[:, part], self._band[:, part]).argmax())
-        return lane, float(self._band[lane, part])
+        """The lane whose change is the largest multiple of the width of its walk, and that width."""
+        lane = int(_ratio(self._scan.largest[:, part], self._width[:, part]).argmax())
+        return lane, float(self._width[lane, part])
 
-    def broken(self, lane: int, part: int, band: float) -> bool:
-        """Whether a change of what should be kept is more than roundings can make."""
+    def broken(self, lane: int, part: int, width: float) -> bool:
+        """Whether a change of what should be conserved is more than rounding errors can make."""
         scan = self._scan
         change = scan.largest[lane, part]
-        if not scan.conserved or change <= FAR * band or lane in self._unknown:
+        if not scan.conserved or change <= FAR * width or lane in self._unknown:
             return False
         scale = scan.step_scale[lane, part] + abs(scan.start[lane, part])
-        return bool(far(change, band, scale, self._turn(lane)))
+        return bool(far(change, width, scale, self._turn(lane)))
 
     def _turn(self, lane: int) -> float:
         """dt times the largest entry of the state in a lane: about the angle that the body turns in a step."""
@@ -230,23 +231,23 @@ class _Judge:
         some = some.isel(lane=lane) if "lane" in some.dims else some
         states = [v for v in some.data_vars.values() if v.attrs.get("kind") == "state" and "time" in v.dims]
         blocks = list(_Clock(some).blocks(max((v[0].size for v in states), default=1)))
-        return [max(float(abs(read(v[rows])).max()) for rows in blocks) for v in states]
+        return [max(float(abs(read_values(v[rows])).max()) for rows in blocks) for v in states]
 
     def _look_again(self, suspects: np.ndarray) -> None:
-        """Bands of the first of these lanes from states of the whole run: the first block may have been at rest.
+        """Measure the widths of the worst of these lanes again, by states of the whole run: the first block may rest.
 
-        Where they cannot be measured again, as of a system of one's own, lanes whose state has grown are let pass.
+        Where that is impossible, as for a user's own system, lanes whose state has grown are let pass.
         """
         from kreisel.runs.scales import whole_run
 
         scan = self._scan
-        ratios = _ratio(scan.largest, self._band).max(1)
+        ratios = _ratio(scan.largest, self._width).max(1)
         lanes = suspects[np.argsort(-ratios[suspects])][:LOOKED_AT]
         found = whole_run(self._run, scan.name, lanes)
         if found is not None:
             for mine, other in zip((scan.step_scale, scan.value_scale), found, strict=True):
                 mine[lanes] = np.maximum(mine[lanes], other.reshape(len(lanes), -1))
-            self._band = scan.band()
+            self._width = scan.width()
             return
         first = slice(0, max(1, int(self._run.attrs.get("rows_in_block", 1))))
         for lane in lanes.tolist():
@@ -269,16 +270,16 @@ class Series:
 
 
 def all_series(run: xr.Dataset) -> Iterator[Series]:
-    """Every component of every Casimir and integral, what is kept first."""
+    """Every component of every Casimir and integral; those that are conserved come first."""
     clock = _Clock(run)
     for name in _watched(run):
         variable, many = run[name], run.sizes.get("lane", 1) > 1
         scan = _Scan(variable if many else variable[:1], clock if many else _Clock(run.isel(time=slice(0, 1))), False)
         for part, label in enumerate(scan.labels):
-            lane = int(_ratio(scan.largest[:, part], scan.band()[:, part]).argmax()) if many else 0
+            lane = int(_ratio(scan.largest[:, part], scan.width()[:, part]).argmax()) if many else 0
             one = variable.isel(lane=lane) if "lane" in variable.dims else variable
             # one part at a time: an archive may be longer than memory
-            values = read(one[..., part] if one.ndim > 1 else one)
+            values = read_values(one[..., part] if one.ndim > 1 else one)
             at = float(scan.step_scale[lane, part]), float(scan.value_scale[lane, part])
             yield Series(label, name, scan.kind, scan.conserved, values, *at)
 
@@ -296,15 +297,15 @@ def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
     """
     parts = variable.shape[-1] if variable.ndim > 1 + ("lane" in variable.dims) else 1
     try:
-        told = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
+        values = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{variable.name} is damaged: its attribute {key} does not belong to it.") from None
-    if len(told) == 1 or "lane" not in variable.coords:
-        return told.max(0, keepdims=True)
+    if len(values) == 1 or "lane" not in variable.coords:
+        return values.max(0, keepdims=True)
     lanes = np.atleast_1d(variable["lane"].values)
-    fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(told)).all()
-    return told[lanes] if fits else told.max(0, keepdims=True)
+    fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(values)).all()
+    return values[lanes] if fits else values.max(0, keepdims=True)
 
 
-def _ratio(change: Any, band: Any) -> Any:
-    return np.divide(change, band, out=np.where(change > 0, np.inf, 0.0), where=band > 0)
+def _ratio(change: Any, width: Any) -> Any:
+    return np.divide(change, width, out=np.where(change > 0, np.inf, 0.0), where=width > 0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from kreisel.errors import InputError
-from kreisel.exact.motion import Motion
-from kreisel.exact.nutation import Integrals, Number, Nutation, number
+from kreisel.exact.motion import TopMotion
+from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method.exact import motion
 from kreisel.runs.settings import check_model, checked_state
 
@@ -68,7 +68,7 @@ def _figures(system: Any, parts: tuple[Any, ...]) -> Figures:
     here = motion(system, parts, system.constants, reach=0.0)
     top, kind = here.nutation, _kind(here)
     known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
-    height = number(ctx, known.E)
+    height = mp_number(ctx, known.E)
     alpha = ctx.convert(float(system.constants.get("alpha", 1.0)))
     return Figures(
         kind=kind,
@@ -76,11 +76,11 @@ def _figures(system: Any, parts: tuple[Any, ...]) -> Figures:
         lowest=float((x2 if kind.startswith("sleeping") else x1) / 2 + height),
         highest=float(x2 / 2 + height),
         precession=float(_precession(ctx, known)),
-        spin=float(number(ctx, known.J) / ctx.sqrt(number(ctx, known.A)) / alpha),
+        spin=float(mp_number(ctx, known.J) / ctx.sqrt(mp_number(ctx, known.A)) / alpha),
     )
 
 
-def _kind(here: Motion) -> str:
+def _kind(here: TopMotion) -> str:
     known = here.integrals
     if known.P2 == 0:
         return "free"
@@ -94,7 +94,7 @@ def _kind(here: Motion) -> str:
     return "falling asleep" if math.isfinite(here.e_foldings()) else "sleeping, unstable"
 
 
-def _precession(ctx: Any, known: Integrals) -> Number:
+def _precession(ctx: Any, known: Integrals) -> MpNumber:
     """The integral of |p| (c A - z J)/(A P2 - z^2) over a period, in two complete integrals of the third kind.
 
     z = z1 + (z2 - z1) sn^2 splits it into 1/(|b||p| - z) and 1/(|b||p| + z); a pole on the orbit has the weight 0.
@@ -111,8 +111,8 @@ def _precession(ctx: Any, known: Integrals) -> Number:
     digits = ctx.dps
     while True:
         x1, x2, x3 = Nutation(ctx, known).x
-        A, J, c, E = (number(ctx, v) for v in (known.A, known.J, known.c, known.E))
-        top_most, low, swing = ctx.sqrt(number(ctx, known.A * known.P2)), x1 / 2 + E, (x2 - x1) / 2
+        A, J, c, E = (mp_number(ctx, v) for v in (known.A, known.J, known.c, known.E))
+        top_most, low, swing = ctx.sqrt(mp_number(ctx, known.A * known.P2)), x1 / 2 + E, (x2 - x1) / 2
         closest = min((top_most - sign * (low if sign < 0 else low + swing) for sign in signs), default=top_most)
         if closest > top_most * ctx.mpf(10) ** (-ctx.dps // 2):
             break
@@ -124,4 +124,4 @@ def _precession(ctx: Any, known: Integrals) -> Number:
     total = sum(w / gap * ctx.ellippi(n, m) for w, gap, n in zip(weights, gaps, poles, strict=True))
     if vertical and x1 == x2:
         return ctx.nan  # asleep or hanging
-    return 4 * ctx.sqrt(number(ctx, known.P2)) / ctx.sqrt(x3 - x1) * total
+    return 4 * ctx.sqrt(mp_number(ctx, known.P2)) / ctx.sqrt(x3 - x1) * total

@@ -11,13 +11,13 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY, find
 
 
-def load(name: str, file: Path | None) -> System:
+def load_system(name: str, file: Path | None) -> System:
     """The system of that name: from the registry, or from the top level of `file`.  Raises `InputError`."""
     if file is None:
         return find(name)
@@ -31,7 +31,7 @@ def load(name: str, file: Path | None) -> System:
             )
         return own[name]
     raise InputError(
-        f"{file} defines no system called {shown(name)} at its top level.{nearest(name, own)} "
+        f"{file} defines no system called {shown(name)} at its top level.{hint(name, own)} "
         f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...) or "
         "kr.perturbed(...)."
     )

@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
-from kreisel.kernels.engines import Marcher, engine_of
+from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method, find, scheme
 from kreisel.method.observing import ORIENTATION, held_by_orientation
@@ -90,7 +90,7 @@ class Plan:
         return self.settings.engine or ("cpu" if self.printer is None else "large")
 
     @cached_property
-    def engine(self) -> Marcher:
+    def engine(self) -> Engine:
         """What makes the steps, at the start; compiled when it is first asked for.  Raises `InputError`."""
         return engine_of(
             self.scheme,
@@ -194,7 +194,7 @@ def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) 
     if settings.tol is not None:
         made = with_tolerance(made, within_tolerances(settings.tol))
     observed(settings.observe, made)
-    return planned(model, made, settings, _parts(model, state, orientation), settings.engine)
+    return planned(model, made, settings, _initial_parts(model, state, orientation), settings.engine)
 
 
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
@@ -206,7 +206,7 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
         settings=settings,
         first=start.reshape(-1, start.shape[-1]),
         batched=start.ndim > 1,
-        start=_named(model, parts),
+        start=_parts_by_name(model, parts),
         printer=printer,
     )
 
@@ -217,8 +217,8 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Any) ->
 
     _require_choices(model, settings)
     spacing = settings.every * settings.dt
-    choice = choose(model, _parts(model, state, None), spacing, settings.time, settings.tol)
-    plan = plan_of(model, state, settled(choice, settings), orientation)
+    choice = choose(model, _initial_parts(model, state, None), spacing, settings.time, settings.tol)
+    plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **chosen}))
 
@@ -230,10 +230,10 @@ def choices(model: Model, x0: Any, settings: Settings) -> list[Choice]:
     state = checked_state(model, x0)
     _require_choices(model, settings)
     spacing = settings.every * settings.dt
-    return choose_each(model, _parts(model, state, None), spacing, settings.time, settings.tol)
+    return choose_each(model, _initial_parts(model, state, None), spacing, settings.time, settings.tol)
 
 
-def settled(choice: Choice, settings: Settings) -> Settings:
+def with_choice(choice: Choice, settings: Settings) -> Settings:
     """The settings of a run with this choice; rows are saved at the same times.  Raises `InputError`."""
     every = settings.every
     if choice.steps > MOST_CHOSEN * every:
@@ -281,19 +281,19 @@ def plan_of_times(
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
         )
     settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
-    plan = planned(model, made, settings, _parts(model, state, orientation), "cpu")
+    plan = planned(model, made, settings, _initial_parts(model, state, orientation), "cpu")
     engine = ClosedForm(plan.scheme, plan.first, dt, reach)
     plan.engine = engine
     return plan, engine
 
 
-def _parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
+def _initial_parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
     """The components of the initial state, and the checked orientation if there is one."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     return parts if orientation is None else (*parts, _orientation(orientation, model))
 
 
-def _named(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
+def _parts_by_name(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
     return dict(zip((*model.system.space.letters, ORIENTATION), parts, strict=False))
 
 

@@ -33,7 +33,7 @@ class Progress:
             self._bar, self._task = _bar(self.total)
         if self._bar is not None:
             rate = (self.done - self._before) / (time.perf_counter() - self._begun)
-            self._bar.update(self._task, completed=self.done, rate=f"{_short(rate)} {self._unit}/s")
+            self._bar.update(self._task, completed=self.done, rate=f"{_with_prefix(rate)} {self._unit}/s")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -53,7 +53,7 @@ def _bar(total: int) -> tuple[Any, Any]:
     return bar, bar.add_task("steps", total=total, rate="")
 
 
-def _short(x: float) -> str:
+def _with_prefix(x: float) -> str:
     for unit in ("", "k", "M", "G"):
         if x < 1000:
             return f"{x:.3g} {unit}".rstrip()

@@ -16,7 +16,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rows
-from kreisel.kernels.engines import Marcher
+from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
@@ -33,7 +33,7 @@ from kreisel.runs.settings import (
     flag,
     named,
     observed,
-    positive,
+    positive_number,
     whole_order,
     within,
 )
@@ -68,7 +68,7 @@ def propagator(
     check_model(system)
     flag(orientation, "orientation")
     flag(project, "project")
-    step = 1.0 if dt is None else positive(dt, "dt")
+    step = 1.0 if dt is None else positive_number(dt, "dt")
     made = scheme(system, named(method, "method"), step, whole_order(order), bool(orientation))
     if dt is None and (made.step is not None or made.orbit is None):
         raise InputError(f"method={made.name!r} needs a step dt, got none.")
@@ -95,10 +95,10 @@ class Propagator:
         self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
         self._own_kinds = [kind for _, kind in made.components]
         self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
-        self.size = sum(layout.size(kind, model.n) for kind in self._kinds)
+        self.size = sum(layout.coordinate_count(kind, model.n) for kind in self._kinds)
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
         self._converters: dict[int, tuple[Rows, Rows]] = {}
-        self._at_rest: dict[int, deque[Marcher]] = {}
+        self._at_rest: dict[int, deque[Engine]] = {}
         self._jumps: dict[int, Jumps] = {}
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
@@ -144,7 +144,7 @@ class Propagator:
         self._orbits = known  # the last motion, for further times of it
         return out
 
-    def _rows(self, engine: Marcher, x: Floats, z: Floats, count: int, every: int) -> Floats:
+    def _rows(self, engine: Engine, x: Floats, z: Floats, count: int, every: int) -> Floats:
         rows, rest = divmod(count, every)
         out = np.empty((1 + rows + (rest > 0), *z.shape))
         out[0] = z
@@ -260,7 +260,7 @@ class Propagator:
             return layout.flatten([value], [kind])
         return value if kind or np.ndim(value) > 2 else value[..., None]
 
-    def _begun(self, z: Floats, steps: int) -> Marcher:
+    def _begun(self, z: Floats, steps: int) -> Engine:
         """An engine at the start z: one that is at rest, or a new one."""
         made = self._scheme
         if made.trajectory is not None:
@@ -274,7 +274,7 @@ class Propagator:
     def _plan(self, made: Scheme, z: Floats, steps: int = 1) -> Plan:
         return Plan(self.model, made, self.settings.but(steps=steps), z, True, {})
 
-    def _require_sound(self, engine: Marcher, x: Floats, out: Floats) -> None:
+    def _require_sound(self, engine: Engine, x: Floats, out: Floats) -> None:
         if not _finite(out):
             _require_finite(x)
             raise RunError(
@@ -324,8 +324,8 @@ class Propagator:
 
 
 def _slices(kinds: Sequence[str], n: int) -> list[slice]:
-    ends = np.cumsum([layout.size(kind, n) for kind in kinds]).tolist()
-    return [slice(end - layout.size(kind, n), end) for end, kind in zip(ends, kinds, strict=True)]
+    ends = np.cumsum([layout.coordinate_count(kind, n) for kind in kinds]).tolist()
+    return [slice(end - layout.coordinate_count(kind, n), end) for end, kind in zip(ends, kinds, strict=True)]
 
 
 def _finite(x: Floats) -> bool:

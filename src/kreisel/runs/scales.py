@@ -15,7 +15,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
-from kreisel.runs.drift import KINDS, read
+from kreisel.runs.drift import KINDS, read_values
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import Settings
 from kreisel.storage.reading import order_of
@@ -43,10 +43,10 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
         model = model_of(attrs)
         model = model.lanes(some["lane"].values) if "lane" in run.coords else model
         made = scheme(model, attrs["method"], attrs["dt"], order_of(attrs), ORIENTATION in run)
-        states = {k: read(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
+        states = {k: read_values(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
     except (InputError, KeyError):
         return None
-    width = sum(layout.size(kind, model.n) for _, kind in made.components)
+    width = sum(layout.coordinate_count(kind, model.n) for _, kind in made.components)
     plan = Plan(
         model=model,
         scheme=made,

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model, State
@@ -40,12 +40,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         """The settings that were asked for, each of its type and those that go together.  Raises `InputError`."""
         wanted = {"every": 1, "project": True, **{k: v for k, v in asked.items() if v is not None}}
         dt, steps, every = (
-            positive(wanted.get("dt"), "dt"),
-            whole(wanted.get("steps"), "steps"),
-            whole(wanted["every"], "every"),
+            positive_number(wanted.get("dt"), "dt"),
+            whole_number(wanted.get("steps"), "steps"),
+            whole_number(wanted["every"], "every"),
         )
         flag(wanted["project"], "project")
-        order, tol = _order(wanted.get("order")), wanted.get("tol")
+        order, tol = _checked_order(wanted.get("order")), wanted.get("tol")
         if not math.isfinite(dt * steps):
             raise InputError(f"{steps:,} steps of {dt:g} are out of reach: a finite time was expected.")
         if every > steps:
@@ -72,7 +72,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             tol=tol,
             engine=_known_engine(wanted.get("engine")),
             project=bool(wanted["project"]),
-            observe=_names(wanted.get("observe")),
+            observe=_observed_names(wanted.get("observe")),
         )
 
     @property
@@ -93,7 +93,7 @@ def check_model(model: Any) -> None:
         )
 
 
-def _names(value: Any) -> tuple[str, ...] | None:
+def _observed_names(value: Any) -> tuple[str, ...] | None:
     """Names of what is observed, or None for all.  Raises `InputError`."""
     if value is None:
         return None
@@ -104,12 +104,12 @@ def _names(value: Any) -> tuple[str, ...] | None:
 
 def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
     """The same, of what this method observes.  Raises `InputError`."""
-    names = _names(value)
+    names = _observed_names(value)
     known = [k for k, outcome in made.outcomes.items() if outcome.kind not in ("state", "orientation")]
     for name in names or ():
         if name not in known:
             raise InputError(
-                f"observe: expected some of {', '.join(known)}, got {shown(name)}.{nearest(name, known)} The state is "
+                f"observe: expected some of {', '.join(known)}, got {shown(name)}.{hint(name, known)} The state is "
                 "always there."
             )
     return names
@@ -117,7 +117,7 @@ def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
 
 def _known_engine(name: Any) -> str | None:
     if named(name, "engine") is not None and name not in ENGINES:
-        raise InputError(f"No engine is called {shown(name)}.{nearest(name, ENGINES)} There are: {', '.join(ENGINES)}.")
+        raise InputError(f"No engine is called {shown(name)}.{hint(name, ENGINES)} There are: {', '.join(ENGINES)}.")
     return name
 
 
@@ -137,7 +137,7 @@ def checked_state(model: Model, x0: Any) -> State:
     return model.state(**x0)
 
 
-def positive(value: Any, name: str) -> float:
+def positive_number(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
     try:
         number = float(value)
@@ -158,7 +158,7 @@ def named(value: Any, what: str) -> str | None:
     return value
 
 
-def _order(value: Any) -> Any:
+def _checked_order(value: Any) -> Any:
     """An order, a tuple of them, "auto", or None for the default; whole numbers of NumPy too.  Raises `InputError`."""
     if value is None or isinstance(value, str):
         return value
@@ -178,13 +178,13 @@ def _is_whole(value: Any) -> bool:
 
 def whole_order(value: Any) -> Any:
     """The same where nothing is chosen.  Raises `InputError`."""
-    order = _order(value)
+    order = _checked_order(value)
     if isinstance(order, str):
         raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
     return order
 
 
-def whole(value: Any, name: str) -> int:
+def whole_number(value: Any, name: str) -> int:
     """A number of steps, 1 or more.  Raises `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
         raise InputError(f"{name} must be a whole number, 1 or more, got {shown(value)}.")
@@ -200,7 +200,7 @@ def within(value: Any, name: str, least: int, most: int) -> int:
     return int(value)
 
 
-def number(value: Any, name: str) -> float:
+def finite_number(value: Any, name: str) -> float:
     """A finite number.  Raises `InputError`."""
     try:
         found = float(value) if np.ndim(value) == 0 and not isinstance(value, str | bytes) else math.nan
@@ -213,7 +213,7 @@ def number(value: Any, name: str) -> float:
 
 def within_tolerances(value: Any) -> float:
     """A relative tolerance of an adaptive method.  Raises `InputError`."""
-    tol = number(value, "tol")
+    tol = finite_number(value, "tol")
     if not LEAST_TOLERANCE <= tol <= 1:
         raise InputError(f"tol: expected a relative tolerance from {LEAST_TOLERANCE:g} to 1, got {shown(value)}.")
     return tol

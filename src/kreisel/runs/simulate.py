@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped
 from kreisel.runs.drift import watched
-from kreisel.runs.march import March
+from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.progress import Progress
-from kreisel.runs.settings import flag, whole
+from kreisel.runs.settings import flag, whole_number
 from kreisel.storage.checkpoint import Lock, signals_wait
 from kreisel.storage.replacing import settle
 
@@ -56,7 +56,7 @@ def simulate(
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
     engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
-                 Clebsch; both are chosen by n and method unless told), "cuda" (an NVIDIA GPU, float64) or
+                 Clebsch; both are chosen by n and method unless given), "cuda" (an NVIDIA GPU, float64) or
                  "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
@@ -81,17 +81,17 @@ def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
 
     _check_memory(plan)
     with Progress(plan.steps * plan.lanes, progress) as bar:
-        return in_memory(plan, list(March(plan, bar.advance).blocks()))
+        return in_memory(plan, list(Integration(plan, bar.advance).blocks()))
 
 
 def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:
     from kreisel.storage.archive import Archive
     from kreisel.storage.opening import target
 
-    where, march = target(path), March(plan)  # compiled before anything is made there
+    where, integration = target(path), Integration(plan)  # compiled before anything is made there
     with Lock(where):
         settle(where)
-        return _write(Archive(where, plan, overwrite), march, progress)
+        return _write(Archive(where, plan, overwrite), integration, progress)
 
 
 def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None) -> xr.Dataset:
@@ -113,34 +113,38 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     with Lock(where):
         if settle(where) and extend is None:  # all that was left to do
             return open_archive(where)
-        archive, march = reopen(where, None if extend is None else whole(extend, "extend"))
-        return watched(_write(archive, march, progress))
+        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"))
+        return watched(_write(archive, integration, progress))
 
 
-def _write(archive: Archive, march: March, progress: bool | None) -> xr.Dataset:
-    """March into an archive, with a checkpoint now and then and when the run is told to stop."""
+def _write(archive: Archive, integration: Integration, progress: bool | None) -> xr.Dataset:
+    """Integrate into an archive, with a checkpoint now and then and when the run is asked to stop."""
     from kreisel.storage.opening import open_archive
 
-    plan, last, kept = march.plan, -math.inf, march.steps
+    plan, last, kept = integration.plan, -math.inf, integration.steps
 
     def between() -> None:
         nonlocal last, kept
         due = time.monotonic() - last > CHECKPOINT_SECONDS or stop.signal is not None
-        closing = march.rows == plan.steps // plan.every + 1  # what a longer run would have is there
-        written = march.filled == 0  # a block was just written
-        if march.into == 0 if closing else march.regular and (due or written):
-            archive.checkpoint(march.snapshot())
-            last, kept = time.monotonic(), march.steps
+        closing = integration.rows == plan.steps // plan.every + 1  # what a longer run would have is there
+        written = integration.filled == 0  # a block was just written
+        if integration.into == 0 if closing else integration.regular and (due or written):
+            archive.checkpoint(integration.snapshot())
+            last, kept = time.monotonic(), integration.steps
         obey()
 
     def obey() -> None:
         if stop.signal is not None:
             raise Stopped(stop.signal, kept, archive.part)
 
-    with signals_wait() as stop, archive, Progress(plan.steps * plan.lanes, progress, march.steps * plan.lanes) as bar:
-        march.tick, march.inside = bar.advance, obey
-        for block in march.blocks(between):
-            archive.append(block, march.flushed)
+    with (
+        signals_wait() as stop,
+        archive,
+        Progress(plan.steps * plan.lanes, progress, integration.steps * plan.lanes) as bar,
+    ):
+        integration.tick, integration.inside = bar.advance, obey
+        for block in integration.blocks(between):
+            archive.append(block, integration.flushed)
         archive.finish()
     return open_archive(archive.path)
 

@@ -31,10 +31,17 @@ from kreisel.runs.describing import (
     saved_times,
     versions,
 )
-from kreisel.runs.march import March, Snapshot, block_rows, chunk_rows
+from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.opening import _checkpoint, _march, _plan, _require_arrays, read_attributes, require_sound
+from kreisel.storage.opening import (
+    _checkpoint,
+    _integration,
+    _plan_of_run,
+    _require_arrays,
+    archive_attributes,
+    require_sound,
+)
 from kreisel.storage.replacing import (
     agree,
     agreed,
@@ -67,8 +74,8 @@ class Archive:
         with self._disk("be opened again" if self._begun else "be created"):
             if not self._begun:
                 self._make_room()
-                told = {**describe(self.plan), "complete": False}
-                group = zarr.create_group(str(self.part), zarr_format=3, attributes=told)
+                attrs = {**describe(self.plan), "complete": False}
+                group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
                 group.create_group(checkpoint.NAME.split("/")[0])
                 if self._overwrite:
                     agree(self.path)
@@ -197,11 +204,11 @@ class Archive:
                 remove(self.part)
 
 
-def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
+def reopen(path: Path, extend: int | None) -> tuple[Archive, Integration]:
     """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
     part = part_of(path)
     store = part if stands(part) else path
-    attrs = read_attributes(store)
+    attrs = archive_attributes(store)
     require_sound(store)
     if store == part and stands(path) and not agreed(path):
         raise InputError(f"{path} stands where {part} is to go, and was not to be replaced. Move one of them away.")
@@ -211,10 +218,10 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
     if extend is not None and extend < attrs["steps"]:
         raise InputError(f"{path} has {attrs['steps']:,} steps: expected more for --extend, got {extend:,}.")
     snapshot, start, known = _checkpoint(store, attrs)
-    plan = _plan(attrs, start, steps)
+    plan = _plan_of_run(attrs, start, steps)
     block = attrs["rows_in_block"] if snapshot.flushed else block_rows(plan)
-    march = _march(plan, block)
-    march.restore(snapshot)
+    integration = _integration(plan, block)
+    integration.restore(snapshot)
     if snapshot.flushed:
         _require_arrays(store, plan, attrs, known)
     archive = Archive(path, plan, begun=True, rows_in_block=block)
@@ -222,7 +229,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, March]:
         if store == path:
             os.replace(path, part)
         _continue(part, plan, snapshot, block)
-    return archive, march
+    return archive, integration
 
 
 def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:

@@ -18,12 +18,12 @@ from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.opening import (
     MOST_INDEXED,
+    archive_attributes,
     is_cut,
     is_sweep,
     open_archive,
     opened,
     ordered,
-    read_attributes,
     require_sound,
     too_large,
 )
@@ -50,7 +50,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     path = settled(path)
     if is_sweep(path):
         return check_sweep(path)
-    attrs = read_attributes(path)
+    attrs = archive_attributes(path)
     require_sound(path)
     cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, attrs) else []
     try:
@@ -67,7 +67,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         where = f" in rows {first} to {last}" if "time" in run[name].dims else ""
         faults.append(f"{name} cannot be read{where}: {why}")
     run = run.drop_vars({name for name, _ in damaged})
-    faults += [] if faults else _numbers(run)
+    faults += [] if faults else _number_faults(run)
     few = "time" in run.coords and run.sizes["time"] <= MOST_INDEXED
     return (run.set_xindex("time") if few and "time" not in run.xindexes else run), [*cut, *faults]
 
@@ -75,18 +75,18 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 def _unreadable(path: Path) -> list[str]:
     """What is wrong with the files of an archive that cannot be opened, apart from the first of them."""
     known = manifest.listed(path)
-    return [told for _, told in manifest.faults(path, known)] if known else []
+    return [message for _, message in manifest.faults(path, known)] if known else []
 
 
 def _file_faults(path: Path, attrs: Mapping[str, Any], known: manifest.Listed) -> list[str]:
     """What is wrong with files that are no chunks; an interrupted run may have some that are not listed yet."""
     found = manifest.faults(path, known)
     if not is_cut(path, attrs):
-        return [told for _, told in found]
+        return [message for _, message in found]
     flushed = checkpoint.read(path)[0].flushed
     return [
-        told
-        for name, told in found
+        message
+        for name, message in found
         if not (
             name == checkpoint.NAME
             or manifest.is_scratch(name)
@@ -109,8 +109,8 @@ def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         require_sound(path)
         return None, _unreadable(path) or [str(error)]
     faults = [
-        told
-        for name, told in manifest.faults(path, known)
+        message
+        for name, message in manifest.faults(path, known)
         if attrs["complete"] or not (manifest.is_chunk(name) or manifest.is_scratch(name))
     ]
     faults += too_large(run)
@@ -194,7 +194,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
     require_replaceable(out)
-    attrs = read_attributes(path)
+    attrs = archive_attributes(path)
     require_sound(path)
     known = manifest.read(path) if manifest.begun(path) else None
     run = open_archive(path, indexed=False) if is_cut(path, attrs) else ordered(opened(path, known))
@@ -209,8 +209,8 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
     whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
-    told = "" if known else ", not compared with any checksum"
-    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{told}")
+    note = "" if known else ", not compared with any checksum"
+    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         whole.to_zarr(out, zarr_format=3)
@@ -218,7 +218,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     return int(keep.sum()), rows
 
 
-def _numbers(run: xr.Dataset) -> list[str]:
+def _number_faults(run: xr.Dataset) -> list[str]:
     """Whether the numbers are finite, the times those of the steps, the integrals those of the states; block by block.
 
     And whether some rows follow from the row before.

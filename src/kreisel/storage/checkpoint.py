@@ -28,7 +28,7 @@ import numpy as np
 
 from kreisel.errors import InputError, disk_trouble
 from kreisel.kernels.layout import Floats
-from kreisel.runs.march import Snapshot
+from kreisel.runs.integration import Snapshot
 from kreisel.storage.manifest import replace_file
 from kreisel.storage.reading import parsed
 
@@ -37,11 +37,11 @@ NAME = "engine/checkpoint.npz"  # in a group of its own, where Zarr does not loo
 
 def hash_of_start(start: Mapping[str, Floats]) -> str:
     """SHA-256 of the initial state, which binds a checkpoint to the attributes of its run."""
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, value in sorted(start.items()):
         array = np.ascontiguousarray(value, dtype="<f8")
-        told.update(f"{name} {array.shape} ".encode() + array.tobytes())
-    return told.hexdigest()
+        digest.update(f"{name} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def write(store: Path, snapshot: Snapshot, start: Mapping[str, Floats]) -> None:
@@ -121,15 +121,15 @@ class Lock:
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            told = _told(self._handle)
+            text = _lock_text(self._handle)
             os.close(self._handle)
             raise InputError(
-                f"{self.archive} is being written by {_owner(told)}. Wait for it, stop it, or choose another path."
+                f"{self.archive} is being written by {_owner(text)}. Wait for it, stop it, or choose another path."
             ) from None
         if not self._is_ours():  # unlinked by the writer before, between our open and our lock
             os.close(self._handle)
             return self.__enter__()
-        if not stat.S_ISREG(os.fstat(self._handle).st_mode) or not _is_lock(_told(self._handle)):
+        if not stat.S_ISREG(os.fstat(self._handle).st_mode) or not _is_lock(_lock_text(self._handle)):
             os.close(self._handle)
             raise InputError(f"{self.path} is no lock of Kreisel and is left as it is. {LOCK_REMEDY}")
         os.ftruncate(self._handle, 0)
@@ -151,7 +151,7 @@ class Lock:
 LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
 
 
-def _told(handle: int) -> str:
+def _lock_text(handle: int) -> str:
     """What a file says, as far as it can be read."""
     try:
         return os.pread(handle, 4096, 0).decode(errors="replace")
@@ -159,24 +159,24 @@ def _told(handle: int) -> str:
         return ""
 
 
-def _is_lock(told: str) -> bool:
+def _is_lock(text: str) -> bool:
     """Whether a file that nobody holds is a lock that a kill left, and no file of somebody else."""
     try:
-        return not told or set(json.loads(told)) == {"host", "pid"}
+        return not text or set(json.loads(text)) == {"host", "pid"}
     except (ValueError, TypeError, RecursionError):
         return False
 
 
-def _owner(told: str) -> str:
+def _owner(text: str) -> str:
     try:
-        data = parsed(told, "The lock")
+        data = parsed(text, "The lock")
         return f"process {data['pid']} on host {data['host']}"
     except (ValueError, KeyError, TypeError):
         return "another process"
 
 
 class Stop:
-    """Whether Ctrl-C or SIGTERM came; `signal` is its number."""
+    """Whether Ctrl-C or SIGTERM was received; `signal` is its number."""
 
     signal: int | None = None
 

@@ -33,20 +33,22 @@ class _Continued(BackendArray):
             low, high = rows[:split], rows[split:]
             mine = slice(low.start, low.stop, low.step), slice(high.start - border, high.stop - border, high.step)
             pieces = [(rows[:split], self.before, mine[0]), (rows[split:], self.after, mine[1])]
-            return np.concatenate([_read(part, at, rest) for some, part, at in pieces if some] or [self._none(rest)])
+            return np.concatenate(
+                [_read_rows(part, at, rest) for some, part, at in pieces if some] or [self._none(rest)]
+            )
         places = np.atleast_1d(first)
         late = places >= border
         out = np.empty((len(places), *self._none(rest).shape[1:]), dtype=self.dtype)
         for which, part, start in ((~late, self.before, 0), (late, self.after, border)):
             if which.any():
-                out[which] = _read(part, places[which] - start, rest)
+                out[which] = _read_rows(part, places[which] - start, rest)
         return out if np.ndim(first) else out[0]
 
     def _none(self, rest: list[Any]) -> Array:
-        return _read(self.after, slice(0, 0), rest)
+        return _read_rows(self.after, slice(0, 0), rest)
 
 
-def _read(part: Variable, rows: Any, rest: list[Any]) -> Array:
+def _read_rows(part: Variable, rows: Any, rest: list[Any]) -> Array:
     return np.asarray(part[(rows, *rest)].values)
 
 

@@ -79,7 +79,7 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
         )
     with h5netcdf.File(out, "w") as file:
         file.dimensions = {str(k): v for k, v in run.sizes.items()}
-        file.attrs.update({str(k): _plain(v) for k, v in run.attrs.items()})
+        file.attrs.update({str(k): _netcdf_value(v) for k, v in run.attrs.items()})
         for name, variable in run.variables.items():
             packed = variable.ndim and variable.size
             made = file.create_variable(
@@ -88,13 +88,13 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
                 {"b": np.dtype("i1"), "U": TEXT}.get(variable.dtype.kind, variable.dtype),
                 **({"chunks": _chunks(variable), "compression": "gzip", "shuffle": True} if packed else {}),
             )
-            made.attrs.update({str(k): _plain(v) for k, v in variable.attrs.items()})
-            for part in _parts(variable):
+            made.attrs.update({str(k): _netcdf_value(v) for k, v in variable.attrs.items()})
+            for part in _slabs(variable):
                 values = variable[part].values
                 made[part] = values.astype(object) if values.dtype.kind == "U" else values
 
 
-def _plain(value: Any) -> Any:
+def _netcdf_value(value: Any) -> Any:
     """NetCDF has text, numbers and arrays of numbers; truth values become 1 and 0, anything else JSON."""
     if isinstance(value, str):
         return value.encode(errors="backslashreplace").decode().replace("\0", "\\x00")
@@ -119,7 +119,7 @@ def _chunks(variable: xr.Variable) -> tuple[int, ...]:
     return (min(variable.shape[0], max(1, NUMBERS_AT_ONCE // 8 // rest)), *variable.shape[1:]) if variable.ndim else ()
 
 
-def _parts(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
+def _slabs(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
     """Slices along the first axis, of about a million numbers."""
     if not variable.ndim:
         yield ()
@@ -136,12 +136,12 @@ def _parquet(run: xr.Dataset, out: Path) -> None:
     lead = next((d for d in ROWS if run.sizes.get(d)), "")
     width = run.sizes.get(lead, 1)
     step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
-    told = {b"kreisel": json.dumps({str(k): json.loads(_json(v)) for k, v in run.attrs.items()}).encode()}
+    metadata = {b"kreisel": json.dumps({str(k): json.loads(_json(v)) for k, v in run.attrs.items()}).encode()}
     writer = None
     try:
         for first in range(0, max(width, 1), step):
             block = run.isel({lead: slice(first, first + step)}) if lead else run
-            table = pa.table(dict(_columns(block.load()))).replace_schema_metadata(told)
+            table = pa.table(dict(_columns(block.load()))).replace_schema_metadata(metadata)
             writer = writer or pq.ParquetWriter(out, table.schema)
             writer.write_table(table)
     finally:

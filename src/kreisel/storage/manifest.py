@@ -69,12 +69,12 @@ def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
         raise
 
 
-def text(pairs: Iterable[tuple[str, str]]) -> bytes:
+def manifest_text(pairs: Iterable[tuple[str, str]]) -> bytes:
     """The lines of files and their SHA-256."""
-    return "".join(f"{told}  {name}\n" for name, told in sorted(pairs)).encode()
+    return "".join(f"{digest}  {name}\n" for name, digest in sorted(pairs)).encode()
 
 
-def _read(path: Path) -> Iterator[tuple[str, str]]:
+def _read_lines(path: Path) -> Iterator[tuple[str, str]]:
     """Name and SHA-256 of each line.  Raises `InputError` for what is no manifest."""
     try:
         if not stat.S_ISREG(os.lstat(path).st_mode) or path.stat().st_size > LARGEST:
@@ -94,9 +94,9 @@ def listed(store: Path) -> Listed:
     found: dict[str, set[str]] = {}
     for path in files(store):
         with contextlib.suppress(InputError):
-            for name, told in _read(path):
-                found.setdefault(name, set()).add(told)
-    return {name: frozenset(told) for name, told in found.items()}
+            for name, digest in _read_lines(path):
+                found.setdefault(name, set()).add(digest)
+    return {name: frozenset(digests) for name, digests in found.items()}
 
 
 def read(store: Path) -> Listed:
@@ -105,7 +105,7 @@ def read(store: Path) -> Listed:
     if not there:
         raise InputError(f"{store} is damaged: {NAME} is missing.")
     for path in there:
-        for _ in _read(path):
+        for _ in _read_lines(path):
             pass
     return listed(store)
 
@@ -128,7 +128,7 @@ def blocks_done(store: Path) -> set[int]:
 def begin(store: Path) -> None:
     """List the metadata of a store as they are now."""
     (store / BLOCKS).mkdir(parents=True, exist_ok=True)
-    replace_file(store / METADATA, text((name, digest(store / name)) for name in metadata_files(store)))
+    replace_file(store / METADATA, manifest_text((name, digest(store / name)) for name in metadata_files(store)))
 
 
 def begun(store: Path) -> bool:
@@ -138,7 +138,7 @@ def begun(store: Path) -> bool:
 
 def add_block(store: Path, block: int | str, names: Iterable[str], durable: bool = False) -> None:
     """Say that these files of a block are written."""
-    lines = text((name, digest(store / name)) for name in names)
+    lines = manifest_text((name, digest(store / name)) for name in names)
     replace_file(store / BLOCKS / f"{block}.sha256", lines, durable)
 
 
@@ -152,11 +152,11 @@ def seal(store: Path, others: Iterable[str]) -> None:
 
     Raises `FileNotFoundError` where a chunk that was written is gone.
     """
-    chunks = [(name, told) for name, (told, *_) in listed(store).items() if is_chunk(name)]
+    chunks = [(name, known) for name, (known, *_) in listed(store).items() if is_chunk(name)]
     for name, _ in chunks:
         os.stat(store / name)
     rest = [(name, digest(store / name)) for name in (*metadata_files(store), *others)]
-    replace_file(store / NAME, text((*chunks, *rest)))
+    replace_file(store / NAME, manifest_text((*chunks, *rest)))
     clear(store)
 
 
@@ -176,11 +176,11 @@ def clear(store: Path) -> None:
 def unseal(store: Path, keep: int) -> None:
     """Back to files of blocks, of a store that goes on after its first `keep` blocks; of later ones nothing is left."""
     known = listed(store)
-    kept = [(n, t) for n, told in known.items() for t in told if is_chunk(n) and _block_of(n) < keep]
-    metadata = [(n, t) for n, told in known.items() for t in told if n.endswith("zarr.json")]
+    kept = [(n, t) for n, digests in known.items() for t in digests if is_chunk(n) and _block_of(n) < keep]
+    metadata = [(n, t) for n, digests in known.items() for t in digests if n.endswith("zarr.json")]
     (store / BLOCKS).mkdir(exist_ok=True)
-    replace_file(store / BEFORE, text(kept))
-    replace_file(store / METADATA, text(metadata))
+    replace_file(store / BEFORE, manifest_text(kept))
+    replace_file(store / METADATA, manifest_text(metadata))
     with contextlib.suppress(FileNotFoundError):
         (store / NAME).unlink()
     for path in files(store):
@@ -198,7 +198,7 @@ def of_all(store: Path) -> None:
     """Write the manifest of a store that is whole, of all that is in it."""
     names = [Path(folder, name).relative_to(store).as_posix() for folder, _, some in os.walk(store) for name in some]
     (store / NAME).parent.mkdir(exist_ok=True)
-    replace_file(store / NAME, text((name, digest(store / name)) for name in names))
+    replace_file(store / NAME, manifest_text((name, digest(store / name)) for name in names))
 
 
 def faults(store: Path, known: Listed) -> list[tuple[str, str]]:

@@ -36,7 +36,7 @@ from kreisel.runs.describing import (
     model_of,
     saved_times,
 )
-from kreisel.runs.march import March, Snapshot
+from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.settings import Settings
 from kreisel.storage import checkpoint
@@ -89,12 +89,12 @@ def _node(folder: Path) -> dict[str, Any]:
             raise InputError(f"{folder} is damaged: its zarr.json is no plain file.")
         if size > LARGEST_METADATA:
             raise InputError(f"{folder} is damaged: its zarr.json has {size:,} bytes.")
-        told = parsed(path.read_bytes(), str(path))
+        metadata = parsed(path.read_bytes(), str(path))
     except OSError as error:
         raise InputError(f"{folder} cannot be read as a Zarr archive: {error}") from error
-    if not isinstance(told, dict):
-        raise InputError(f"{path} is damaged: expected an object, got {str(told)[:80]}.")
-    return told
+    if not isinstance(metadata, dict):
+        raise InputError(f"{path} is damaged: expected an object, got {str(metadata)[:80]}.")
+    return metadata
 
 
 def require_sound(store: Path) -> None:
@@ -124,8 +124,8 @@ def require_sound(store: Path) -> None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 if kind == "array":
-                    told = zarr.open_array(folder, mode="r", zarr_format=3).metadata
-                    axes = getattr(told, "dimension_names", None) or ()
+                    metadata = zarr.open_array(folder, mode="r", zarr_format=3).metadata
+                    axes = getattr(metadata, "dimension_names", None) or ()
                 else:
                     zarr.open_group(folder, mode="r", zarr_format=3, use_consolidated=False)
         except Exception as error:  # whatever damaged metadata make the library raise
@@ -151,7 +151,7 @@ def is_sweep(store: Path) -> bool:
     return "kreisel_sweep" in metadata(store)
 
 
-def read_attributes(store: Path) -> dict[str, Any]:
+def archive_attributes(store: Path) -> dict[str, Any]:
     """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
     attrs = metadata(store)
     if "kreisel_sweep" in attrs:
@@ -162,8 +162,8 @@ def read_attributes(store: Path) -> dict[str, Any]:
     wrong = [key for key, kind in NEEDED.items() if key not in missing and not isinstance(attrs[key], kind)]
     wrong += [key for key in ("steps", "every", "n", "rows_in_block") if key not in missing + wrong and attrs[key] < 1]
     if missing or wrong:
-        told = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
-        raise InputError(f"{store} is damaged: its attributes {told}. Make it again from its TOML file.")
+        fault = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
+        raise InputError(f"{store} is damaged: its attributes {fault}. Make it again from its TOML file.")
     return attrs
 
 
@@ -173,7 +173,7 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
     With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
     `InputError` for what is not a Kreisel archive, and for one that is damaged, here or when the damage is read.
     """
-    attrs = read_attributes(path)
+    attrs = archive_attributes(path)
     require_sound(path)
     run = _until_checkpoint(path, attrs) if is_cut(path, attrs) else opened(path, manifest.read(path), True)
     for name, variable in run.data_vars.items():
@@ -193,7 +193,7 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
 
 def ordered(run: xr.Dataset) -> xr.Dataset:
     """States first, then the orientation, Casimirs and integrals."""
-    return run[sorted(run.data_vars, key=lambda name: (_place(run[name]), str(name)))]
+    return run[sorted(run.data_vars, key=lambda name: (_place_in_run(run[name]), str(name)))]
 
 
 def is_cut(store: Path, attrs: Mapping[str, Any]) -> bool:
@@ -217,7 +217,7 @@ def opened(path: Path, known: manifest.Listed | None, every_array: bool = False)
         store = Verified(path, known)
         for name in manifest.metadata_files(path) + [n for n in known if every_array and n.endswith("zarr.json")]:
             store.verify(name)
-    lengths = _lengths(path)
+    lengths = _array_lengths(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -231,12 +231,12 @@ def opened(path: Path, known: manifest.Listed | None, every_array: bool = False)
     return xr.merge([part.isel(time=slice(0, min(lengths.values()))) for part in parts], combine_attrs="override")
 
 
-def _lengths(store: Path) -> dict[str, int]:
+def _array_lengths(store: Path) -> dict[str, int]:
     """The rows of each array; a kill may leave a run that is being lengthened with some of the new length."""
     found = {}
     for path in store.glob("*/zarr.json"):
-        told = _node(path.parent)
-        dims, shape = told.get("dimension_names"), told.get("shape")
+        metadata = _node(path.parent)
+        dims, shape = metadata.get("dimension_names"), metadata.get("shape")
         if isinstance(dims, list) and isinstance(shape, list) and dims[:1] == ["time"] and shape:
             found[path.parent.name] = shape[0] if isinstance(shape[0], int) else 0
     return found
@@ -255,8 +255,8 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
     whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)
     if len(snapshot.rows) == 0 or is_own(attrs):
         return whole.assign_attrs(attrs)
-    plan = _plan(attrs, start, attrs["steps"])
-    _march(plan, attrs["rows_in_block"]).restore(snapshot)  # which looks at it
+    plan = _plan_of_run(attrs, start, attrs["steps"])
+    _integration(plan, attrs["rows_in_block"]).restore(snapshot)  # which looks at it
     times = saved_times(plan, first, first + len(snapshot.rows))
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
     if not first:
@@ -271,7 +271,7 @@ def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
     return xr.Dataset(joined, xr.Coordinates(coords, indexes={}), attrs)
 
 
-def _place(variable: xr.DataArray) -> int:
+def _place_in_run(variable: xr.DataArray) -> int:
     """States first, then the orientation, Casimirs, integrals, and what a user has added."""
     order, kind = ("state", "orientation", *KINDS), variable.attrs.get("kind")
     return order.index(kind) if kind in order else len(order)
@@ -290,10 +290,10 @@ def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[s
     return snapshot, start, known
 
 
-def _march(plan: Plan, rows_in_block: int) -> March:
+def _integration(plan: Plan, rows_in_block: int) -> Integration:
     if rows_in_block * plan.first.nbytes > LARGEST_CHUNK:
         raise InputError(f"The attribute rows_in_block = {rows_in_block:,} is damaged: no run has such blocks.")
-    return March(plan, rows_in_block=rows_in_block)
+    return Integration(plan, rows_in_block=rows_in_block)
 
 
 def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: manifest.Listed) -> None:
@@ -317,7 +317,7 @@ READING: dict[str, Any] = {
 }
 
 
-def _plan(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
+def _plan_of_run(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
     """The plan of a run from its attributes and its start."""
     asked = Settings.checked(
         dt=attrs["dt"],

@@ -90,10 +90,10 @@ def an_object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
             f"expected the attributes of a run, got no text {name}. Usual cause: a sweep, whose lanes are no runs, "
             "or an operation of xarray, which drops attributes."
         )
-    told = parsed(attrs[name], f"The attribute {name}")
-    if not isinstance(told, dict):
+    value = parsed(attrs[name], f"The attribute {name}")
+    if not isinstance(value, dict):
         raise InputError(f"The attribute {name} is damaged: expected an object, got {attrs[name][:80]!r}.")
-    return told
+    return value
 
 
 def order_of(attrs: Mapping[str, Any]) -> int | tuple[int, ...] | None:

@@ -12,7 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.describing import is_own, model_of, versions
-from kreisel.runs.march import March
+from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.settings import Settings
 from kreisel.storage.reading import order_of, parsed
@@ -47,8 +47,8 @@ def steps_again(run: xr.Dataset) -> list[str]:
             continue  # a state at the edge of what the method takes
         for name in names:
             value = saved[name].values[1]
-            off = _apart(here[name], value, name)
-            feels = _apart(here[name], nudged[name], name)
+            off = _difference_of_rows(here[name], value, name)
+            feels = _difference_of_rows(here[name], nudged[name], name)
             size = abs(value).max()
             if off > (LOOSE if attrs["method"] == "dop853" else CLOSE) * size + feels / 100:
                 return [f"{name} of row {row + 1} does not follow from row {row}: it is off by {off:.2g}"]
@@ -57,13 +57,13 @@ def steps_again(run: xr.Dataset) -> list[str]:
 
 def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, nudge: float) -> dict[str, Array]:
     """The row after the first of `saved`, from a start that is changed by `nudge`, relative."""
-    plan = _plan(attrs, saved, steps)
+    plan = _plan_from_row(attrs, saved, steps)
     plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
-    *_, last = March(plan).blocks()
+    *_, last = Integration(plan).blocks()
     return {name: value[-1] for name, value in last.items()}
 
 
-def _plan(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
+def _plan_from_row(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
     start = saved.isel(time=0)
     model = model_of(attrs)
     asked = Settings(
@@ -79,7 +79,7 @@ def _plan(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
     return plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)
 
 
-def _apart(one: Array, two: Array, name: str) -> float:
+def _difference_of_rows(one: Array, two: Array, name: str) -> float:
     """The largest difference; q and -q are the same orientation."""
     apart = abs(one - two)
     if name == ORIENTATION and one.shape[-1] == 4:
@@ -93,10 +93,10 @@ def lanes_again(run: xr.Dataset) -> list[str]:
     Nothing for a system of the user's own, whose file an archive does not hold, and for lanes that take too long.
     """
     attrs = run.attrs
-    told = parsed(attrs["sweep"], "The attribute sweep")
-    if "file" in told or json.loads(attrs["versions"]) != versions() or "resumed" in attrs:
+    spec = parsed(attrs["sweep"], "The attribute sweep")
+    if "file" in spec or json.loads(attrs["versions"]) != versions() or "resumed" in attrs:
         return []
-    sweep = Sweep(told)
+    sweep = Sweep(spec)
     arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}
     for lane in np.unique(np.linspace(0, attrs["lanes"] - 1, SAMPLES).astype(int)).tolist():
         values = sweep.lanes.values(lane, lane + 1)

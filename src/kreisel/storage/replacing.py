@@ -169,7 +169,7 @@ def take_name(path: Path) -> None:
     """
     part, old = part_of(path), replaced(path)
     if stands(path):
-        why = why_not(path) if agreed(path) else "came to stand there during the run"
+        why = why_not(path) if agreed(path) else "was made there by somebody else during the run"
         if why is not None:
             raise RunError(
                 f"{path} is left as it is: it {why}. The run is whole and kept in {part}. Move {path} away, then "

@@ -54,21 +54,21 @@ class Verified(LocalStore):
 
     def verify(self, key: str) -> None:
         """Compare a file with the manifest, once for as long as it stays as it is."""
-        path, told = self.root / key, self._known.get(key)
+        path, digests = self.root / key, self._known.get(key)
         try:
             here = os.lstat(path)
-            if told is None:
+            if digests is None:
                 raise damaged(self.root, f"{key} was added after the run")
             if not stat.S_ISREG(here.st_mode):
                 raise damaged(self.root, f"{key} is no plain file")
             mark = (here.st_ino, here.st_size, here.st_mtime_ns)
             if self._seen.get(key) == mark:
                 return
-            if manifest.digest(path) not in told:
+            if manifest.digest(path) not in digests:
                 raise damaged(self.root, f"{key} was changed after the run")
             self._seen[key] = mark
         except (FileNotFoundError, NotADirectoryError):
-            if told is not None or manifest.is_chunk(key):
+            if digests is not None or manifest.is_chunk(key):
                 raise damaged(self.root, f"{key} is missing") from None
         except OSError as error:
             raise InputError(f"{self.root} cannot be read: {key}: {error.strerror}.") from error
@@ -102,8 +102,8 @@ def edited(store: Path) -> Iterator[Any]:
     yield zarr.open_group(memory, mode="r+", zarr_format=3, use_consolidated=False)
     after = {name: data.to_bytes() for name, data in memory._store_dict.items()}
     changed = {name: data for name, data in after.items() if before.get(name) != data}
-    both = [(name, hashlib.sha256(data).hexdigest()) for told in (before, changed) for name, data in told.items()]
-    manifest.replace_file(store / manifest.METADATA, manifest.text(both))
+    both = [(name, hashlib.sha256(data).hexdigest()) for files in (before, changed) for name, data in files.items()]
+    manifest.replace_file(store / manifest.METADATA, manifest.manifest_text(both))
     for name, data in changed.items():
         manifest.replace_file(store / name, data)
 
@@ -113,6 +113,6 @@ def consolidated(store: Path, of_variables: Mapping[str, Mapping[str, Any]] | No
     with edited(store) as group, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Zarr calls this list not yet a standard
         group.attrs.update(attributes)
-        for name, told in (of_variables or {}).items():
-            group[name].attrs.update(told)
+        for name, attrs in (of_variables or {}).items():
+            group[name].attrs.update(attrs)
         zarr.consolidate_metadata(group.store)

@@ -25,13 +25,13 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.auto import Choice
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.runs.march import March
-from kreisel.runs.own import load
-from kreisel.runs.plan import Plan, choices, plan_of, settled
+from kreisel.runs.integration import Integration
+from kreisel.runs.own import load_system
+from kreisel.runs.plan import Plan, choices, plan_of, with_choice
 from kreisel.runs.settings import Settings
 from kreisel.storage import manifest
 from kreisel.storage.reading import parsed
-from kreisel.sweeps.design import Lanes, Quantity
+from kreisel.sweeps.design import Lanes, Varied
 from kreisel.sweeps.summaries import SUMMARIES, Summary
 
 TRAJECTORIES = "trajectories"
@@ -48,11 +48,11 @@ class Sweep:
     """
 
     def __init__(self, description: Mapping[str, Any], file: Path | None = None):
-        self.description, told = description, description["sweep"]
+        self.description, spec = description, description["sweep"]
         base = dict(description["system"])
-        self.system: System = load(base.pop("name"), file)
-        self.lanes = Lanes({**description, "system": base}, told)
-        self.save: tuple[str, ...] = tuple(told["save"])
+        self.system: System = load_system(base.pop("name"), file)
+        self.lanes = Lanes({**description, "system": base}, spec)
+        self.save: tuple[str, ...] = tuple(spec["save"])
         self._kinds = {p.letter: p.kind for p in self.system.parameters}
         self._kinds_of_state = dict(self.system.space.components)
 
@@ -69,7 +69,7 @@ class Sweep:
         """
         model, start, orientation, settings = self._asked(sections, ids, varied)
         if choice is not None:
-            settings = settled(choice, settings)
+            settings = with_choice(choice, settings)
         plan = plan_of(model, model.state(**start), settings, orientation)
         if plan.lanes != len(ids):
             raise InputError(
@@ -127,10 +127,10 @@ class Sweep:
     @property
     def automatic(self) -> bool:
         """Whether order="auto" occurs."""
-        told = [np.atleast_1d(v) for q, v in self.lanes.tables.items() if q.name == "run.order"]
-        return "auto" in (np.concatenate(told) if told else [self.lanes.base["run"].get("order")])
+        orders = [np.atleast_1d(v) for q, v in self.lanes.tables.items() if q.name == "run.order"]
+        return "auto" in (np.concatenate(orders) if orders else [self.lanes.base["run"].get("order")])
 
-    def groups(self, values: Mapping[Quantity, Array], count: int) -> list[Array]:
+    def groups(self, values: Mapping[Varied, Array], count: int) -> list[Array]:
         """Lanes that can be stepped together: those whose run settings are the same."""
         apart = [
             v
@@ -184,7 +184,7 @@ class Sweep:
             SUMMARIES[kind](plan.outcomes, regular, plan.dt * plan.every) for kind in self.save if kind in SUMMARIES
         ]
         whole: dict[str, list[Array]] = {}
-        for block in March(plan, faults=failed).blocks():
+        for block in Integration(plan, faults=failed).blocks():
             for summary in summaries:
                 summary.add(block)
             if TRAJECTORIES in self.save:
@@ -195,8 +195,8 @@ class Sweep:
             out |= summary.result()
         options = plan.scheme.options or {}
         if "order" in options:
-            told = (options["order"], plan.dt)
-            out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, told, strict=True)}
+            chosen = (options["order"], plan.dt)
+            out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, chosen, strict=True)}
         for value in out.values():
             value[list(failed)] = np.nan
         return out | {name: np.concatenate(values) for name, values in whole.items()}, failed
@@ -230,13 +230,13 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
     begun = time.perf_counter()
     store = Path(part)
     try:
-        sweep, group, width = _opened(part, file, digest)
+        sweep, group, width = _opened_sweep(part, file, digest)
         first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
         lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
         out = results_of(sweep, group, lane_axis, first, stop)
         _require_there(store)
         for name, value in out.items():
-            _write(group[name], value, lane_axis[name], first, stop)
+            _write_slice(group[name], value, lane_axis[name], first, stop)
         names = [_chunk(name, array, lane_axis[name], block) for name, array in group.items()]
         _sync(store, names)
         _require_there(store)
@@ -273,7 +273,7 @@ def results_of(
 
 
 @lru_cache(4)
-def _opened(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, Any], int]:
+def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, Any], int]:
     """The sweep of a store, its arrays of lanes, and how many lanes a block has."""
     import zarr
 
@@ -307,7 +307,7 @@ def _messages(faults: Mapping[int, str], lanes: int) -> Array:
     return out
 
 
-def _write(array: Any, value: Array | Floats, axis: int, first: int, stop: int) -> None:
+def _write_slice(array: Any, value: Array | Floats, axis: int, first: int, stop: int) -> None:
     array[(*(slice(None),) * axis, slice(first, stop))] = value
 
 
@@ -334,8 +334,8 @@ def _sync(store: Path, names: list[str]) -> None:
             os.close(handle)
 
 
-def failures(run: Any) -> Iterator[tuple[int, str]]:
+def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:
     """Lane and message of each lane that failed."""
     for lane in np.flatnonzero(run["failed"].values == FAILED).tolist():
-        told = bytes(run["message"][lane].values.tolist()).rstrip(b"\0")
-        yield lane, told.decode(errors="replace")
+        message = bytes(run["message"][lane].values.tolist()).rstrip(b"\0")
+        yield lane, message.decode(errors="replace")

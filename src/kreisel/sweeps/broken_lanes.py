@@ -14,8 +14,8 @@ import numpy as np
 
 from kreisel.errors import ConservationWarning, InputError
 from kreisel.kernels.layout import Floats
-from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, MACHINE_EPSILON, far, lane_scales, read
-from kreisel.runs.march import March
+from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, MACHINE_EPSILON, far, lane_scales, read_values
+from kreisel.runs.integration import Integration
 from kreisel.storage.reading import parsed
 from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep
 
@@ -40,29 +40,31 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
         sweep = Sweep(parsed(result.attrs["sweep"], "The attribute sweep"), file)
     except (InputError, KeyError):
         return []
-    score = np.where(read(result["failed"]) == COMPUTED, np.max([_score(*pair) for pair in changes.values()], 0), 0.0)
+    score = np.where(
+        read_values(result["failed"]) == COMPUTED, np.max([_score(*pair) for pair in changes.values()], 0), 0.0
+    )
     lanes = np.argsort(-score)[:LOOKED_AT]
-    told = []
+    sentences = []
     for lane in lanes[score[lanes] > FAR_RELATIVE].tolist():
         here = {name: (start[lane], drift[lane]) for name, (start, drift) in changes.items()}
-        told += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
+        sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
     return [
         f"{where} is not conserved, although the method conserves it. Usual cause: a step far too long for this state, "
         "or a map or an integral that is not what its record says. Use a smaller dt."
-        for where in told
+        for where in sentences
     ]
 
 
 def watched_lanes(result: xr.Dataset) -> xr.Dataset:
     """The sweep itself.  Warns with `ConservationWarning` where lanes are broken, as `broken_lanes` says."""
-    told = broken_lanes(result)
-    if told:
-        warnings.warn(" ".join(told), ConservationWarning, stacklevel=3)
+    sentences = broken_lanes(result)
+    if sentences:
+        warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
     return result
 
 
 def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
-    """Start and largest change (lanes, parts) of what is kept."""
+    """Start and largest change (lanes, parts) of what is conserved."""
     out = {}
     for name, variable in sorted(result.data_vars.items(), key=lambda item: str(item[0])):  # folders have no order
         if variable.attrs.get("kind") != "drift" or not str(name).endswith("_drift"):
@@ -70,8 +72,8 @@ def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
         if str(variable.attrs.get("long_name", "")).endswith("not conserved"):
             continue
         family = str(name).removesuffix("_drift")
-        start = read(result[f"{family}_start"].transpose("lane", ...))
-        drift = read(variable.transpose("lane", ...))
+        start = read_values(result[f"{family}_start"].transpose("lane", ...))
+        drift = read_values(variable.transpose("lane", ...))
         out[family] = start.reshape(len(start), -1), drift.reshape(len(drift), -1)
     return out
 
@@ -91,7 +93,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         plan = _begun(sweep, lane)
         steps, few = plan.steps, min(plan.steps, BEGUN)
         plan.settings = plan.settings.but(steps=few, every=max(1, few // ROWS))
-        run = in_memory(plan, list(March(plan).blocks()))
+        run = in_memory(plan, list(Integration(plan).blocks()))
     except TROUBLES:
         return []
     largest = 0.0
@@ -106,8 +108,8 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         if name not in run or not run[name].attrs.get("conserved"):
             continue
         step, value = (lane_scales(run[name], key)[0] for key in ("roundoff_scale", "evaluation_scale"))
-        band = MACHINE_EPSILON * (step * np.sqrt(steps) + value)
-        bad = np.flatnonzero(far(drift, band, step + abs(start), plan.dt * largest))
+        width = MACHINE_EPSILON * (step * np.sqrt(steps) + value)
+        bad = np.flatnonzero(far(drift, width, step + abs(start), plan.dt * largest))
         out += [f"{name}[{part}]" if len(start) > 1 else name for part in bad]
     return out
 
@@ -122,4 +124,4 @@ def _begun(sweep: Sweep, lane: int) -> Plan:
 def _extreme(result: xr.Dataset, name: str, lane: int) -> float:
     """The largest entry of a component of the state over the whole run, where it was saved."""
     saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
-    return max((float(abs(read(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
+    return max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)

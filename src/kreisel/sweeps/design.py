@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 
 MOST_LANES = 10**7
 LARGEST_DESCRIPTION = 32 << 20  # bytes of JSON
@@ -57,7 +57,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Varied:
     """What varies: `section`.`letter`, or its entry at `index`."""
 
     section: str
@@ -102,25 +102,25 @@ class Lanes:
     """All lanes of a sweep.
 
     base    the sections system, state and run that every lane starts from
-    told    the section sweep: grid, list, random, draws, rng
+    spec    the section sweep: grid, list, random, draws, rng
 
     The lanes are the product of the grid, the list and the draws, the last one running fastest; every lane draws its
     own random values.  Raises `InputError`.
     """
 
-    def __init__(self, base: Mapping[str, Mapping[str, Any]], told: Mapping[str, Any]):
+    def __init__(self, base: Mapping[str, Mapping[str, Any]], spec: Mapping[str, Any]):
         self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
-        grid = {k: _table(k, v) for k, v in _quantities(told.get("grid", {}), "grid")}
-        self.listed = {k: _table(k, v) for k, v in _quantities(told.get("list", {}), "list")}
-        self.draws = {k: self._draw(k, v) for k, v in _quantities(told.get("random", {}), "random")}
+        grid = {k: _values(k, v) for k, v in _quantities(spec.get("grid", {}), "grid")}
+        self.listed = {k: _values(k, v) for k, v in _quantities(spec.get("list", {}), "list")}
+        self.draws = {k: self._draw(k, v) for k, v in _quantities(spec.get("random", {}), "random")}
         self.grid = grid
-        self._check_names(told)
+        self._check_names(spec)
         lengths = {k.name: len(v) for k, v in self.listed.items()}
         if len(set(lengths.values())) > 1:
             raise InputError(f"All quantities of [sweep.list] need the same number of values, got {lengths}.")
-        self.seed = _seed(told.get("rng"), bool(self.draws))
-        count = _count(told.get("draws"), bool(self.draws))
-        self.axes: list[tuple[tuple[Quantity, ...], int]] = [((k,), len(v)) for k, v in grid.items()]
+        self.seed = _seed(spec.get("rng"), bool(self.draws))
+        count = _count(spec.get("draws"), bool(self.draws))
+        self.axes: list[tuple[tuple[Varied, ...], int]] = [((k,), len(v)) for k, v in grid.items()]
         if self.listed:
             self.axes.append((tuple(self.listed), next(iter(lengths.values()))))
         self.axes.append(((), count))
@@ -134,16 +134,16 @@ class Lanes:
             )
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:
+    def quantities(self) -> tuple[Varied, ...]:
         """Everything that varies."""
         return (*self.grid, *self.listed, *self.draws)
 
     @property
-    def tables(self) -> dict[Quantity, Array]:
+    def tables(self) -> dict[Varied, Array]:
         """The values of the grid and of the list."""
         return {**self.grid, **self.listed}
 
-    def _check_names(self, told: Mapping[str, Any]) -> None:
+    def _check_names(self, spec: Mapping[str, Any]) -> None:
         names = [k.name for k in (*self.grid, *self.listed, *self.draws)]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
@@ -159,32 +159,32 @@ class Lanes:
             if quantity.section == "run" and quantity in self.draws:
                 raise InputError(f"{quantity.name} cannot be drawn at random; vary it in [sweep.grid] or [sweep.list].")
 
-    def _base(self, quantity: Quantity) -> Array:
+    def _base(self, quantity: Varied) -> Array:
         value = self.base[quantity.section].get(quantity.letter)
         if value is None:
             raise InputError(
                 f"{quantity.name} varies, but [{quantity.section}] has no {quantity.letter} to start from."
             )
-        return _numbers(value, f"{quantity.section}.{quantity.letter}")
+        return _number_array(value, f"{quantity.section}.{quantity.letter}")
 
-    def _draw(self, quantity: Quantity, told: Any) -> Draw:
-        if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in DRAWS:
+    def _draw(self, quantity: Varied, spec: Any) -> Draw:
+        if not isinstance(spec, Mapping) or len(spec) != 1 or next(iter(spec)) not in DRAWS:
             raise InputError(
                 f"{quantity.name} in [sweep.random] must be one of {{ uniform = [a, b] }}, {{ loguniform = [a, b] }}, "
-                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}, got {shown(told)}."
+                f"{{ normal = [mean, deviation] }}, {{ sphere = radius }}, got {shown(spec)}."
             )
-        ((kind, values),) = told.items()
+        ((kind, values),) = spec.items()
         listed = list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
         if len(listed) != DRAWS[kind]:
             raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values, got {shown(values)}.")
-        bounds = tuple(_numbers(v, quantity.name) for v in listed)
+        bounds = tuple(_number_array(v, quantity.name) for v in listed)
         given = self.base[quantity.section].get(quantity.letter)
         try:
             shape = np.broadcast_shapes(*(b.shape for b in bounds))
             if quantity.index:
                 shape = np.broadcast_shapes(shape, ())
             elif given is not None:
-                shape = np.broadcast_shapes(shape, _numbers(given, quantity.name).shape)
+                shape = np.broadcast_shapes(shape, _number_array(given, quantity.name).shape)
         except ValueError:
             raise InputError(f"{quantity.name}: the shapes of its value and of the bounds do not fit.") from None
         if kind == "sphere" and len(shape) != 1:
@@ -195,7 +195,7 @@ class Lanes:
             raise InputError(f"{quantity.name} is one number, got bounds of shape {shape}.")
         return Draw(kind, bounds, shape)
 
-    def values(self, first: int, stop: int) -> dict[Quantity, Array]:
+    def values(self, first: int, stop: int) -> dict[Varied, Array]:
         """The values of lanes first to stop - 1 (lanes, ...), for every quantity that varies."""
         places = np.unravel_index(np.arange(first, stop), [size for _, size in self.axes])
         out = {
@@ -205,7 +205,7 @@ class Lanes:
         }
         return out | {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
 
-    def _drawn(self, quantity: Quantity, draw: Draw, first: int, stop: int) -> Array:
+    def _drawn(self, quantity: Varied, draw: Draw, first: int, stop: int) -> Array:
         """By its own generator for each quantity and each 1024 lanes: what else varies does not matter."""
         chunks = range(first // DRAWN_AT_ONCE, -(-stop // DRAWN_AT_ONCE))
         name, pieces = zlib.crc32(quantity.name.encode()), []
@@ -215,7 +215,7 @@ class Lanes:
         begin = chunks.start * DRAWN_AT_ONCE
         return np.concatenate(pieces)[first - begin : stop - begin]
 
-    def filled(self, values: Mapping[Quantity, Array]) -> dict[str, dict[str, Any]]:
+    def filled(self, values: Mapping[Varied, Array]) -> dict[str, dict[str, Any]]:
         """The sections with these values in place: arrays with an axis of lanes where something varies."""
         out: dict[str, dict[str, Any]] = {section: dict(table) for section, table in self.base.items()}
         varied: set[tuple[str, str]] = set()
@@ -224,7 +224,7 @@ class Lanes:
             if quantity.index:
                 whole = table[quantity.letter]
                 if (quantity.section, quantity.letter) not in varied:
-                    whole = np.broadcast_to(_numbers(whole, quantity.name), (len(value), *np.shape(whole)))
+                    whole = np.broadcast_to(_number_array(whole, quantity.name), (len(value), *np.shape(whole)))
                 array: Any = np.array(whole, dtype=np.float64)
                 array[(slice(None), *quantity.index)] = value
                 value = array
@@ -233,67 +233,67 @@ class Lanes:
         return out
 
 
-def _quantities(told: Any, where: str) -> list[tuple[Quantity, Any]]:
+def _quantities(spec: Any, where: str) -> list[tuple[Varied, Any]]:
     """Pairs of [sweep.grid] and the others, where `system.p`, `[sweep.grid.system]` and `"system.p"` are the same."""
-    if not isinstance(told, Mapping):
-        raise InputError(f"[sweep.{where}] must be a table of quantities and their values, got {shown(told)}.")
+    if not isinstance(spec, Mapping):
+        raise InputError(f"[sweep.{where}] must be a table of quantities and their values, got {shown(spec)}.")
     flat: list[tuple[str, Any]] = []
-    for key, value in told.items():
+    for key, value in spec.items():
         if "." not in key and isinstance(value, Mapping) and key in SECTIONS:
             flat += [(f"{key}.{letter}", v) for letter, v in value.items()]
         else:
             flat.append((key, value))
-    return [(_quantity(key, where), value) for key, value in flat]
+    return [(_varied(key, where), value) for key, value in flat]
 
 
-def _quantity(key: str, where: str) -> Quantity:
+def _varied(key: str, where: str) -> Varied:
     section, _, rest = key.partition(".")
-    told = KEY.fullmatch(rest)
-    if section not in SECTIONS or told is None:
+    match = KEY.fullmatch(rest)
+    if section not in SECTIONS or match is None:
         raise InputError(
             f"[sweep.{where}] names {shown(key)}; expected are names such as system.alpha, state.m, state.m[2] or "
-            f"run.dt.{nearest(section, SECTIONS)}"
+            f"run.dt.{hint(section, SECTIONS)}"
         )
-    index = tuple(int(i) for i in told[2].split(",")) if told[2] else ()
-    return Quantity(section, told[1], index)
+    index = tuple(int(i) for i in match[2].split(",")) if match[2] else ()
+    return Varied(section, match[1], index)
 
 
-def _table(quantity: Quantity, told: Any) -> Array:
+def _values(quantity: Varied, spec: Any) -> Array:
     """The values of a grid axis or a list (count, ...)."""
-    if isinstance(told, Mapping):
-        return _range(quantity, told)
-    if isinstance(told, str) or not isinstance(told, Sequence | np.ndarray) or len(told) == 0:
+    if isinstance(spec, Mapping):
+        return _range(quantity, spec)
+    if isinstance(spec, str) or not isinstance(spec, Sequence | np.ndarray) or len(spec) == 0:
         raise InputError(
-            f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}, got {shown(told)}."
+            f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}, got {shown(spec)}."
         )
-    if all(isinstance(v, str) for v in told):
+    if all(isinstance(v, str) for v in spec):
         if quantity.section != "run" or quantity.index:
-            raise InputError(f"{quantity.name} must be numbers, got {shown(told)}.")
-        return np.array(told)
-    table = _numbers(told, quantity.name)
+            raise InputError(f"{quantity.name} must be numbers, got {shown(spec)}.")
+        return np.array(spec)
+    table = _number_array(spec, quantity.name)
     if quantity.index and table.ndim != 1:
         raise InputError(f"{quantity.name} is one number, got values of shape {table.shape[1:]}.")
     return table
 
 
-def _range(quantity: Quantity, told: Mapping[str, Any]) -> Array:
+def _range(quantity: Varied, spec: Mapping[str, Any]) -> Array:
     known = {"from", "to", "count", "spacing"}
-    if not {"from", "to", "count"} <= set(told) <= known:
-        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'), got {shown(told)}.")
-    count, spacing = told["count"], told.get("spacing", "linear")
+    if not {"from", "to", "count"} <= set(spec) <= known:
+        raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'), got {shown(spec)}.")
+    count, spacing = spec["count"], spec.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_LANES:
         raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}, got {shown(count)}.")
     if spacing not in RANGES:
         raise InputError(f"{quantity.name}: spacing is 'linear' or 'log', got {shown(spacing)}.")
-    low, high = _numbers(told["from"], quantity.name), _numbers(told["to"], quantity.name)
+    low, high = _number_array(spec["from"], quantity.name), _number_array(spec["to"], quantity.name)
     if spacing == "log" and not ((low > 0).all() and (high > 0).all()):
-        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends, got {shown(told)}.")
+        raise InputError(f"{quantity.name}: a logarithmic range needs positive ends, got {shown(spec)}.")
     if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
         raise InputError(f"{quantity.name}: from and to need the same shape, and not that many numbers.")
     return np.asarray(RANGES[spacing](low, high, count))
 
 
-def _numbers(value: Any, name: str) -> Array:
+def _number_array(value: Any, name: str) -> Array:
     try:
         array = np.asarray(value)
     except (ValueError, OverflowError):

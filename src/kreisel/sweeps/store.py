@@ -23,7 +23,7 @@ from kreisel.storage.reading import parsed
 from kreisel.storage.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
-from kreisel.sweeps.design import Quantity, as_json
+from kreisel.sweeps.design import Varied, as_json
 from kreisel.sweeps.summaries import FEWEST_ROWS, PARTS
 from kreisel.sweeps.workers import LOST
 
@@ -91,7 +91,7 @@ class Store:
         return manifest.begun(where)
 
     def _same(self, where: Path) -> None:
-        attrs = read_attributes(where)
+        attrs = sweep_attributes(where)
         require_sound(where)
         if attrs["sweep"] != self._text or attrs["block_lanes"] != self.width:
             raise InputError(
@@ -120,8 +120,8 @@ class Store:
         out: dict[str, dict[str, Any]] = {}
 
         def add(name: str, rest: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **more: Any) -> None:
-            told = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
-            out[name] = {**told, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
+            layout = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
+            out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
 
         example = self.sweep.lanes.values(0, 1)
         for quantity in self.sweep.lanes.quantities:
@@ -134,8 +134,8 @@ class Store:
                 if name not in out:
                     add(name, rest, dims, attrs)
             if TRAJECTORIES in self.sweep.save:
-                for name, told in _trajectories(plan, total, width).items():
-                    out.setdefault(name, told)
+                for name, layout in _trajectories(plan, total, width).items():
+                    out.setdefault(name, layout)
         for name, meaning in blocks.CHOSEN.items() if self.sweep.automatic else ():
             add(name, (), (), {"long_name": meaning, "units": "1"})
         spare = {"dtype": np.dtype("u1"), "fill_value": 0}
@@ -175,8 +175,8 @@ class Store:
             group.create_array(
                 "time", data=times, chunks=times.shape, dimension_names=("time",), compressors=codecs, attributes=said
             )
-        for name, told in self._arrays().items():
-            more: dict[str, Any] = told
+        for name, layout in self._arrays().items():
+            more: dict[str, Any] = layout
             group.create_array(name, compressors=codecs, **more)
         group.create_group("engine")
         (self.part / manifest.BLOCKS).mkdir()
@@ -213,7 +213,7 @@ class Store:
 
     def failed_lanes(self) -> int:
         """How many lanes failed, of a store that is whole."""
-        return int(read_attributes(self.path)["failed_lanes"])
+        return int(sweep_attributes(self.path)["failed_lanes"])
 
 
 def _sweep_up(store: Path) -> None:
@@ -310,14 +310,14 @@ def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     """Lanes in a block: as asked for, or as many as memory and patience allow; never by the number of workers."""
-    told = sweep.description["sweep"]
+    spec = sweep.description["sweep"]
     each = max(8 * _floats_of_a_lane(sweep, plan) for plan in plans)
-    fitting = (told["memory"] << 20) // each
-    asked = told.get("block")
+    fitting = (spec["memory"] << 20) // each
+    asked = spec.get("block")
     if fitting < (asked or 1):
         raise InputError(
             f"{asked or 1} lanes need about {each * (asked or 1) / 2**20:.0f} MiB at once, more than "
-            f"memory = {told['memory']} in [sweep]. Save less often "
+            f"memory = {spec['memory']} in [sweep]. Save less often "
             "(every), save no trajectories or frequencies, or allow more memory."
         )
     if asked:
@@ -326,7 +326,7 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     return int(min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS)))
 
 
-def _input(quantity: Quantity, example: Array, sweep: Sweep) -> tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]:
+def _input(quantity: Varied, example: Array, sweep: Sweep) -> tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]:
     """Shape, dimensions and attributes of the values of a quantity that varies."""
     attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
     if example.dtype.kind == "U":
@@ -369,7 +369,7 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
     return out
 
 
-def read_attributes(store: Path) -> dict[str, Any]:
+def sweep_attributes(store: Path) -> dict[str, Any]:
     """The attributes of a sweep, checked.  Raises `InputError` for what is none."""
     attrs = metadata(store)
     if attrs.get("kreisel_sweep") != FORMAT:

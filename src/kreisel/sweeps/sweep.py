@@ -23,7 +23,7 @@ from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
 from kreisel.sweeps.broken_lanes import watched_lanes
 from kreisel.sweeps.design import Design, described
-from kreisel.sweeps.store import Store, read_attributes
+from kreisel.sweeps.store import Store, sweep_attributes
 from kreisel.sweeps.workers import Tasks, check_workers, pool
 
 if TYPE_CHECKING:
@@ -47,10 +47,10 @@ class Report:
     seconds: float = 0.0
     peak_MiB: float = 0.0
 
-    def add(self, told: Mapping[str, Any]) -> None:
+    def add(self, counts: Mapping[str, Any]) -> None:
         """Count a block."""
-        self.failed += told["failed"]
-        self.peak_MiB = max(self.peak_MiB, told["peak_MiB"])
+        self.failed += counts["failed"]
+        self.peak_MiB = max(self.peak_MiB, counts["peak_MiB"])
 
 
 def sweep(
@@ -130,7 +130,7 @@ def carry_out(
 ) -> Report:
     """Make a sweep, or go on with it, from its description; `file` defines a system of the user's own."""
     begun = time.perf_counter()
-    plain = _checked(described(shallow(description, "The description of the sweep")), file)
+    plain = _checked_description(described(shallow(description, "The description of the sweep")), file)
     check_workers(workers, scheduler)
     store = Store(path, Sweep(plain, file))
     with Lock(path):
@@ -143,9 +143,9 @@ def carry_out(
                 Progress(report.lanes, progress, store.lanes_done(todo), "lanes") as bar,
             ):
                 tasks = Tasks(str(store.part.absolute()), str(file.absolute()) if file else None, store.digest, todo)
-                for told in hands.run(tasks, stop):
-                    report.add(told)
-                    bar.advance(told["lanes"])
+                for counts in hands.run(tasks, stop):
+                    report.add(counts)
+                    bar.advance(counts["lanes"])
             if stop.signal is not None:
                 kept = store.blocks - len(store.missing())
                 raise Interrupted(stop.signal, kept, store.blocks, store.part)
@@ -155,19 +155,19 @@ def carry_out(
         return report
 
 
-def _checked(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
+def _checked_description(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
     """With its defaults filled in.  Raises `InputError`."""
-    told = {k: v for k, v in description["sweep"].items() if v is not None}
-    saved = told.setdefault("save", [*DEFAULT_SAVE])
+    spec = {k: v for k, v in description["sweep"].items() if v is not None}
+    saved = spec.setdefault("save", [*DEFAULT_SAVE])
     if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):
         raise InputError(f"save in [sweep] must list some of {', '.join(SAVED)}, got {shown(saved)}.")
-    told["save"] = [kind for kind in SAVED if kind in saved]
-    memory = told.setdefault("memory", MEMORY_MIB)
-    for name, value in (("memory", memory), ("block", told.get("block", 1))):
+    spec["save"] = [kind for kind in SAVED if kind in saved]
+    memory = spec.setdefault("memory", MEMORY_MIB)
+    for name, value in (("memory", memory), ("block", spec.get("block", 1))):
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10**7:
             raise InputError(f"{name} in [sweep] must be a whole number, 1 or more, got {shown(value)}.")
     run = {k: v for k, v in description["run"].items() if v is not None}
-    out = {**description, "run": run, "sweep": told}
+    out = {**description, "run": run, "sweep": spec}
     if file is not None:
         out["file"] = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
     return out
@@ -179,7 +179,7 @@ def open_sweep(path: Path) -> xr.Dataset:
 
     from kreisel.storage.verified import Verified
 
-    attrs = read_attributes(path)
+    attrs = sweep_attributes(path)
     require_sound(path)
     store = Verified(path, known := manifest.read(path), partial=not attrs["complete"])
     for name in {*manifest.metadata_files(path), *(n for n in known if n.endswith("zarr.json"))}:
@@ -206,9 +206,9 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
 
     if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
-    told = list(blocks.failures(run))
-    ids = [lane for lane, _ in told]
-    table = pd.DataFrame({"message": [why for _, why in told]}, index=pd.Index(ids, name="lane"))
+    failed = list(blocks.failed_lanes(run))
+    ids = [lane for lane, _ in failed]
+    table = pd.DataFrame({"message": [why for _, why in failed]}, index=pd.Index(ids, name="lane"))
     for name, variable in run.variables.items():
         if variable.attrs.get("kind") == "input" and variable.ndim == 1:
             table[name] = variable.values[ids]

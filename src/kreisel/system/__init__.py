@@ -3,13 +3,13 @@
 import importlib
 import pkgutil
 
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import System
 
 __all__ = ["NAMED", "REGISTRY", "find"]
 
 
-def _found() -> dict[str, System]:
+def _found_systems() -> dict[str, System]:
     modules = [importlib.import_module(f"{__name__}.{page.name}") for page in pkgutil.iter_modules(__path__)]
     records = [module.SYSTEM for module in modules if hasattr(module, "SYSTEM")]
     return {system.name: system for system in records}
@@ -20,14 +20,12 @@ def _class_name(name: str) -> str:
     return "".join(part.upper() if part[-1].isdigit() else part.capitalize() for part in name.split("-"))
 
 
-REGISTRY = _found()
+REGISTRY = _found_systems()
 NAMED = {_class_name(name): system for name, system in REGISTRY.items()}  # as attributes of `kreisel`
 
 
 def find(name: str) -> System:
     """The system of that name.  Raises `InputError` with the nearest name."""
     if name not in REGISTRY:
-        raise InputError(
-            f"No system is called {shown(name)}.{nearest(name, REGISTRY)} There are: {', '.join(REGISTRY)}."
-        )
+        raise InputError(f"No system is called {shown(name)}.{hint(name, REGISTRY)} There are: {', '.join(REGISTRY)}.")
     return REGISTRY[name]

@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
-from kreisel.record.checks import mass_tensor
+from kreisel.record.checks import check_mass_tensor
 from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 
 
@@ -141,7 +141,11 @@ SYSTEM = System(
     space=FREE_SPACE,
     parameters=(
         Parameter(
-            "J", "vector", "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)", check=mass_tensor, positive=True
+            "J",
+            "vector",
+            "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)",
+            check=check_mass_tensor,
+            positive=True,
         ),
     ),
     flow=flow,

@@ -7,7 +7,7 @@ Plus bracket, F' = {H, F}.  Not integrable in general.  [Suris 2001, section 4]
 
 import numpy as np
 
-from kreisel.algebra import act, dot, exact, identity, pairing, wedge
+from kreisel.algebra import act, dot, identity, is_exact, pairing, wedge
 from kreisel.errors import InputError
 from kreisel.record.checks import moments
 from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
@@ -18,7 +18,7 @@ def principal(*, J):
     n = J.shape[-1]
     if all((v == 0) for v in (J * (1 - identity(n))).flat):
         d, R = np.diagonal(J, axis1=-2, axis2=-1), identity(n) + 0 * J
-    elif exact(J):
+    elif is_exact(J):
         raise InputError("An exact mass tensor J must be diagonal: turn the body frame to principal axes.")
     else:
         d, R = np.linalg.eigh(J)

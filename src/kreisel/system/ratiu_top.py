@@ -80,5 +80,5 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
-    notes="The block M_ij, i, j >= 3, is kept too. An integrable discretization for n >= 5 is not known: open.",
+    notes="The block M_ij, i, j >= 3, is conserved too. An integrable discretization for n >= 5 is not known: open.",
 )

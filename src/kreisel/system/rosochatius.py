@@ -1,8 +1,8 @@
 """Rosochatius's system: Neumann's particle with walls, potential sum mu_i^2/(2 x_i^2).  State (x, q) as in `neumann`.
 
 It is Neumann's system on S^(2n-1), each b_i twice, modulo the turns of the planes (y_i, z_i): x_i^2 = y_i^2 + z_i^2,
-and mu_i = y_i z_i' - z_i y_i' is kept.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax pair and the map
-are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
+and mu_i = y_i z_i' - z_i y_i' is conserved.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax pair and the
+map are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
 [Rosochatius 1877; the system is named in Suris 2001 with Neumann's]
 """
 
@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, System, on_sphere
+from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, System, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
 
@@ -105,7 +105,7 @@ SYSTEM = System(
     equations="x' = q,  q' = f - (<x, f> + |q|^2) x,  f_i = b_i x_i + mu_i^2/x_i^3",
     source="Rosochatius 1877; Moser 1980",
     frame=Frame.MOVING,
-    space=replace(SPHERE_SPACE, draw=lambda n, draw: on_sphere(n, draw, least=1)),
+    space=replace(SPHERE_SPACE, draw=lambda n, draw: random_on_sphere(n, draw, least=1)),
     parameters=(
         Parameter(
             "b",

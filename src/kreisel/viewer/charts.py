@@ -69,8 +69,10 @@ def plot_events(run: xr.Dataset, found: xr.Dataset, quantity: Quantity, *, theme
         axes.axhline(found.attrs["value"], color=colours.faint, linewidth=0.8)
         for way, marker, colour in ((True, "^", colours.colours[1]), (False, "v", colours.colours[2])):
             times = found["time"].values[found["rising"].values == way]
-            told = "rising" if way else "falling"
-            axes.plot(times, np.full(len(times), found.attrs["value"]), marker, color=colour, markersize=4, label=told)
+            direction = "rising" if way else "falling"
+            axes.plot(
+                times, np.full(len(times), found.attrs["value"]), marker, color=colour, markersize=4, label=direction
+            )
         axes.set(xlabel="time", ylabel=label(quantity))
         axes.legend(loc="upper right", ncols=2)
     return made

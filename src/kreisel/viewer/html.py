@@ -25,21 +25,21 @@ CONSERVED = {  # the cell of an integral that is (conserved, broken)
 
 def system_html(system: System) -> str:
     """The record of a system."""
-    told = summary(system)
-    state = ", ".join(f"{letter} ({kind})" for letter, kind in told["state"].items())
-    where = f"{told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}"
+    facts = summary(system)
+    state = ", ".join(f"{letter} ({kind})" for letter, kind in facts["state"].items())
+    where = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket, F' = {{H, F}}"
     rows = [
         ("equations", system.equations),
         ("state", f"{state}; {where}"),
-        *((f"parameter {p.letter}", _parameter(p.meaning, p.default)) for p in system.parameters),
-        ("integrals", ", ".join(["Casimirs", *told["integrals"]])),
-        ("Lax pair", "yes" if told["lax"] else "none known"),
-        ("map", "none known" if told["map"] is None else told["map"]["source"]),
+        *((f"parameter {p.letter}", _parameter_text(p.meaning, p.default)) for p in system.parameters),
+        ("integrals", ", ".join(["Casimirs", *facts["integrals"]])),
+        ("Lax pair", "yes" if facts["lax"] else "none known"),
+        ("map", "none known" if facts["map"] is None else facts["map"]["source"]),
         ("scaling", system.scaling),
         ("source", system.source),
         *([("note", system.notes)] if system.notes else []),
     ]
-    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _table(rows))
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
 
 
 def model_html(model: Model) -> str:
@@ -48,19 +48,19 @@ def model_html(model: Model) -> str:
     rows = [
         ("equations", system.equations),
         ("dimension", f"n = {model.n}" + (f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else "")),
-        *((letter, _numbers(value)) for letter, value in model.params.items()),
+        *((letter, _numbers_html(value)) for letter, value in model.params.items()),
         ("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components)),
     ]
-    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _table(rows))
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
 
 
 def state_html(state: State) -> str:
     """A state, with axial vectors for n = 3."""
-    return _block("State", _table((letter, _numbers(value)) for letter, value in state.axial.items()))
+    return _block("State", _html_table((letter, _numbers_html(value)) for letter, value in state.axial.items()))
 
 
 def run_html(run: xr.Dataset) -> str:
-    """What a run is, and how still its Casimirs and integrals stand."""
+    """What a run is, and how far its Casimirs and integrals drift."""
     from kreisel.runs.drift import broken, drift
     from kreisel.storage.reading import a_run
 
@@ -83,26 +83,26 @@ def run_html(run: xr.Dataset) -> str:
         for name, row in found.iterrows()
     )
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
-    told = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
-    return _block(escape(attrs["title"]), _table(head) + table + told)
+    warnings = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
+    return _block(escape(attrs["title"]), _html_table(head) + table + warnings)
 
 
-def _parameter(meaning: str, default: Any) -> str:
+def _parameter_text(meaning: str, default: Any) -> str:
     return meaning + ("" if default is None else f" (default {default:g})")
 
 
-def _numbers(value: Any) -> str:
+def _numbers_html(value: Any) -> str:
     array = np.asarray(value)
     if array.size > MOST_NUMBERS:
         return f"array of shape {array.shape}"
     return np.array2string(array, separator=", ", precision=6) if array.dtype != object else str(array.tolist())
 
 
-def _table(rows: Iterable[tuple[str, str]]) -> str:
+def _html_table(rows: Iterable[tuple[str, str]]) -> str:
     cells = "".join(
         f"<tr><th style='text-align:left;vertical-align:top'>{escape(name)}</th>"
-        f"<td style='text-align:left;white-space:pre-wrap'>{escape(told)}</td></tr>"
-        for name, told in rows
+        f"<td style='text-align:left;white-space:pre-wrap'>{escape(text)}</td></tr>"
+        for name, text in rows
     )
     return f"<table>{cells}</table>"
 

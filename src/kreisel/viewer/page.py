@@ -89,7 +89,7 @@ def as_json(data: Any) -> str:
 
 
 def page(data: dict[str, Any], follow: float | None = None) -> str:
-    """The page of a scene.  `follow`: it asks where it came from for news every so many seconds."""
+    """The page of a scene.  `follow`: it asks its server for news every so many seconds."""
     library, own = scripts()
     hashes = " ".join(f"'sha256-{_hash(text)}'" for text in (library, own))
     # one substitution each, of text that is not searched again

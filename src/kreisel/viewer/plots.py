@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.errors import InputError, brief
 from kreisel.runs.describing import is_own
-from kreisel.runs.drift import MACHINE_EPSILON, all_series, read
+from kreisel.runs.drift import MACHINE_EPSILON, all_series, read_values
 from kreisel.runs.geometry import carried_letter, kinds_of, model_for
 from kreisel.storage.reading import a_run
 from kreisel.viewer.style import Theme, theme_of
@@ -30,7 +30,7 @@ LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
-    The change of each family of Casimirs and integrals that the method keeps is drawn on a logarithmic scale,
+    The change of each family of Casimirs and integrals that the method conserves is drawn on a logarithmic scale,
     relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
     `theme` is "light" or "dark".  Raises `InputError` if it is of another system, if the run lacks the vector that is
@@ -58,7 +58,7 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
             _sphere(left.add_subplot(projection="3d"), one, vector, colours)
         else:
             _components(left.add_subplot(), one, vector, colours)
-        _drifts(right.add_subplot(), run, compare, colours)
+        _draw_drifts(right.add_subplot(), run, compare, colours)
         figure.suptitle(_title(run, compare), fontsize=10)
     return figure
 
@@ -84,7 +84,7 @@ def _drawable(values: np.ndarray, letter: str) -> np.ndarray:
 
 
 def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    xyz = _drawable(read(run[letter][:MOST_ROWS]), letter)
+    xyz = _drawable(read_values(run[letter][:MOST_ROWS]), letter)
     radius = float(np.linalg.norm(xyz[:1], axis=-1).max()) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
@@ -93,25 +93,25 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     if _advance_per_row(run, letter) < MOST_GAP * radius:
         shown = int(np.searchsorted(np.cumsum(arc), ARC_SHOWN * radius)) + 1
         axes.plot(*_on_sphere(xyz[:shown], radius).T, color=theme.colours[0], linewidth=0.8)
-        told = f"to time {float(run['time'][shown - 1]):.4g}"
+        span = f"to time {float(run['time'][shown - 1]):.4g}"
     else:
         axes.plot(*xyz[:MOST_DOTS].T, ".", color=theme.colours[0], markersize=1.0)
-        told = "saved states"
+        span = "saved states"
     axes.plot(*xyz[:1].T, "o", color=theme.colours[1], markersize=4)
     axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
-    axes.set_title(f"tip of ${letter}$ on its sphere, {told}", y=0.97)
+    axes.set_title(f"tip of ${letter}$ on its sphere, {span}", y=0.97)
 
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
     if is_own(run.attrs):  # the flow is not at hand
-        return float(np.linalg.norm(np.diff(read(run[letter][:2]), axis=0)))
+        return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
     model = model_for(run, None)
     kinds = dict(model.system.space.components)
-    start = {k: read(run[k][0]) for k in kinds}
+    start = {k: read_values(run[k][0]) for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
     return float(speed * run.attrs["dt"] * run.attrs["every"])
 
@@ -124,7 +124,7 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
 
 
 def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    time, values = read(run["time"][:STATES_SHOWN]), _drawable(read(run[letter][:STATES_SHOWN]), letter)
+    time, values = read_values(run["time"][:STATES_SHOWN]), _drawable(read_values(run[letter][:STATES_SHOWN]), letter)
     labels = [str(i + 1) for i in range(values.shape[1])]
     if values.ndim == 3:  # a matrix, skew or symmetric
         j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
@@ -135,7 +135,7 @@ def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     axes.legend(ncols=min(values.shape[1], 6), loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
-def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: Theme) -> None:
+def _draw_drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: Theme) -> None:
     reference = run.attrs["method"] == "dop853"
     if compare is not None:
         changes = list(_envelopes(compare, everything=True).values())
@@ -146,14 +146,14 @@ def _drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: Theme
         colour = theme.colours[number % len(theme.colours)]
         label = family.replace("_eps", " of the map")
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
-    ends = [0.0, *read(run["time"][[0, -1]]).tolist()]
+    ends = [0.0, *read_values(run["time"][[0, -1]]).tolist()]
     first, last = min(ends), max(ends) if max(ends) > min(ends) else run.attrs["dt"]
     time = np.linspace(0, last, 400)[1:]
-    band = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
-    axes.plot(time, band, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
+    width = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
+    axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(first, last))
     axes.set_ylim(bottom=1e-17)
-    axes.set_title("integrals of the flow" if reference else "what the method keeps")
+    axes.set_title("integrals of the flow" if reference else "what the method conserves")
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
 
 
@@ -175,4 +175,4 @@ def _edges(rows: int) -> np.ndarray:
 
 
 def _thinned_time(run: xr.Dataset) -> np.ndarray:
-    return np.asarray(read(run["time"])[_edges(run.sizes["time"])])
+    return np.asarray(read_values(run["time"])[_edges(run.sizes["time"])])

@@ -47,29 +47,28 @@ def _map_summary(phi: Map) -> dict[str, Any]:
         "source": phi.source,
         "order": phi.order,
         "order_after_half_kick": None if phi.to_symmetric is None else 2,
-        "known": [told for claim, told in MAP_CLAIMS.items() if getattr(phi, claim) is not None],
+        "known": [words for claim, words in MAP_CLAIMS.items() if getattr(phi, claim) is not None],
     }
 
 
 def record(system: System) -> str:
     """The record of a system, a line for each claim."""
-    told = summary(system)
+    facts = summary(system)
     lines = [f"{system.name}: {system.title}", f"  {system.equations}", ""]
     state = ", ".join(f"{letter} in {SHORT.get(kind, kind)}" for letter, kind in system.space.components)
-    lines.append(
-        f"  state       {state}; {told['phase_space']}, {told['frame']} frame, {told['bracket']} bracket, F' = {{H, F}}"
-    )
+    frame = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket"
+    lines.append(f"  state       {state}; {frame}, F' = {{H, F}}")
     for p in system.parameters:
         default = "" if p.default is None else f" (default {p.default:g})"
         lines.append(f"  parameter   {p.letter}: {p.meaning}{default}")
-    lines.append(f"  integrals   {', '.join(told['integrals'])}; Casimirs")
+    lines.append(f"  integrals   {', '.join(facts['integrals'])}; Casimirs")
     for name in system.invariant:
         lines.append(f"  relation    {name} = 0 is invariant")
     lines.append(f"  Lax pair    {'yes' if system.lax else 'none known'}")
     if system.map is None:
         lines.append("  map         no integrable discretization known here")
     else:
-        known = told["map"]
+        known = facts["map"]
         after = ", 2 after half a kick" if system.map.to_symmetric is not None else ""
         lines.append(f"  map         {known['source']}; order {system.map.order}{after}")
         named = [f for f in (system.energy, *system.integrals.values()) if f is not None]
@@ -106,8 +105,8 @@ def method_record(method: Method) -> str:
         "conserves": method.conserves,
         "sources": ", ".join(method.sources),
     }
-    told = "\n".join(f"  {name:<11} {text}" for name, text in lines.items())
-    return f"{method.name}: {method.title}\n\n{told}"
+    table = "\n".join(f"  {name:<11} {text}" for name, text in lines.items())
+    return f"{method.name}: {method.title}\n\n{table}"
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> str:

@@ -57,7 +57,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
     letter = carried_letter(run.attrs)
-    rows = _rows(run[letter], MOST_FRAMES)
+    rows = _frame_rows(run[letter], MOST_FRAMES)
     frames = run.isel(time=rows)
     if not all(np.isfinite(frames[each].values).all() for each in kinds_of(run.attrs)):
         raise InputError("expected a run whose state is finite, got one with NaN or infinity.")
@@ -69,7 +69,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     time = np.asarray(frames["time"].values, dtype=np.float64)
     return {
         "title": _text(run.attrs.get("title", "")),
-        "told": [_text(v) for v in _told(run, lane, len(rows))],
+        "facts": [_text(v) for v in _facts(run, lane, len(rows))],
         "kind": shown.kind,
         "note": shown.note,
         "legend": {k: _text(v) for k, v in shown.legend.items()},
@@ -84,10 +84,10 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
         "turn": None if shown.turn is None else packed(shown.turn, "f4"),
         "path": packed(path, "i4"),
         "few": packed(few, "i4"),
-        "joined": _joined(tip, shown.radius),
-        "path_joined": _joined(tip[path], shown.radius),
-        "few_joined": _joined(tip[few], shown.radius),
-        **_drifts(run),
+        "joined": _closely_spaced(tip, shown.radius),
+        "path_joined": _closely_spaced(tip[path], shown.radius),
+        "few_joined": _closely_spaced(tip[few], shown.radius),
+        **_drift_series(run),
         "complete": bool(run.attrs.get("complete", True)),
         "themes": {
             name: {"ink": t.ink, "paper": t.paper, "grid": t.grid, "faint": t.faint, "colours": t.colours}
@@ -96,7 +96,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     }
 
 
-def _joined(points: Array, radius: float) -> bool:
+def _closely_spaced(points: Array, radius: float) -> bool:
     """Whether the points follow each other so closely that a line between them is no guess."""
     gaps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
     return len(gaps) == 0 or float(np.median(gaps)) < LARGEST_GAP * radius
@@ -116,7 +116,7 @@ def packed(values: Array, kind: str) -> str:
     return base64.b64encode(kept.tobytes()).decode("ascii")
 
 
-def _rows(variable: xr.DataArray, most: int) -> Array:
+def _frame_rows(variable: xr.DataArray, most: int) -> Array:
     """Rows shown as frames: all, or some of each block, the extremes among them."""
     count = variable.sizes["time"]
     if count <= most:
@@ -130,7 +130,7 @@ def _rows(variable: xr.DataArray, most: int) -> Array:
     return np.unique(np.concatenate(kept))
 
 
-def _told(run: xr.Dataset, lane: int, frames: int) -> list[str]:
+def _facts(run: xr.Dataset, lane: int, frames: int) -> list[str]:
     attrs, rows = run.attrs, run.sizes["time"]
     out = [str(attrs.get("equations", ""))]
     if "dt" in attrs:
@@ -255,15 +255,15 @@ class _Shown:
         self.legend["tip"] = self.letter
         self.note = f"{self.letter} in three of its {n} coordinates, which can be chosen."
 
-    def _point_up(self, up: Array | None, size: float, told: str) -> Array:
+    def _point_up(self, up: Array | None, size: float, meaning: str) -> Array:
         if up is None:
             return np.eye(3)
         self.arrow = np.array([0.0, 0.0, 1.25 * size])
-        self.legend["arrow"] = told
+        self.legend["arrow"] = meaning
         return to_third_axis(up / np.linalg.norm(up))
 
 
-def _drifts(run: xr.Dataset) -> dict[str, Any]:
+def _drift_series(run: xr.Dataset) -> dict[str, Any]:
     """For each Casimir and integral the change of largest size in even stretches of time, relative to its scale."""
     count = run.sizes["time"]
     edges = np.unique(np.linspace(0, count, min(count, MOST_STRETCHES) + 1).astype(int)[:-1])
@@ -279,9 +279,9 @@ def _drifts(run: xr.Dataset) -> dict[str, Any]:
             {
                 "name": _text(each.name),
                 "conserved": each.conserved,
-                "start": _number(each.values[0]),
-                "scale": _number(scale) or 1.0,
-                "most": _number(abs(change).max()),
+                "start": _json_float(each.values[0]),
+                "scale": _json_float(scale) or 1.0,
+                "most": _json_float(abs(change).max()),
                 "change": packed(np.where(high >= -low, high, low), "f4"),
             }
         )
@@ -289,6 +289,6 @@ def _drifts(run: xr.Dataset) -> dict[str, Any]:
     return {"series": series, "edges": packed(time[edges], "f8"), "band": MACHINE_EPSILON, "steps": steps}
 
 
-def _number(value: Any) -> float | None:
+def _json_float(value: Any) -> float | None:
     """A float for JSON; None for what is not finite."""
     return float(value) if math.isfinite(value) else None

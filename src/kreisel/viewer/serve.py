@@ -1,10 +1,9 @@
 """`kreisel view --serve`: the page of a run that is still going on, from this machine to this machine.
 
 One address, "/": the page, or to the page's own requests (Accept: application/json) its data, each only if new.
-Nothing else is
-served, nothing is written, and no file is named by a request.  Bound to loopback unless told otherwise; there only
-requests that name the machine as such are answered, so that no page of a stranger can read it through a name of its
-own.
+Nothing else is served, nothing is written, and no file is named by a request.  The server listens on loopback unless
+another address is given.  On loopback only requests that name the machine as such are answered: no page of a stranger
+can read it through a name of its own.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 
 
 @dataclass(frozen=True)
@@ -81,5 +81,5 @@ THEMES = {
 def theme_of(name: str) -> Theme:
     """The theme "light" or "dark".  Raises `InputError`."""
     if not isinstance(name, str) or name not in THEMES:
-        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}, got {shown(name)}.{nearest(name, THEMES)}")
+        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}, got {shown(name)}.{hint(name, THEMES)}")
     return THEMES[name]

@@ -17,7 +17,7 @@ from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
-from kreisel.kernels._numba.vector_type import Vector, broadcast, everywhere, llvm_intrinsic
+from kreisel.kernels._numba.vector_type import VectorType, broadcast, everywhere, llvm_intrinsic
 
 Two = tuple[Any, Any]  # the upper and the lower double
 fused = llvm_intrinsic("fma")
@@ -39,12 +39,12 @@ class PairModel(models.StructModel):
         super().__init__(manager, kind, [("upper", kind.element), ("lower", kind.element)])
 
 
-def _parts(context: Any, builder: ir.IRBuilder, kind: Pair, value: Any) -> Two:
+def _pair_parts(context: Any, builder: ir.IRBuilder, kind: Pair, value: Any) -> Two:
     held = cgutils.create_struct_proxy(kind)(context, builder, value=value)
     return held.upper, held.lower
 
 
-def _joined(context: Any, builder: ir.IRBuilder, kind: Pair, two: Two) -> Any:
+def _pair_value(context: Any, builder: ir.IRBuilder, kind: Pair, two: Two) -> Any:
     held = cgutils.create_struct_proxy(kind)(context, builder)
     held.upper, held.lower = two
     return held._getvalue()
@@ -88,7 +88,7 @@ def _divide(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
     return _ordered(builder, quotient, builder.fdiv(rest, y[0]))
 
 
-def _root(builder: ir.IRBuilder, x: Two) -> Two:
+def _pair_sqrt(builder: ir.IRBuilder, x: Two) -> Two:
     root = llvm_intrinsic("sqrt")(builder, x[0])
     rest = builder.fadd(fused(builder, builder.fneg(root), root, x[0]), x[1])
     return _ordered(builder, root, builder.fdiv(rest, builder.fadd(root, root)))
@@ -96,16 +96,16 @@ def _root(builder: ir.IRBuilder, x: Two) -> Two:
 
 def common(kinds: Sequence[Any]) -> Pair | None:
     """The one type of double-doubles among those of numbers, vectors and double-doubles."""
-    if not all(isinstance(kind, Pair | Vector | types.Float | types.Integer) for kind in kinds):
+    if not all(isinstance(kind, Pair | VectorType | types.Float | types.Integer) for kind in kinds):
         return None
     elements = {kind.element if isinstance(kind, Pair) else kind for kind in kinds}
-    vectors = {kind for kind in elements if isinstance(kind, Vector)}
+    vectors = {kind for kind in elements if isinstance(kind, VectorType)}
     if len(vectors) > 1 or not any(isinstance(kind, Pair) for kind in kinds):
         return None
     return Pair(vectors.pop() if vectors else types.float64)
 
 
-def _operation(function: Callable[..., Any], count: int, emit: Callable[..., Two]) -> None:
+def _pair_operation(function: Callable[..., Any], count: int, emit: Callable[..., Two]) -> None:
     """Let compiled code take double-doubles for `function`, which has `count` arguments."""
 
     class Template(AbstractTemplate):
@@ -115,8 +115,8 @@ def _operation(function: Callable[..., Any], count: int, emit: Callable[..., Two
 
     def lower(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         kind = form.return_type
-        parts = [_parts(context, builder, kind, value) for value in values]
-        return _joined(context, builder, kind, emit(builder, *parts))
+        parts = [_pair_parts(context, builder, kind, value) for value in values]
+        return _pair_value(context, builder, kind, emit(builder, *parts))
 
     infer_global(function)(Template)
     lower_builtin(function, *[Pair] * count)(lower)
@@ -128,39 +128,39 @@ for _function, _count, _emit in (
     (operator.mul, 2, _multiply),
     (operator.truediv, 2, _divide),
     (operator.neg, 1, _negative),
-    (math.sqrt, 1, _root),
+    (math.sqrt, 1, _pair_sqrt),
 ):
-    _operation(_function, _count, _emit)
+    _pair_operation(_function, _count, _emit)
 
 
 def _widened(context: Any, builder: ir.IRBuilder, number: Any, kind: Pair, value: Any) -> Any:
     """A number, the same in all places of a vector, or a vector: its lower part is 0."""
-    if not isinstance(number, Vector):
+    if not isinstance(number, VectorType):
         value = context.cast(builder, value, number, types.float64)
-        if isinstance(kind.element, Vector):
+        if isinstance(kind.element, VectorType):
             value = broadcast(context, builder, types.float64, kind.element, value)
-    return _joined(context, builder, kind, (value, everywhere(value.type, 0.0)))
+    return _pair_value(context, builder, kind, (value, everywhere(value.type, 0.0)))
 
 
-def _spread(context: Any, builder: ir.IRBuilder, one: Any, kind: Any, value: Any) -> Any:
+def _broadcast_pair(context: Any, builder: ir.IRBuilder, one: Any, kind: Any, value: Any) -> Any:
     """The same double-double in all places of a vector."""
-    parts = _parts(context, builder, one, value)
+    parts = _pair_parts(context, builder, one, value)
     upper, lower = (broadcast(context, builder, one.element, kind.element, v) for v in parts)
-    return _joined(context, builder, kind, (upper, lower))
+    return _pair_value(context, builder, kind, (upper, lower))
 
 
-for _kind in (types.Float, types.Integer, Vector):
+for _kind in (types.Float, types.Integer, VectorType):
     lower_cast(_kind, Pair)(_widened)
-lower_cast(Pair, Pair)(_spread)
+lower_cast(Pair, Pair)(_broadcast_pair)
 
 
 @intrinsic
 def pair(typing_context: Any, upper: Any, lower: Any) -> Any:
     """The double-double of two numbers or vectors, |lower| at most half a unit in the last place of |upper|."""
-    kind = Pair(next((v for v in (upper, lower) if isinstance(v, Vector)), types.float64))
+    kind = Pair(next((v for v in (upper, lower) if isinstance(v, VectorType)), types.float64))
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        return _joined(context, builder, kind, (values[0], values[1]))
+        return _pair_value(context, builder, kind, (values[0], values[1]))
 
     return signature(kind, kind.element, kind.element), emit
 
@@ -170,6 +170,6 @@ def upper(typing_context: Any, x: Any) -> Any:
     """The double next to it."""
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        return _parts(context, builder, x, values[0])[0]
+        return _pair_parts(context, builder, x, values[0])[0]
 
     return signature(x.element, x), emit

@@ -13,7 +13,7 @@ INTEGER = ir.IntType(64)
 
 
 @intrinsic
-def call(typing_context: Any, address: Any, arguments: Any) -> Any:
+def call_at_address(typing_context: Any, address: Any, arguments: Any) -> Any:
     """Call the function at `address`, made by `numba.cfunc`, which takes a tuple of integers and returns nothing."""
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
@@ -25,7 +25,7 @@ def call(typing_context: Any, address: Any, arguments: Any) -> Any:
     return signature(types.void, types.int64, types.UniTuple(types.int64, len(arguments))), emit
 
 
-def _place(builder: ir.IRBuilder, kind: ir.Type, address: Any, i: Any) -> Any:
+def _element_pointer(builder: ir.IRBuilder, kind: ir.Type, address: Any, i: Any) -> Any:
     return builder.gep(builder.inttoptr(address, kind.as_pointer()), [i])
 
 
@@ -33,7 +33,7 @@ def _reader(kind: ir.Type, out: Any) -> Any:
     @intrinsic
     def read(typing_context: Any, address: Any, i: Any) -> Any:
         def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-            value = builder.load(_place(builder, kind, *values))
+            value = builder.load(_element_pointer(builder, kind, *values))
             return builder.sext(value, INTEGER) if kind == ir.IntType(32) else value
 
         return signature(out, types.int64, types.int64), emit
@@ -52,7 +52,7 @@ def put_double(typing_context: Any, address: Any, i: Any, value: Any) -> Any:
     """Double i at an address becomes `value`."""
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        builder.store(values[2], _place(builder, ir.DoubleType(), *values[:2]))
+        builder.store(values[2], _element_pointer(builder, ir.DoubleType(), *values[:2]))
         return context.get_dummy_value()
 
     return signature(types.void, types.int64, types.int64, types.float64), emit

@@ -29,7 +29,7 @@ def register_width() -> int:
     return next((width for feature, width in DOUBLES.items() if f"+{feature}" in features), 2)
 
 
-class Vector(types.Type):
+class VectorType(types.Type):
     """`width` doubles."""
 
     def __init__(self, width: int):
@@ -41,15 +41,15 @@ class Vector(types.Type):
         return ir.VectorType(ir.DoubleType(), self.width)
 
 
-@register_model(Vector)
+@register_model(VectorType)
 class VectorModel(models.PrimitiveModel):
     """A value of LLVM, kept in registers."""
 
-    def __init__(self, manager: Any, kind: Vector):
+    def __init__(self, manager: Any, kind: VectorType):
         super().__init__(manager, kind, kind.llvm)
 
 
-def broadcast(context: Any, builder: ir.IRBuilder, number: Any, kind: Vector, value: Any) -> Any:
+def broadcast(context: Any, builder: ir.IRBuilder, number: Any, kind: VectorType, value: Any) -> Any:
     """The same number in all places."""
     if isinstance(value, ir.Constant):
         return everywhere(kind.llvm, value.constant)
@@ -62,17 +62,17 @@ def everywhere(kind: ir.Type, number: float) -> ir.Constant:
     return ir.Constant(kind, [number] * kind.count if isinstance(kind, ir.VectorType) else number)
 
 
-lower_cast(types.Float, Vector)(broadcast)
+lower_cast(types.Float, VectorType)(broadcast)
 
 
 def common(kinds: Sequence[Any]) -> Any:
     """The vector type among those of numbers and of one vector type; None without a vector or of others."""
-    vectors = {kind for kind in kinds if isinstance(kind, Vector)}
-    known = len(vectors) == 1 and all(isinstance(kind, Vector | types.Float) for kind in kinds)
+    vectors = {kind for kind in kinds if isinstance(kind, VectorType)}
+    known = len(vectors) == 1 and all(isinstance(kind, VectorType | types.Float) for kind in kinds)
     return vectors.pop() if known else None
 
 
-def _operation(function: Callable[..., Any], count: int, emit: Emit) -> None:
+def _vector_operation(function: Callable[..., Any], count: int, emit: Emit) -> None:
     """Let compiled code take vectors for `function`, which has `count` arguments."""
 
     class Template(AbstractTemplate):
@@ -81,7 +81,7 @@ def _operation(function: Callable[..., Any], count: int, emit: Emit) -> None:
             return None if kind is None else signature(kind, *[kind] * count)
 
     infer_global(function)(Template)
-    lower_builtin(function, *[Vector] * count)(lambda context, builder, kinds, values: emit(builder, *values))
+    lower_builtin(function, *[VectorType] * count)(lambda context, builder, kinds, values: emit(builder, *values))
 
 
 def llvm_intrinsic(name: str) -> Emit:
@@ -114,7 +114,7 @@ for _function, _count, _emit in (
     (math.log, 1, llvm_intrinsic("log")),
     (max, 2, _larger),
 ):
-    _operation(_function, _count, _emit)
+    _vector_operation(_function, _count, _emit)
 
 
 def _places(builder: ir.IRBuilder, width: int, first: Any, end: Any) -> list[Any]:
@@ -129,7 +129,7 @@ def _element(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, indices
     return cgutils.get_item_pointer(context, builder, kind, made, indices)
 
 
-def _row(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, row: Any, of: Vector) -> Any:
+def _row_pointer(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, row: Any, of: VectorType) -> Any:
     """A pointer to a row of a scratch array, as a vector."""
     start = _element(context, builder, kind, array, [row, row.type(0)])
     return builder.bitcast(start, of.llvm.as_pointer())
@@ -141,7 +141,7 @@ def gather(typing_context: Any, array: Any, columns: Any, first: Any, end: Any, 
 
     In place of rows from `end` on stands the one before it.  `columns` and `width` are written out.
     """
-    kind = Vector(width.literal_value)
+    kind = VectorType(width.literal_value)
     out = types.UniTuple(kind, columns.literal_value)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
@@ -180,12 +180,12 @@ def scatter(typing_context: Any, array: Any, lead: Any, first: Any, end: Any, ve
 @intrinsic(prefer_literal=True)
 def load(typing_context: Any, array: Any, row: Any, rows: Any, width: Any) -> Any:
     """`rows` rows of `array` from `row` on, as vectors of `width` numbers; both are written out."""
-    kind = Vector(width.literal_value)
+    kind = VectorType(width.literal_value)
     out = types.UniTuple(kind, rows.literal_value)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         each = [builder.add(values[1], values[1].type(j)) for j in range(out.count)]
-        places = [_row(context, builder, form.args[0], values[0], at, kind) for at in each]
+        places = [_row_pointer(context, builder, form.args[0], values[0], at, kind) for at in each]
         return context.make_tuple(builder, out, [builder.load(place, align=8) for place in places])
 
     return signature(out, array, types.intp, rows, width), emit
@@ -198,7 +198,7 @@ def store(typing_context: Any, array: Any, row: Any, vectors: Any) -> Any:
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         for j, vector in enumerate(cgutils.unpack_tuple(builder, values[2], len(vectors))):
             at = builder.add(values[1], values[1].type(j))
-            builder.store(vector, _row(context, builder, form.args[0], values[0], at, vectors.dtype), align=8)
+            builder.store(vector, _row_pointer(context, builder, form.args[0], values[0], at, vectors.dtype), align=8)
         return context.get_dummy_value()
 
     return signature(types.void, array, types.intp, vectors), emit
@@ -207,7 +207,7 @@ def store(typing_context: Any, array: Any, row: Any, vectors: Any) -> Any:
 @intrinsic(prefer_literal=True)
 def vector_at(typing_context: Any, address: Any, row: Any, width: Any) -> Any:
     """Vector `row` of those at an address; `width` is written out."""
-    kind = Vector(width.literal_value)
+    kind = VectorType(width.literal_value)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         place = builder.gep(builder.inttoptr(values[0], kind.llvm.as_pointer()), [values[1]])

@@ -28,7 +28,7 @@ def polynomials(
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = [_array(context, builder, signature, arguments, k).data for k in range(4)]
+        data = [_array_argument(context, builder, signature, arguments, k).data for k in range(4)]
         _horner(builder, data, arguments[4], terms.literal_value, count.literal_value, width.literal_value)
         return context.get_dummy_value()
 
@@ -42,7 +42,7 @@ def store_rows(
     """out[row + r, lane, d] = w[begin + d * width + i + r] for d < count and r < LANES; `begin`, ... are literals."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        target, source = (_array(context, builder, signature, arguments, k) for k in (0, 3))
+        target, source = (_array_argument(context, builder, signature, arguments, k) for k in (0, 3))
         starts = _row_starts(builder, target, arguments[1], arguments[2], count.literal_value)
         first = builder.add(arguments[4], INDEX(begin.literal_value))
         _store(builder, target.data, starts, source.data, first, count.literal_value, width.literal_value)
@@ -56,13 +56,13 @@ def expect_rows(typing_context: Any, out: Any, row: Any, lane: Any, count: Any) 
     """Fetch out[row : row + LANES, lane] into the cache, to be written; `count`, of its numbers, is a literal."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        target, size = _array(context, builder, signature, arguments, 0), count.literal_value
+        target, size = _array_argument(context, builder, signature, arguments, 0), count.literal_value
         flag, pointer = ir.IntType(32), target.data.type
         kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
         fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         for start in _row_starts(builder, target, arguments[1], arguments[2], size):
             for place in range(0, size + LINE - 1, LINE):
-                at = _place(builder, target.data, start, min(place, size - 1))
+                at = _vector_pointer(builder, target.data, start, min(place, size - 1))
                 builder.call(fetch, [at, flag(1), flag(3), flag(1)])
         return context.get_dummy_value()
 
@@ -75,11 +75,11 @@ def _row_starts(builder: Any, out: Any, row: Any, lane: Any, count: int) -> list
     return [builder.mul(builder.add(first, lane), INDEX(count)) for first in rows]
 
 
-def _array(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:
+def _array_argument(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:
     return make_array(signature.args[k])(context, builder, arguments[k])
 
 
-def _place(builder: Any, data: Any, offset: Any, more: int) -> Any:
+def _vector_pointer(builder: Any, data: Any, offset: Any, more: int) -> Any:
     return builder.gep(data, [builder.add(offset, INDEX(more))])
 
 
@@ -107,14 +107,14 @@ def _horner(builder: Any, data: list[Any], first: Any, terms: int, count: int, w
     fma = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f64")
     starts, arguments = [], []
     for row in range(LANES):
-        part = builder.load(_place(builder, where, first, row))
+        part = builder.load(_vector_pointer(builder, where, first, row))
         starts.append(builder.mul(part, INDEX(terms * groups * LANES)))
-        at = builder.load(_place(builder, x, first, row))
+        at = builder.load(_vector_pointer(builder, x, first, row))
         alone = builder.insert_element(VECTOR(ir.Undefined), at, ir.IntType(32)(0))
         arguments.append(_shuffled(builder, alone, alone, *[0] * LANES))
 
     def numbers(row: int, k: int, group: int) -> Any:
-        return _vector(builder, _place(builder, table, starts[row], (k * groups + group) * LANES))
+        return _vector(builder, _vector_pointer(builder, table, starts[row], (k * groups + group) * LANES))
 
     sums = [[numbers(row, terms - 1, group) for row in range(LANES)] for group in range(groups)]
     for k in reversed(range(terms - 1)):
@@ -124,15 +124,17 @@ def _horner(builder: Any, data: list[Any], first: Any, terms: int, count: int, w
         ]
     for group, four in enumerate(sums):
         for d, column in enumerate(_transposed(builder, four)[: count - group * LANES]):
-            target = _place(builder, w, first, (group * LANES + d) * width)
+            target = _vector_pointer(builder, w, first, (group * LANES + d) * width)
             builder.store(column, builder.bitcast(target, VECTOR.as_pointer()), align=8)
 
 
 def _store(builder: Any, out: Any, starts: list[Any], w: Any, first: Any, count: int, width: int) -> None:
     for group in range(0, count, LANES):
         many = min(LANES, count - group)
-        columns = [_vector(builder, _place(builder, w, first, (group + d) * width)) for d in range(many)]
+        columns = [_vector(builder, _vector_pointer(builder, w, first, (group + d) * width)) for d in range(many)]
         columns += [VECTOR(ir.Undefined)] * (LANES - many)
         for start, numbers in zip(starts, _transposed(builder, columns), strict=True):
             kept = _shuffled(builder, numbers, numbers, *range(many))
-            builder.store(kept, builder.bitcast(_place(builder, out, start, group), kept.type.as_pointer()), align=8)
+            builder.store(
+                kept, builder.bitcast(_vector_pointer(builder, out, start, group), kept.type.as_pointer()), align=8
+            )

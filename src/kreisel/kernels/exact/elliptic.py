@@ -1,7 +1,7 @@
 """Elliptic integrals and functions in compiled code, without branches: for numbers and for vectors of them.
 
 Those of which a large multiple is taken are in double-doubles.  Arguments that need more iterations than are made
-give a result whose error is told, or no number.
+give a result with its error, or no number.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load, shares
+from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, shares
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
@@ -134,20 +134,22 @@ class ClosedForm:
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
 
     @cached_property
-    def _lanes(self) -> list[Rows | Samples]:
+    def _lanes(self) -> list[OrbitRows | Samples]:
         return self._set_up(range(len(self.z)))
 
     @cached_property
     def _jumps(self) -> Jumps:
         return Jumps(self._scheme, len(self._start))
 
-    def _set_up(self, which: Iterable[int]) -> list[Rows | Samples]:
+    def _set_up(self, which: Iterable[int]) -> list[OrbitRows | Samples]:
         """These lanes, in many digits.  Raises `InputError` for what has no closed form."""
         kinds = [kind for _, kind in self._scheme.components]
         found = orbits(self._scheme, self._start, self._reach, which)
-        used, source = _source(found[0], kinds, self._scheme.name) if isinstance(found[0], Orbit) else ([], "")
-        kernel = load(source).kernel if source else None  # no number of a lane stands in it
-        return [Rows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in found]
+        used, source = _rows_source(found[0], kinds, self._scheme.name) if isinstance(found[0], Orbit) else ([], "")
+        kernel = load_kernel(source).kernel if source else None  # no number of a lane stands in it
+        return [
+            OrbitRows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in found
+        ]
 
     def ready(self) -> ClosedForm:
         """Set up before the first row is asked for."""
@@ -224,7 +226,7 @@ class Samples:
             out[here, lane] = layout.flatten(self._states(M[here], e[here]), self._kinds)
 
 
-class Rows:
+class OrbitRows:
     """The states of one orbit, by a kernel made of its `row`."""
 
     def __init__(self, orbit: Orbit, used: list[int], kernel: Any):
@@ -298,7 +300,7 @@ class Rows:
         return int(self._kernel(*given, *rest))
 
 
-def _source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
+def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
     """The numbers of a place that are used, and straight-line code of `row` in blocks of rows.
 
     LLVM vectorises it; what all rows share comes first.

@@ -23,11 +23,11 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load, shares
+from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, shares
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import arranged
 from kreisel.kernels.recording import flat_constants, indented
-from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.kernels.tape import Scalar, Tape, source_of
 from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
@@ -106,7 +106,7 @@ from kreisel.kernels.exact.rotating import rotated
 """
 
 
-def _function(name: str, function: Callable[..., Any], *shapes: tuple[int, ...], fuse: bool = True) -> str:
+def _function_source(name: str, function: Callable[..., Any], *shapes: tuple[int, ...], fuse: bool = True) -> str:
     """Source of a function of numbers, from one of arrays of these shapes; `fuse`: products into sums."""
     tape = Tape()
     names: list[str] = []
@@ -120,7 +120,7 @@ def _function(name: str, function: Callable[..., Any], *shapes: tuple[int, ...],
     outputs = [v.name for v in values if isinstance(v, Scalar)]
     lines = tape.needed(outputs)
     body = [line.text for line in (arranged(lines, outputs) if fuse else lines)]
-    result = ", ".join(map(text, values))
+    result = ", ".join(map(source_of, values))
     return FUNCTION.format(
         name=name,
         arguments=", ".join(names),
@@ -143,20 +143,20 @@ def _formulas() -> str:
 
     three = (3,), (3,), (3,)
     return (
-        _function("integrals", integrals, *three, fuse=False)
-        + _function("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
-        + _function("length", lambda *x: [squared_length(*x)], *[()] * 6)
-        + _function("mapped", mapped, *three, (), ())
+        _function_source("integrals", integrals, *three, fuse=False)
+        + _function_source("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
+        + _function_source("length", lambda *x: [squared_length(*x)], *[()] * 6)
+        + _function_source("mapped", mapped, *three, (), ())
     )
 
 
-def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
+def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     from kreisel.kernels._numba.vector_type import register_width
 
     jump = scheme.jump
     if jump is None:
         raise TypeError(f"the scheme {scheme.name} states no jump")
-    state = sum(layout.size(kind, scheme.n) for _, kind in scheme.components)
+    state = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
     constants = max(place.stop for place in columns.values())
     if isinstance(jump, Jump):
         functions, body, single = _of_top(scheme, jump, state, columns)
@@ -165,7 +165,7 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     return (
         HEAD.format(name=f"{scheme.name} of {[kind for _, kind in scheme.components]}, jumps")
         + IMPORTS
-        + f"# {_operations()}\n"
+        + f"# {_imported_operations()}\n"
         + functions
         + KERNEL.format(
             options=EXACT,
@@ -179,7 +179,7 @@ def _source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     )
 
 
-def _named(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -> dict[str, Array]:
+def _constants_by_name(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -> dict[str, Array]:
     return {name: c[place].reshape((scheme.n,) * scheme.axes[name])[()] for name, place in columns.items()}
 
 
@@ -189,7 +189,7 @@ def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]
     constants = max(place.stop for place in columns.values())
 
     def begin(z: Array, c: Array) -> list[Any]:
-        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **_named(c, scheme, columns))
+        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
         return [*m, *b, *p, alpha]
 
     def finish(m: Array, b: Array, axis: Array, cos: Any, sin: Any) -> list[Any]:
@@ -198,8 +198,8 @@ def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]
         return list(layout.flatten(jump.finish(*new), kinds))
 
     return (
-        _function("begin", begin, (state,), (constants,))
-        + _function("finish", finish, *[(3,)] * 3, (), ())
+        _function_source("begin", begin, (state,), (constants,))
+        + _function_source("finish", finish, *[(3,)] * 3, (), ())
         + _formulas(),
         TOP.format(pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3))),
         "",
@@ -215,7 +215,7 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
         return list(jump.begin(*layout.restore(z, kinds, n))[0])
 
     def moments(c: Array) -> list[Any]:
-        return list(jump.moments(**_named(c, scheme, columns)))
+        return list(jump.moments(**_constants_by_name(c, scheme, columns)))
 
     def finish(z: Array, m: Array, turn: Array) -> list[Any]:
         before = jump.begin(*layout.restore(z, kinds, n))[1:]
@@ -223,9 +223,9 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
 
     pairs = ", ".join(f"pair(known[{k}], 0.0)" for k in range(constants))
     return (
-        _function("begin", begin, (state,))
-        + _function("moments", moments, (constants,), fuse=False)
-        + _function("finish", finish, (state,), (3,), (4,)),
+        _function_source("begin", begin, (state,))
+        + _function_source("moments", moments, (constants,), fuse=False)
+        + _function_source("finish", finish, (state,), (3,), (4,)),
         BODY.format(pairs=pairs),
         SINGLE.format(
             pairs=pairs,
@@ -238,7 +238,7 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
 
 
 @cache
-def _operations() -> str:
+def _imported_operations() -> str:
     """Of the text of what the kernel imports, which Numba compiles into it."""
     texts = b"".join((Path(__file__).parent / name).read_bytes() for name in TEXTS)
     return hashlib.sha256(texts).hexdigest()
@@ -250,7 +250,7 @@ class Jumps:
     def __init__(self, scheme: Scheme, lanes: int):
         self._constants, columns = flat_constants(scheme, lanes)
         key = None if scheme.key is None else (Jumps, scheme.key)
-        self._jump = reused(key, lambda: load(_source(scheme, columns)).jump)
+        self._jump = reused(key, lambda: load_kernel(_jump_source(scheme, columns)).jump)
 
     def at(self, z: Floats, times: Floats) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes)."""

@@ -87,7 +87,7 @@ def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
 def period_of(p: Any, c: Any, K: Any, y: Any, x3: Any, square: Any, scale: Any, turning: Any) -> Any:
     """The mean M with omega_1 = pi/M, theta_P, x3 + c^2/P2 and the error of M: `square` = (x3 - x1)(x3 - x2).
 
-    The first step of the mean is made by hand: in it x1 and x2 need not be told apart.
+    The first step of the mean is made by hand: it needs no difference of x1 and x2.
     """
     zero = 0.0 * scale
     w = sqrt(square)

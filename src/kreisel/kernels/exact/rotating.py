@@ -50,7 +50,7 @@ def _sorted(test: Any, I: Any, J: Any, M: Any, N: Any) -> Any:  # noqa: E741
 
 
 @inlined
-def _square(x: Any) -> Any:
+def _double_double_square(x: Any) -> Any:
     wide = pair(x, 0.0 * x)
     return wide * wide
 
@@ -73,7 +73,7 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     width = I3 - I1
     ball = where_less(0.0, upper(width), 0.0, one)
     rho, kappa = (I3 - I2 + 0.5 * ball) / (width + ball), (I2 - I1 + 0.5 * ball) / (width + ball)
-    f1, f2, f3 = _square(N1) / I1, _square(N2) / I2, _square(N3) / I3
+    f1, f2, f3 = _double_double_square(N1) / I1, _double_double_square(N2) / I2, _double_double_square(N3) / I3
     gap = rho * f3 - kappa * f1
     last = upper(gap)
     I1, I3, N1, N3 = _sorted(last, I1, I3, N1, N3)
@@ -185,12 +185,12 @@ def moved(known: Any, N: Any, part: Any, whole: Any) -> Any:
     there = where_less(cn * here, 0.0, -one, one)  # -1 in the cell beside
     cell = 0.5 * (1.0 - there) * where_less(part, 0.0, -one, one)
     beta = both - 1.0
-    more = _third(sn * here * there, cn, dn, k1, rest, beta) - _third(sn0 * here, cn0, dn0, k1, rest, beta)
+    more = _third_kind(sn * here * there, cn, dn, k1, rest, beta) - _third_kind(sn0 * here, cn0, dn0, k1, rest, beta)
     return cn, sn, dn, more + 2.0 * whole * (cell - part)
 
 
 @inlined
-def _third(sn: Any, cn: Any, dn: Any, k1: Any, rest: Any, beta: Any) -> Any:
+def _third_kind(sn: Any, cn: Any, dn: Any, k1: Any, rest: Any, beta: Any) -> Any:
     """Q of (v, k_1) from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
     above = 1.0 + dn
     s = 2.0 * sn / ((1.0 + k1) * above)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.forms import Form
+    from kreisel.kernels.large.forms import LargeForm
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ BASIS_AXES = {f"{BASIS}{letter}": count for letter, count in {"x": 2, "y": 2, "p
 SHORTEST = 1e-100  # of an axis
 
 
-def _lengths(p: Array) -> Array:
+def _axis_lengths(p: Array) -> Array:
     p = np.asarray(p, dtype=np.float64)
     return np.sqrt((p * p).sum(-1))
 
@@ -53,7 +53,7 @@ class Basis:
         return {name: getattr(self, name.removeprefix(BASIS)) for name in BASIS_AXES}
 
     @staticmethod
-    def of(form: Form, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
+    def of(form: LargeForm, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
         """The basis for the states z0."""
         kinds = tuple(kind for _, kind in scheme.components)
         p = np.asarray(scheme.constants[form.axis], dtype=np.float64)
@@ -64,9 +64,9 @@ class Basis:
         T = np.broadcast_to((T - T.mT) / 2, (*batch, form.n, form.n))
         found = [_planes(T[lane], p[lane]) for lane in np.ndindex(batch)]
         x, y, theta = (np.array(part).reshape((*batch, *part[0].shape)) for part in zip(*found, strict=True))
-        return Basis(x, y, p, _lengths(p), theta, T, kinds, form.by_rows)
+        return Basis(x, y, p, _axis_lengths(p), theta, T, kinds, form.by_rows)
 
-    def constants(self, form: Form, scheme: Scheme) -> dict[str, Array]:
+    def constants(self, form: LargeForm, scheme: Scheme) -> dict[str, Array]:
         """The constants in this basis.  Raises `InputError` for a turn that is not in the planes of T."""
         out: dict[str, Array] = {AXIS_NAME: self.length, TURN_NAME: self.theta}
         for name, value in scheme.constants.items():

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from kreisel.kernels.large import products
 from kreisel.kernels.large.basis import AXIS_NAME, TURN_NAME
-from kreisel.kernels.large.forms import INVERSE, Form, Piece, functions, recorded
+from kreisel.kernels.large.forms import INVERSE, LargeForm, LargeFunction, large_functions, recorded_large
 from kreisel.kernels.large.levels import Levels, beyond, is_total
 from kreisel.kernels.large.matrix_products import MatrixProducts
 from kreisel.kernels.large.products import Upkeep
-from kreisel.kernels.large.workspace import Rows, Workspace
+from kreisel.kernels.large.workspace import Workspace, WorkspaceRows
 from kreisel.kernels.printing import Line, split
 from kreisel.kernels.recording import indented
 from kreisel.method.scheme import Scheme
@@ -60,7 +60,7 @@ class Places(NamedTuple):
 class Printer:
     """The kernel of a scheme in a form, from the scheme as it was before it was put in this form."""
 
-    def __init__(self, form: Form, scheme: Scheme):
+    def __init__(self, form: LargeForm, scheme: Scheme):
         self.form, self.scheme = form, scheme
         self.kinds = [kind for _, kind in scheme.components]
         self.names = form.names(self.kinds)
@@ -72,13 +72,13 @@ class Printer:
         self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
     ) -> str:
         """The source; `columns` say where each constant stands in its row."""
-        pieces = [recorded(self.form, self.kinds, *function) for function in functions(self.scheme)]
+        pieces = [recorded_large(self.form, self.kinds, *function) for function in large_functions(self.scheme)]
         if "matrix" not in self.kinds and all(self._stays_zero(piece) for piece in pieces):
             self.end = -(-self.form.h // VECTOR) * VECTOR
         places = self._places()
         load = self._load(places, columns) + self.products.wait(pieces[0].upkeep) + self._views(places)
-        fixed, varying = _apart(pieces, {f"c_{name}" for name in columns})
-        once = self._printed(fixed, {name for piece in varying for name in _words(piece)}, {})
+        fixed, varying = _constant_lines_apart(pieces, {f"c_{name}" for name in columns})
+        once = self._printed(fixed, {name for piece in varying for name in _names_taken(piece)}, {})
         body, *close = [self._piece(piece) for piece in varying]
         stage = [f"s_{name} = s[lane, stage, {where.start}]" for name, where in stage_columns.items()]
         saved = [f"out[row, lane, {at}:{end}] = z[lane, {at}:{end}]" for _, at, end in places.matrices]
@@ -140,7 +140,7 @@ class Printer:
         blocks = [f"    {target}{at} + k] = {self.work.entry(row)}" for row, at in places.blocks]
         return [f"for k in range({self.form.h}):", *blocks, *(f"{target}{at}] = {name}" for name, at in places.numbers)]
 
-    def _stays_zero(self, piece: Piece) -> bool:
+    def _stays_zero(self, piece: LargeFunction) -> bool:
         """Whether entries beyond the last, where state and constants are 0, change neither sums nor the state."""
         if piece.upkeep:
             return False
@@ -163,7 +163,7 @@ class Printer:
     def _is_number(self, name: str) -> bool:
         return name == AXIS_NAME or self.form.roles.get(name, ("c", "turn"))[1] == "number"
 
-    def _piece(self, piece: Piece) -> list[str]:
+    def _piece(self, piece: LargeFunction) -> list[str]:
         """The source of a step or of `close`; what is done to each vector of an orientation stands in a loop."""
         outputs = dict(zip(self.names, piece.new, strict=True))
         if "matrix" not in self.kinds:
@@ -209,7 +209,7 @@ class Printer:
         """
         ends = {name: value for name, value in outputs.items() if name[-1] != "t" and value != name}
         levels = Levels(lines, self.work.stay, upkeep.vectors if upkeep else within, ends)
-        rows, touched = Rows(self.work, levels.used), set[str]()
+        rows, touched = WorkspaceRows(self.work, levels.used), set[str]()
         out: list[str] = []
         for at in range(levels.last + 1):
             here, is_last = levels.at(at), at == levels.last
@@ -226,7 +226,7 @@ class Printer:
             out.append(f"{', '.join(numbers)}, = {', '.join(numbers.values())},")
         return ["for attempt in range(2):", *(f"    {line}" for line in (*out, "break"))] if upkeep else out
 
-    def _numbers(self, here: list[Line], levels: Levels, rows: Rows) -> list[str]:
+    def _numbers(self, here: list[Line], levels: Levels, rows: WorkspaceRows) -> list[str]:
         """The lines of a level that are not in the loop: sums over the entries, and what comes from them."""
         out = []
         for line in here:
@@ -239,7 +239,7 @@ class Printer:
         return out
 
     def _loop(
-        self, here: list[Line], levels: Levels, rows: Rows, wanted: Collection[str], ends: Mapping[str, str]
+        self, here: list[Line], levels: Levels, rows: WorkspaceRows, wanted: Collection[str], ends: Mapping[str, str]
     ) -> list[str]:
         """The loop of a level, which reads entries from w and leaves there what is needed later."""
         lines = [line for line in here if line.names[0] in levels.made]
@@ -257,7 +257,9 @@ class Printer:
         return [f"for k in range({self.end}):", *(f"    {line}" for line in block)]
 
 
-def _apart(pieces: list[Piece], constant: Collection[str]) -> tuple[list[Line], list[Piece]]:
+def _constant_lines_apart(
+    pieces: list[LargeFunction], constant: Collection[str]
+) -> tuple[list[Line], list[LargeFunction]]:
     """The lines that need constants only, and the pieces without them."""
     fixed: list[Line] = []
     varying = []
@@ -268,7 +270,7 @@ def _apart(pieces: list[Piece], constant: Collection[str]) -> tuple[list[Line], 
     return fixed, varying
 
 
-def _words(piece: Piece) -> set[str]:
+def _names_taken(piece: LargeFunction) -> set[str]:
     """All names that a piece takes."""
     taken = {n for line in piece.lines for n in line.needs} | {v.strip("(-)") for v in piece.new}
     return taken | (piece.upkeep.words if piece.upkeep else set())

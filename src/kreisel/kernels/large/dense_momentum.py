@@ -13,7 +13,7 @@ from kreisel.kernels.large.scalars import Number, key_of
 from kreisel.kernels.tape import Scalar, Tape
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.structured import Vector
+    from kreisel.kernels.large.structured import StructuredVector
 
 
 @dataclass(eq=False)
@@ -29,19 +29,19 @@ class Dense:
     inverses: list[tuple[Any, Number]] = field(default_factory=list)
     checks: dict[int, tuple[Scalar, Scalar]] = field(default_factory=dict)
 
-    def times(self, v: Vector) -> Vector:
+    def times(self, v: StructuredVector) -> StructuredVector:
         """M v."""
         return self._applied("product", v)
 
-    def solved(self, k: int, v: Vector) -> Vector:
+    def solved(self, k: int, v: StructuredVector) -> StructuredVector:
         """Inverse k times v."""
         return self._applied(f"kept{k}", v)
 
-    def solved_transposed(self, k: int, v: Vector) -> Vector:
+    def solved_transposed(self, k: int, v: StructuredVector) -> StructuredVector:
         """Inverse k, transposed, times v."""
         return self._applied(f"turned{k}", v)
 
-    def _applied(self, what: str, v: Vector) -> Vector:
+    def _applied(self, what: str, v: StructuredVector) -> StructuredVector:
         (x,) = v.blocks
         if not isinstance(x, Scalar):
             raise TypeError("products of the dense momentum with complex vectors are not recorded")
@@ -59,8 +59,8 @@ class Dense:
 
 
 def changed_inverse(
-    dense: Dense, k: int, pairs: Sequence[tuple[Number, Vector, Vector]]
-) -> list[tuple[Vector, Vector]]:
+    dense: Dense, k: int, pairs: Sequence[tuple[Number, StructuredVector, StructuredVector]]
+) -> list[tuple[StructuredVector, StructuredVector]]:
     """Vectors x, r: the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M, by Woodbury's formula."""
     turn = dense.inverses[k][1]
     changes = [change for c, s, t in pairs for change in ((turn * c, s, t), (-(turn * c), t, s))]  # a x y^T
@@ -71,7 +71,7 @@ def changed_inverse(
     return [(x, _combined(right, row)) for x, row in zip(left, weights, strict=True)]
 
 
-def _combined(vectors: Sequence[Vector], weights: Sequence[Number]) -> Vector:
+def _combined(vectors: Sequence[StructuredVector], weights: Sequence[Number]) -> StructuredVector:
     first, *others = (v * w for v, w in zip(vectors, weights, strict=True))
     for v in others:
         first = first + v

@@ -21,12 +21,12 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _lengths
+from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _axis_lengths
 from kreisel.kernels.large.dense_momentum import Dense, changed_inverse
 from kreisel.kernels.large.products import Change, Inverse, Upkeep
-from kreisel.kernels.large.structured import Columns, Matrix, Rows, Vector
+from kreisel.kernels.large.structured import StructuredColumns, StructuredMatrix, StructuredRows, StructuredVector
 from kreisel.kernels.printing import Line, arranged, split
-from kreisel.kernels.tape import Scalar, Tape, text
+from kreisel.kernels.tape import Scalar, Tape, source_of
 from kreisel.method.scheme import Scheme
 
 AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape
@@ -35,7 +35,7 @@ LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 
 
 @dataclass(frozen=True)
-class Form:
+class LargeForm:
     """How the state and the constants of a scheme are laid out: blocks of h entries, and numbers.
 
     axis     the letter of the constant p, or "" for the other forms
@@ -78,24 +78,24 @@ class Form:
 
     # -- recording -------------------------------------------------------------------------------
 
-    def state(self, tape: Tape, kinds: list[str]) -> tuple[Vector | Matrix | Rows, ...]:
+    def state(self, tape: Tape, kinds: list[str]) -> tuple[StructuredVector | StructuredMatrix | StructuredRows, ...]:
         """The recorded state."""
         return tuple(self._component(tape, f"z{i}", kind) for i, kind in enumerate(kinds))
 
-    def _component(self, tape: Tape, name: str, kind: str) -> Vector | Matrix | Rows:
+    def _component(self, tape: Tape, name: str, kind: str) -> StructuredVector | StructuredMatrix | StructuredRows:
         if kind == "skew" and not self.axis:
-            return Matrix(self.n, turn=1.0, dense=Dense(tape, name))
+            return StructuredMatrix(self.n, turn=1.0, dense=Dense(tape, name))
         if kind == "matrix":
             x, y, t = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
-            return Vector(self.n, (x, y), t).mT if self.by_rows else Columns(self.n, (x, y), t)
+            return StructuredVector(self.n, (x, y), t).mT if self.by_rows else StructuredColumns(self.n, (x, y), t)
         x, *more = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
         if kind != "skew":
-            return Vector(self.n, (x, *more[:1]), more[1]) if more else Vector(self.n, (x,))
-        s = Vector(self.n, (x, *more), 0.0)
-        return Matrix(self.n, turn=Scalar(tape, TURN)).with_pair(s, self._p(tape))
+            return StructuredVector(self.n, (x, *more[:1]), more[1]) if more else StructuredVector(self.n, (x,))
+        s = StructuredVector(self.n, (x, *more), 0.0)
+        return StructuredMatrix(self.n, turn=Scalar(tape, TURN)).with_pair(s, self._p(tape))
 
-    def _p(self, tape: Tape, name: str = AXIS) -> Vector:
-        return Vector(self.n, (0.0, 0.0), Scalar(tape, AXIS), axis=True)
+    def _p(self, tape: Tape, name: str = AXIS) -> StructuredVector:
+        return StructuredVector(self.n, (0.0, 0.0), Scalar(tape, AXIS), axis=True)
 
     def known(self, tape: Tape, letters: str) -> dict[str, Any]:
         """The recorded constants that a function takes: c those of the trajectory, s those that vary with the stage."""
@@ -114,11 +114,11 @@ class Form:
     def _number(self, tape: Tape, name: str) -> Scalar:
         return Scalar(tape, name)
 
-    def _turn(self, tape: Tape, name: str) -> Matrix:
-        return Matrix(self.n, turn=Scalar(tape, name))
+    def _turn(self, tape: Tape, name: str) -> StructuredMatrix:
+        return StructuredMatrix(self.n, turn=Scalar(tape, name))
 
-    def _vector(self, tape: Tape, name: str) -> Vector:
-        return Vector(self.n, (Scalar(tape, name),))
+    def _vector(self, tape: Tape, name: str) -> StructuredVector:
+        return StructuredVector(self.n, (Scalar(tape, name),))
 
     def outputs(self, new: tuple[Any, ...], kinds: list[str]) -> list[Any]:
         """The new state in the order of `names`; TypeError where it has left the form."""
@@ -129,7 +129,7 @@ class Form:
             vector = _momentum(value) if kind == "skew" else value
             if kind == "matrix" and self.by_rows:
                 vector = value.mT
-            if not isinstance(vector, Vector):
+            if not isinstance(vector, StructuredVector):
                 raise TypeError("a component that is no longer a vector")
             out += [*vector.blocks, *([vector.tail] if "t" in self.blocks(kind) else [])]
         return out
@@ -166,19 +166,23 @@ class Form:
         """`observe` of the blocks about an axis as they are, of all but T."""
 
         def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            p = Vector(self.n, (0.0, 0.0), _number(known[AXIS_NAME]), axis=True)
-            T = Matrix(self.n, turn=known[TURN_NAME], kept=True)
+            p = StructuredVector(self.n, (0.0, 0.0), _scalar_or_plain(known[AXIS_NAME]), axis=True)
+            T = StructuredMatrix(self.n, turn=known[TURN_NAME], kept=True)
             parts: list[Any] = []
             for value, kind in zip(z, self.kinds, strict=False):
                 x, y = value[: self.h], value[self.h : 2 * self.h]
                 if kind == "skew":
-                    parts.append(T.with_pair(Vector(self.n, (x, y), 0.0), p))
+                    parts.append(T.with_pair(StructuredVector(self.n, (x, y), 0.0), p))
                 elif kind == "vector":
-                    parts.append(Vector(self.n, (x, y), _number(value[-1])))
+                    parts.append(StructuredVector(self.n, (x, y), _scalar_or_plain(value[-1])))
             own: dict[str, Any] = {}
             for name, (letter, role) in self.roles.items():
                 if letter == "c" and role != "axis":
-                    own[name] = _number(known[name]) if role == "number" else Matrix(self.n, turn=known[name])
+                    own[name] = (
+                        _scalar_or_plain(known[name])
+                        if role == "number"
+                        else StructuredMatrix(self.n, turn=known[name])
+                    )
             return observe(tuple(parts), **own, **{self.axis: p})
 
         return of_blocks
@@ -202,16 +206,16 @@ class Form:
         return of_rows
 
 
-def _number(x: Any) -> Any:
+def _scalar_or_plain(x: Any) -> Any:
     """A number that is recorded, or a plain one."""
     return x if isinstance(x, Scalar) else float(x)
 
 
-def _momentum(value: Any) -> Vector:
+def _momentum(value: Any) -> StructuredVector:
     """s of m = T + s ^ p, with the T that it had before."""
-    if not isinstance(value, Matrix) or not isinstance(value.turn, Scalar) or value.turn.signed != TURN:
+    if not isinstance(value, StructuredMatrix) or not isinstance(value.turn, Scalar) or value.turn.signed != TURN:
         raise TypeError("a momentum whose constant part has changed")
-    if len(value.pairs) != 1 or isinstance(value.diagonal, Vector) or value.diagonal != 0.0:
+    if len(value.pairs) != 1 or isinstance(value.diagonal, StructuredVector) or value.diagonal != 0.0:
         raise TypeError("a momentum that is not T + s ^ p")
     ((_, s, t),) = value.pairs.values()
     if not t.axis:
@@ -219,18 +223,18 @@ def _momentum(value: Any) -> Vector:
     return s
 
 
-def form_of(scheme: Scheme) -> Form | None:
+def form_of(scheme: Scheme) -> LargeForm | None:
     """The form that a scheme with the constants of its trajectories has, found by recording it; None for none."""
     if scheme.step is None or scheme.numbers != "any" or scheme.n < LEAST_N:
         return None
     kinds = tuple(kind for _, kind in scheme.components)
     if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
         return None
-    axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _names(scheme, letter)}
+    axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _constant_names(scheme, letter)}
     vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
     forms: list[tuple[str, tuple[str, ...], bool]] = []
     if "skew" in kinds and len(vectors) == 1:
-        if not (_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
+        if not (_axis_lengths(scheme.constants[vectors[0]]) > SHORTEST).all():
             return None
         about = ("number", "axis", "turn")
         forms += [(vectors[0], about, by_rows) for by_rows in ((False, True) if "matrix" in kinds else (False,))]
@@ -238,9 +242,9 @@ def form_of(scheme: Scheme) -> Form | None:
         forms.append(("", ("number", "vector"), False))
     for axis, kind_of, by_rows in forms:
         roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
-        form = Form(scheme.n, axis, roles, 0, kinds, by_rows)
+        form = LargeForm(scheme.n, axis, roles, 0, kinds, by_rows)
         try:
-            pieces = [recorded(form, list(kinds), *function) for function in functions(scheme)]
+            pieces = [recorded_large(form, list(kinds), *function) for function in large_functions(scheme)]
         except (TypeError, KeyError, AttributeError):
             continue
         upkeep = pieces[0].upkeep
@@ -251,11 +255,11 @@ def form_of(scheme: Scheme) -> Form | None:
     return None
 
 
-def _names(scheme: Scheme, letter: str) -> list[str]:
+def _constant_names(scheme: Scheme, letter: str) -> list[str]:
     return [*(scheme.constants if letter == "c" else scheme.stages)]
 
 
-def functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
+def large_functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
     """The step and `close`, and the constants that they take."""
     if scheme.step is not None:
         yield scheme.step, "cs"
@@ -263,7 +267,7 @@ def functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
         yield scheme.close, "c"
 
 
-class Piece(NamedTuple):
+class LargeFunction(NamedTuple):
     """A recorded function: its lines, the new state, and what is done to a dense momentum."""
 
     lines: list[Line]
@@ -271,7 +275,7 @@ class Piece(NamedTuple):
     upkeep: Upkeep | None
 
 
-def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters: str) -> Piece:
+def recorded_large(form: LargeForm, kinds: list[str], function: Callable[..., Any], letters: str) -> LargeFunction:
     """A step or `close` on recorded numbers; TypeError where the form does not hold."""
     tape = Tape("e" * (letters == "c"))
     values = function(*form.state(tape, kinds), **form.known(tape, letters))
@@ -289,12 +293,12 @@ def recorded(form: Form, kinds: list[str], function: Callable[..., Any], letters
         given = {v.strip("(-)") for inverse in upkeep.inverses for v in (inverse.diagonal, inverse.turn)}
         if any(v[0].isalpha() for v in given - constant):
             raise TypeError("a solve with more than the momentum in its matrix that varies")
-    return Piece(lines, [text(v) for v in new], upkeep)
+    return LargeFunction(lines, [source_of(v) for v in new], upkeep)
 
 
 def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
     """How the new momentum and its inverses come from the old ones, and the recorded names that this needs."""
-    if not isinstance(M, Matrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
+    if not isinstance(M, StructuredMatrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
         raise TypeError("a momentum that has changed by other than pairs")
     pairs = [*M.pairs.values()]
     names: list[str] = []
@@ -303,9 +307,9 @@ def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
         if not isinstance(x, Scalar | float | int):
             raise TypeError("a dense momentum changed by complex numbers")
         names.extend([x.name] if isinstance(x, Scalar) else [])
-        return text(x)
+        return source_of(x)
 
-    def change(scale: Any, x: Vector, y: Vector) -> Change:
+    def change(scale: Any, x: StructuredVector, y: StructuredVector) -> Change:
         (a,), (b,) = x.blocks, y.blocks
         if not isinstance(a, Scalar) or not isinstance(b, Scalar):
             raise TypeError("a dense momentum changed by plain numbers")
@@ -316,7 +320,7 @@ def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
     inverses = []
     for k, (diagonal, turn) in enumerate(M.dense.inverses):
         res, size = M.dense.checks[k]
-        diagonal = diagonal.blocks[0] if isinstance(diagonal, Vector) else diagonal
+        diagonal = diagonal.blocks[0] if isinstance(diagonal, StructuredVector) else diagonal
         changes = tuple(change(-1.0, x, r) for x, r in changed_inverse(M.dense, k, pairs))
         inverses.append(Inverse(number(diagonal), number(turn), (number(res), number(size)), changes))
     return Upkeep(moved, tuple(inverses)), names

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from kreisel.kernels.cpu import load
+from kreisel.kernels.cpu import load_kernel
 from kreisel.kernels.large import products
 from kreisel.kernels.large.forms import INVERSE
-from kreisel.kernels.large.products import Change, Function, Upkeep
-from kreisel.kernels.large.workspace import Rows, Workspace
+from kreisel.kernels.large.products import Change, GeneratedFunction, Upkeep
+from kreisel.kernels.large.workspace import Workspace, WorkspaceRows
 from kreisel.kernels.printing import Line
 
 
@@ -25,7 +25,9 @@ class MatrixProducts:
         self.work, self.momentum = work, momentum
         self.functions: dict[str, str] = {}
         self.waiting: dict[str, tuple[Change, ...]] = {}  # what is still to be done to each matrix, by its name
-        self._first: dict[str, tuple[Function, int, int]] = {}  # what does it in the next step, and how many products
+        self._first: dict[
+            str, tuple[GeneratedFunction, int, int]
+        ] = {}  # what does it in the next step, and how many products
 
     def wait(self, upkeep: Upkeep | None) -> list[str]:
         """Rows for the changes of a step; the lines that put 0 there."""
@@ -42,7 +44,7 @@ class MatrixProducts:
             out += [f"{self._staying(name)} = 0.0" for c in changes for name in (c.x, c.y)]
         return out
 
-    def calls(self, lines: list[Line], rows: Rows, touched: set[str]) -> list[str]:
+    def calls(self, lines: list[Line], rows: WorkspaceRows, touched: set[str]) -> list[str]:
         """The products of a level, one call for each matrix, the first with what waits; rows are made for them."""
         for line in lines:
             rows.take(line.names[0])
@@ -79,7 +81,7 @@ class MatrixProducts:
                 out += [f"    {renew}", "    continue"]
         return out
 
-    def put_off(self, upkeep: Upkeep, rows: Rows) -> list[str]:
+    def put_off(self, upkeep: Upkeep, rows: WorkspaceRows) -> list[str]:
         """Put the changes of this step where they wait."""
         out, loop = [], []
         for name, changes in self._changes(upkeep).items():
@@ -115,6 +117,6 @@ class MatrixProducts:
     def _staying(self, name: str) -> str:
         return self.work.vector(self.work.stay[name])
 
-    def _call(self, function: Function, matrix: str, arguments: Iterable[str]) -> str:
-        self.functions[function.name] = load(function.source).__name__
+    def _call(self, function: GeneratedFunction, matrix: str, arguments: Iterable[str]) -> str:
+        self.functions[function.name] = load_kernel(function.source).__name__
         return f"{function.name}({', '.join([matrix, *arguments])})"

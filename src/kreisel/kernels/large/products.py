@@ -81,16 +81,16 @@ def is_turned(line: Line) -> bool:
     return " = turned" in line.text
 
 
-class Function(NamedTuple):
+class GeneratedFunction(NamedTuple):
     """A function, and a module that it is alone in, so that it is compiled once for all n."""
 
     name: str
     source: str
 
 
-def _function(name: str, arguments: list[str], lines: list[str]) -> Function:
+def _generated(name: str, arguments: list[str], lines: list[str]) -> GeneratedFunction:
     text = [f"@njit({OPTIONS})", f"def {name}({', '.join(arguments)}):", *(f"    {line}" for line in lines)]
-    return Function(name, HEAD + "\n".join([*text, ""]))
+    return GeneratedFunction(name, HEAD + "\n".join([*text, ""]))
 
 
 def _changed_pairs(count: int) -> tuple[list[str], str]:
@@ -105,11 +105,11 @@ def _changed_entries(count: int) -> tuple[list[str], str]:
     return [f"    e{k} = s{k} * p{k}[i]" for k in ks], "row[j]" + "".join(f" + e{k} * q{k}[j]" for k in ks)
 
 
-def _named(letters: str, count: int) -> list[str]:
+def _numbered_letters(letters: str, count: int) -> list[str]:
     return [f"{letter}{k}" for letter in letters for k in range(count)]
 
 
-def momentum_times(changes: int, count: int) -> Function:
+def momentum_times(changes: int, count: int) -> GeneratedFunction:
     """M += sum s p ^ q, then y = M x for `count` vectors."""
     ks = range(count)
     of_row, entry = _changed_pairs(changes)
@@ -128,11 +128,11 @@ def momentum_times(changes: int, count: int) -> Function:
         *(f"    y{k}[i] += a{k}" for k in ks),
         "    at += n - 1 - i",
     ]
-    arguments = ["M", *_named("spq", changes), *_named("xy", count)]
-    return _function(f"momentum_times_{changes}_{count}", arguments, lines)
+    arguments = ["M", *_numbered_letters("spq", changes), *_numbered_letters("xy", count)]
+    return _generated(f"momentum_times_{changes}_{count}", arguments, lines)
 
 
-def inverse_times(changes: int, count: int, turned: int) -> Function:
+def inverse_times(changes: int, count: int, turned: int) -> GeneratedFunction:
     """W += sum s p q^T, then y = W x for `count` vectors, v = W^T u for `turned` others."""
     ks, ts = range(count), range(turned)
     of_row, entry = _changed_entries(changes)
@@ -150,11 +150,16 @@ def inverse_times(changes: int, count: int, turned: int) -> Function:
         *(f"        v{k}[j] += m * b{k}" for k in ts),
         *(f"    y{k}[i] = a{k}" for k in ks),
     ]
-    arguments = ["W", *_named("spq", changes), *_named("xy", count), *_named("uv", turned)]
-    return _function(f"inverse_times_{changes}_{count}_{turned}", arguments, lines)
+    arguments = [
+        "W",
+        *_numbered_letters("spq", changes),
+        *_numbered_letters("xy", count),
+        *_numbered_letters("uv", turned),
+    ]
+    return _generated(f"inverse_times_{changes}_{count}_{turned}", arguments, lines)
 
 
-def renewed() -> Function:
+def renewed() -> GeneratedFunction:
     """W = (diagonal + turn M)^-1; a state that is no longer finite is reported elsewhere.
 
     By elimination without pivoting, which is safe for a positive diagonal, as in `kreisel.algebra.solve`.  LAPACK is
@@ -185,4 +190,4 @@ def renewed() -> Function:
         "            for j in range(n):",
         "                row[j] -= c * pivot[j]",
     ]
-    return _function("renewed", ["M", "diagonal", "turn", "W"], lines)
+    return _generated("renewed", ["M", "diagonal", "turn", "W"], lines)

@@ -30,7 +30,7 @@ from kreisel.kernels.tape import Scalar
 
 
 @dataclass(frozen=True, eq=False)
-class Vector:
+class StructuredVector:
     """Blocks of entries; about an axis two, and `tail` along it.  `axis`: it is the axis itself."""
 
     n: int
@@ -55,9 +55,9 @@ class Vector:
         return (self.n,)
 
     @property
-    def mT(self) -> Rows:
+    def mT(self) -> StructuredRows:
         """Any column of a matrix as a row of the transposed one."""
-        return Rows(self)
+        return StructuredRows(self)
 
     @property
     def canonical(self) -> bool:
@@ -69,27 +69,27 @@ class Vector:
         """Equal for vectors that are the same on the tape."""
         return (*map(key_of, self.blocks), None if self.tail is None else key_of(self.tail))
 
-    def map(self, function: Callable[..., Number], *others: Vector) -> Vector:
+    def map(self, function: Callable[..., Number], *others: StructuredVector) -> StructuredVector:
         """The function on all entries."""
         columns = zip(self.blocks, *(v.blocks for v in others), strict=True)
         tail = function(self.tail, *(v.tail for v in others)) if self.canonical else None
-        return Vector(self.n, tuple(function(*column) for column in columns), tail)
+        return StructuredVector(self.n, tuple(function(*column) for column in columns), tail)
 
-    def across(self) -> Vector:
+    def across(self) -> StructuredVector:
         """Without the part along the axis."""
-        return Vector(self.n, self.blocks, 0.0)
+        return StructuredVector(self.n, self.blocks, 0.0)
 
-    def __getitem__(self, index: Any) -> Vector:
+    def __getitem__(self, index: Any) -> StructuredVector:
         """A vector as a column, and back."""
         if index in ((Ellipsis, None), (Ellipsis, 0)):
             return self
         raise TypeError(f"a structured vector cannot be indexed by {index!r}")
 
-    def __neg__(self) -> Vector:
+    def __neg__(self) -> StructuredVector:
         return self.map(lambda x: -x)
 
     def __add__(self, other: Any) -> Any:
-        if isinstance(other, Vector):
+        if isinstance(other, StructuredVector):
             return self.map(lambda x, y: x + y, other)
         if is_number(other) and not self.canonical:
             return self.map(lambda x: x + other)
@@ -98,19 +98,19 @@ class Vector:
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return self + (-other) if isinstance(other, Vector) or is_number(other) else NotImplemented
+        return self + (-other) if isinstance(other, StructuredVector) or is_number(other) else NotImplemented
 
     def __rsub__(self, other: Any) -> Any:
         return (-self) + other
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Vector):
+        if isinstance(other, StructuredVector):
             products = self.map(lambda x, y: x * y, other)
             return Products(products) if self.canonical else products
         if is_number(other):
             return self.map(lambda x: x * other)
         if _is_identity(other) and not self.canonical:
-            return Matrix(self.n, diagonal=self)
+            return StructuredMatrix(self.n, diagonal=self)
         return NotImplemented
 
     __rmul__ = __mul__
@@ -124,21 +124,21 @@ class Vector:
             raise TypeError("a sum of entries depends on the basis")
         return Products(self).sum(axis)
 
-    def record_wedge(self, other: Vector) -> Matrix:
-        return Matrix(self.n).with_pair(self, other)
+    def record_wedge(self, other: StructuredVector) -> StructuredMatrix:
+        return StructuredMatrix(self.n).with_pair(self, other)
 
-    def record_parts(self) -> tuple[Vector, Vector | None]:
+    def record_parts(self) -> tuple[StructuredVector, StructuredVector | None]:
         everything = (*self.blocks, self.tail)
         if not any(isinstance(x, Complex) for x in everything):
             return self, None
         return self.map(lambda x: parts(x)[0]), self.map(lambda x: parts(x)[1])
 
-    def record_complex(self, im: Vector) -> Vector:
+    def record_complex(self, im: StructuredVector) -> StructuredVector:
         return self.map(Complex, im)
 
 
 @dataclass(frozen=True, eq=False)
-class Columns(Vector):
+class StructuredColumns(StructuredVector):
     """Any one column of a matrix of n x n numbers, for what is done to each column alike."""
 
     @property
@@ -146,15 +146,15 @@ class Columns(Vector):
         return (self.n, self.n)
 
     @property
-    def mT(self) -> Rows:
+    def mT(self) -> StructuredRows:
         raise TypeError("the rows of a matrix that is known by its columns")
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class StructuredRows:
     """The same for the rows: the transposed matrix is known by its columns."""
 
-    vector: Vector
+    vector: StructuredVector
 
     @property
     def ndim(self) -> int:
@@ -165,7 +165,7 @@ class Rows:
         return (self.vector.n, self.vector.n)
 
     @property
-    def mT(self) -> Vector:
+    def mT(self) -> StructuredVector:
         return self.vector
 
 
@@ -173,7 +173,7 @@ class Rows:
 class Products:
     """Products entry by entry in a basis about an axis, to be added up."""
 
-    vector: Vector
+    vector: StructuredVector
 
     def sum(self, axis: int) -> Number:
         """<x, y>."""
@@ -188,7 +188,7 @@ def _is_identity(other: Any) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Matrix:
+class StructuredMatrix:
     """diagonal + T + sum c s ^ t: `diagonal` a number or a vector; T its entry theta, `turn`, or `turn` times `dense`.
 
     The pairs stand under the key of their t.
@@ -197,7 +197,7 @@ class Matrix:
     n: int
     diagonal: Any = 0.0
     turn: Number = 0.0
-    pairs: dict[Any, tuple[Number, Vector, Vector]] = field(default_factory=dict)
+    pairs: dict[Any, tuple[Number, StructuredVector, StructuredVector]] = field(default_factory=dict)
     dense: Dense | None = None
     kept: bool = False  # T is known to be constant, and its entries are asked for to see what changes
 
@@ -214,7 +214,7 @@ class Matrix:
     def shape(self) -> tuple[int, int]:
         return (self.n, self.n)
 
-    def with_pair(self, s: Vector, t: Vector, c: Number = 1.0) -> Matrix:
+    def with_pair(self, s: StructuredVector, t: StructuredVector, c: Number = 1.0) -> StructuredMatrix:
         """Plus c s ^ t; pairs with the same t are one, and what does not count of s along an axis t goes."""
         if s.canonical and not t.axis and s.axis:
             s, t = -t, s
@@ -230,13 +230,13 @@ class Matrix:
             del pairs[t.key]
         return replace(self, pairs=pairs)
 
-    def __neg__(self) -> Matrix:
+    def __neg__(self) -> StructuredMatrix:
         return self * -1.0
 
     def __add__(self, other: Any) -> Any:
         if _is_identity(other):
             return replace(self, diagonal=self.diagonal + 1.0)
-        if isinstance(other, Matrix):
+        if isinstance(other, StructuredMatrix):
             out = replace(
                 self,
                 diagonal=self.diagonal + other.diagonal,
@@ -251,7 +251,7 @@ class Matrix:
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return self + (-other) if isinstance(other, Matrix) else NotImplemented
+        return self + (-other) if isinstance(other, StructuredMatrix) else NotImplemented
 
     def __rsub__(self, other: Any) -> Any:
         return (-self) + other
@@ -272,7 +272,7 @@ class Matrix:
             return Nothing()
         raise TypeError(f"a structured matrix has no entries: {index!r}")
 
-    def record_pairing(self, other: Matrix) -> Number:
+    def record_pairing(self, other: StructuredMatrix) -> Number:
         """<X, Y> = <T, S> + sum <u_i, T v_i> + <s_i, S t_i> + <s_i, u_j> <t_i, v_j> - <s_i, v_j> <t_i, u_j>."""
         if self.dense or other.dense or key_of(self.diagonal) != 0.0 or key_of(other.diagonal) != 0.0:
             raise TypeError("a pairing of other than T + sum c s ^ t")
@@ -310,64 +310,65 @@ class Matrix:
             v = self._turned(v) + s * c[k - 1]
         return out
 
-    def record_parts(self) -> tuple[Matrix, None]:
+    def record_parts(self) -> tuple[StructuredMatrix, None]:
         return self, None
 
-    def record_shifted(self, mu: Number) -> Matrix:
+    def record_shifted(self, mu: Number) -> StructuredMatrix:
         """mu - X."""
         back = -self
         return replace(back, diagonal=back.diagonal + mu)
 
-    def record_project_out(self, p: Vector) -> Matrix:
+    def record_project_out(self, p: StructuredVector) -> StructuredMatrix:
         """|p|^2 pi X pi; for the axis p T alone is left."""
         if not p.axis:
             return self * algebra.dot(p, p) - algebra.wedge(self @ p, p)
         if key_of(self.diagonal) != 0.0:
             raise TypeError("pi X pi of a diagonal")
-        return Matrix(self.n, turn=self.turn * algebra.dot(p, p), kept=self.kept)
+        return StructuredMatrix(self.n, turn=self.turn * algebra.dot(p, p), kept=self.kept)
 
-    def record_conjugate(self, X: Matrix) -> Matrix:
+    def record_conjugate(self, X: StructuredMatrix) -> StructuredMatrix:
         """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""
         if X.pairs or key_of(X.diagonal) != 0.0 or self.dense:
             raise TypeError("a turn that does not leave the axis alone")
         pairs = {key: (c, algebra.cayley_act(X, s), t) for key, (c, s, t) in self.pairs.items()}
         return replace(self, pairs=pairs)
 
-    def _own_pairs(self) -> list[tuple[Number, Vector, Vector]]:
+    def _own_pairs(self) -> list[tuple[Number, StructuredVector, StructuredVector]]:
         """The pairs, the numbers in s unless products with s are what costs.
 
-        Neumann's |x|^2 drifts by 3.7 bands in a million steps with <s, y> multiplied afterwards, by 0.2 like this.
+        In a million steps Neumann's |x|^2 drifts by 3.7 widths of a random walk with <s, y> multiplied afterwards, by
+        0.2 like this.
         """
         return [(c, s, t) if self.dense else (1.0, s * c, t) for c, s, t in self.pairs.values()]
 
-    def __matmul__(self, v: Vector) -> Vector:
+    def __matmul__(self, v: StructuredVector) -> StructuredVector:
         out = self._turned(v)
         for c, s, t in self._own_pairs():
             out = out + (s * (c * algebra.dot(t, v)) - t * (c * algebra.dot(s, v)))
         return out
 
-    def _turned(self, v: Vector) -> Vector:
+    def _turned(self, v: StructuredVector) -> StructuredVector:
         """(diagonal + T) v."""
         out = self.diagonal * v
         if isinstance(out, Products):
             raise TypeError("a diagonal about an axis")
         if v.canonical:
             x, y = v.blocks
-            return out + Vector(self.n, (-(self.turn * y), self.turn * x), 0.0)
+            return out + StructuredVector(self.n, (-(self.turn * y), self.turn * x), 0.0)
         return out + self.dense.times(v) * self.turn if self.dense else out
 
-    def _unturned(self, v: Vector) -> Vector:
+    def _unturned(self, v: StructuredVector) -> StructuredVector:
         """(diagonal + T)^-1 v."""
         c, theta = self.diagonal, self.turn
         if self.dense:
             return self.dense.solved(self.dense.inverse(c, theta), v)
         if not v.canonical:
-            return v.map(lambda x, d: x / d, c) if isinstance(c, Vector) else v * (1 / c)
+            return v.map(lambda x, d: x / d, c) if isinstance(c, StructuredVector) else v * (1 / c)
         x, y = v.blocks
         scale = 1 / (c * c + theta * theta)
-        return Vector(self.n, ((c * x + theta * y) * scale, (c * y - theta * x) * scale), v.tail * (1 / c))
+        return StructuredVector(self.n, ((c * x + theta * y) * scale, (c * y - theta * x) * scale), v.tail * (1 / c))
 
-    def record_solve(self, v: Vector) -> Vector:
+    def record_solve(self, v: StructuredVector) -> StructuredVector:
         """(diagonal + T + c s ^ t)^-1 v; by a kept inverse corrected once, by a residual that is first put to the test.
 
         A kept inverse is good to 1e-9, relative, or made anew (`kreisel.kernels.large.products.NEAR`).
@@ -380,7 +381,7 @@ class Matrix:
         self.dense.checks.setdefault(k, (algebra.dot(r, r), algebra.dot(v, v)))
         return y + self._solved(r)
 
-    def _solved(self, v: Vector) -> Vector:
+    def _solved(self, v: StructuredVector) -> StructuredVector:
         """By Woodbury's formula for the last pair: y = R (v - c s <t, y> + c t <s, y>), R the inverse without it."""
         if not self.pairs:
             return self._unturned(v)

@@ -44,7 +44,7 @@ class Workspace:
         return f"w[{row * self.length}:{row * self.length + self.h}]"
 
 
-class Rows:
+class WorkspaceRows:
     """The rows of one function: of names that stay, and of others up to the last level at which they are `used`."""
 
     def __init__(self, work: Workspace, used: Mapping[str, float]):

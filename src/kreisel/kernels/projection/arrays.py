@@ -23,7 +23,7 @@ from kreisel.method.scheme import Scheme
 FLAT = 2.0**-4  # as in `kreisel.kernels.projection.text`, where values have more digits
 MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
 STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
-SAMPLES = 8  # states by which the size of an invariant's terms is told
+SAMPLES = 8  # states that give the size of an invariant's terms
 NONE = 1e-300  # instead of a length of 0
 EPS = float(np.finfo(np.float64).eps)
 MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and less than what then changes stays by itself
@@ -39,7 +39,7 @@ def scales(z: Array, J: Array, size: Array) -> tuple[Array, Array]:
     return scale, scale / (EPS * length)
 
 
-def newton(z: Array, J: Array, lack: Array, scale: Array) -> Array:
+def gauss_newton(z: Array, J: Array, lack: Array, scale: Array) -> Array:
     """One step of Gauss and Newton from the state z (d,), which lacks so much of the invariants."""
     J = scale[:, None] * J
     y = algebra.solve(J @ J.T + TAU * algebra.identity(len(lack)), (scale * lack)[:, None])[:, 0]
@@ -112,7 +112,7 @@ class Observed:
 
     def __init__(self, scheme: Scheme, z: Floats):
         self.scheme, self.z = scheme, z
-        sizes = [(letter, kind, layout.size(kind, scheme.n)) for letter, kind in scheme.components]
+        sizes = [(letter, kind, layout.coordinate_count(kind, scheme.n)) for letter, kind in scheme.components]
         self._kinds = [kind for _, kind, _ in sizes]
         self.own = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
         self._known = [self._constants(lane) for lane in range(len(z))]
@@ -141,7 +141,7 @@ class Observed:
         parts: list[Array] = []
         start, n = 0, self.scheme.n
         for kind in self._kinds:
-            end = start + layout.size(kind, n)
+            end = start + layout.coordinate_count(kind, n)
             numbers = row[start:end] if end <= self.own else self.z[lane, start:end]
             parts += layout.restore(numbers, [kind], n)
             start = end
@@ -174,7 +174,7 @@ class Observed:
         }
 
 
-class Projection(InDoubles):
+class ArrayProjection(InDoubles):
     """The projection of the states of a kernel by the definitions themselves, on arrays."""
 
     def __init__(self, observed: Observed, work: float):
@@ -192,7 +192,7 @@ class Projection(InDoubles):
         z = Traced(row[: self._observed.own])
         found = self._observed.at(z, lane)
         members = self._observed.members.items()
-        return Namespace.concatenate([_row(found[name])[kept] for name, kept in members]), z
+        return Namespace.concatenate([_as_row(found[name])[kept] for name, kept in members]), z
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with np.errstate(all="ignore"):
@@ -212,7 +212,7 @@ class Projection(InDoubles):
                     scale, unit = scales(row[:d], J, size[lane])
                     if not again:
                         worst[lane], lead[lane] = led(lack, np.where(known, lead[lane], 0), unit, worst[lane])
-                    row[:d] = newton(row[:d], J, lack + lead[lane], scale)
+                    row[:d] = gauss_newton(row[:d], J, lack + lead[lane], scale)
         return new, worst, lead
 
     def apply(self) -> None:
@@ -220,12 +220,12 @@ class Projection(InDoubles):
         self._z[:] = self.applied(self._z)
 
 
-def _times(a: Floats, b: Floats) -> Floats:
+def _outer_products(a: Floats, b: Floats) -> Floats:
     """a b^T of each lane, with the same bits for any number of threads."""
     return np.einsum("lij,lkj->lik", a, b)
 
 
-def _row(x: Any) -> Any:
+def _as_row(x: Any) -> Any:
     """An array as a row."""
     return x.reshape((x.value.size,)) if isinstance(x, Traced) else np.ravel(x)
 
@@ -234,8 +234,8 @@ def orthogonal(scheme: Scheme, z: Floats) -> None:
     """Make the orientations in rows z (lanes, d) orthogonal again: g <- g (3 - g^T g)/2."""
     start = 0
     for letter, kind in scheme.components:
-        end = start + layout.size(kind, scheme.n)
+        end = start + layout.coordinate_count(kind, scheme.n)
         if letter == ORIENTATION:
             g = z[:, start:end].reshape((len(z), scheme.n, -1))
-            z[:, start:end] = (1.5 * g - 0.5 * _times(_times(g, g), g.mT)).reshape((len(z), -1))
+            z[:, start:end] = (1.5 * g - 0.5 * _outer_products(_outer_products(g, g), g.mT)).reshape((len(z), -1))
         start = end

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections
 from kreisel.kernels.projection.program import Program
-from kreisel.kernels.projection.text import LINE, source
+from kreisel.kernels.projection.text import LINE, projection_source
 
 
 class Weave:
@@ -37,7 +37,7 @@ class Woven(Weave):
 
     types = ", i8, i8, i8, i8"
     arguments = ", begun, often, project, table"
-    head = "from kreisel.kernels._numba.pointers import call\n\n"
+    head = "from kreisel.kernels._numba.pointers import call_at_address\n\n"
 
     def begin(self, indent: int) -> str:
         return " " * indent + f"room = np.zeros({self.room})"
@@ -55,7 +55,7 @@ class Woven(Weave):
             "    if done == often:",
             "        done = 0",
             *(f"        {line}" for line in store.splitlines()),
-            f"        call(project, (table, room.ctypes.data, lane, {end}, 0))",
+            f"        call_at_address(project, (table, room.ctypes.data, lane, {end}, 0))",
             *(f"        {line}" for line in load.splitlines()),
         ]
 
@@ -65,14 +65,14 @@ def room_of(program: Program, also: Program | None, width: int) -> int:
     return LINE // 8 + width * max(program.rows, 0 if also is None else also.rows)
 
 
-class Projection(Corrections):
+class CompiledProjection(Corrections):
     """The compiled projection of rows z (lanes, d), which kernels call by its address."""
 
     def __init__(self, program: Program, also: Program | None, every: int, z: Floats, constants: Floats, width: int):
-        from kreisel.kernels.cpu import load
+        from kreisel.kernels.cpu import load_kernel
 
         super().__init__(program.labels, every, len(z), 0 if also is None else len(also.outs))
-        self._z, self._compiled = z, load(source(width)).project
+        self._z, self._compiled = z, load_kernel(projection_source(width)).project
         self._room = room_of(program, also, width)
         self._held: list[np.ndarray] = []  # as long as their addresses are used
         second = 0 if also is None else self._table(also, self.bound, np.zeros(self.bound.shape[:2]), z, constants, 0)

@@ -18,7 +18,7 @@ Back = Callable[[Floats], Floats]
 CALL = 1e4  # operations of a kernel that take as long as NumPy takes to begin one
 TOGETHER = 64  # slopes that go back at once
 
-_order = count()
+_creation_order = count()
 
 
 class Namespace:
@@ -58,7 +58,7 @@ class Traced:
 
     def __init__(self, value: Any, *parents: tuple[Traced, Back], cost: float = 0):
         self.value = np.asarray(value, dtype=np.float64)
-        self.parents, self.place, self.cost = parents, next(_order), cost or self.value.size
+        self.parents, self.place, self.cost = parents, next(_creation_order), cost or self.value.size
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -88,9 +88,9 @@ class Traced:
 
     def _with(self, value: Floats, other: Any, mine: Back, its: Back) -> Traced:
         """An entrywise result; slopes are added up over axes along which an array was repeated."""
-        parents = [(self, lambda g: _folded(mine(g), self.shape))]
+        parents = [(self, lambda g: _unrepeated(mine(g), self.shape))]
         if isinstance(other, Traced):
-            parents.append((other, lambda g: _folded(its(g), other.shape)))
+            parents.append((other, lambda g: _unrepeated(its(g), other.shape)))
         return Traced(value, *parents)
 
     def __neg__(self) -> Traced:
@@ -120,7 +120,7 @@ class Traced:
 
     def __rtruediv__(self, other: Any) -> Traced:
         value = _value(other) / self.value
-        return Traced(value, (self, lambda g: _folded(-g * (value / self.value), self.shape)))
+        return Traced(value, (self, lambda g: _unrepeated(-g * (value / self.value), self.shape)))
 
     def __pow__(self, exponent: int) -> Traced:
         return Traced(self.value**exponent, (self, lambda g: g * (exponent * self.value ** (exponent - 1))))
@@ -162,7 +162,7 @@ def _value(x: Any) -> Floats:
     return x.value if isinstance(x, Traced) else np.asarray(x)
 
 
-def _folded(g: Floats, shape: tuple[int, ...]) -> Floats:
+def _unrepeated(g: Floats, shape: tuple[int, ...]) -> Floats:
     """The slopes (k, ...) of an array that was repeated, added up to (k, *shape)."""
     extra = g.ndim - 1 - len(shape)
     g = g.sum(tuple(range(1, 1 + extra))) if extra > 0 else g

@@ -87,7 +87,7 @@ class Program:
     @property
     def rows(self) -> int:
         """Numbers that a projection of one state needs as room."""
-        return max(_rows(self.registers, len(self.outs), self.size), 1 + int(self.ops[:, 2:].max(initial=0)))
+        return max(_room(self.registers, len(self.outs), self.size), 1 + int(self.ops[:, 2:].max(initial=0)))
 
     def sizes(self, lanes: int, constants: int) -> tuple[int, ...]:
         """How many there are of all that compiled code looks at, and `first`."""
@@ -106,7 +106,7 @@ class Program:
         return self.ops, self.runs, self.outs, self.ends, self.cones, self.columns, self.literals
 
 
-def _rows(registers: int, invariants: int, size: int) -> int:
+def _room(registers: int, invariants: int, size: int) -> int:
     """Numbers that a projection needs as room, without slopes."""
     return 3 * registers + invariants * (size + invariants + 6)
 
@@ -134,7 +134,7 @@ def program_of_orientation(scheme: Scheme) -> Program | None:
     tape = Tape()
     parts, _ = recorded_arguments(scheme, tape, {})
     entries = [entry for value in scheme.held(parts) for entry in np.ravel(value)]
-    sizes = [layout.size(kind, scheme.n) for _, kind in scheme.components]
+    sizes = [layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components]
     first = [letter for letter, _ in scheme.components].index(ORIENTATION)
     program = _program(tape, {entry.name: ORIENTATION for entry in entries if isinstance(entry, Scalar)}, sum(sizes))
     return None if program is None else replace(program, first=sum(sizes[:first]))
@@ -152,7 +152,7 @@ def program_of(
     """
     tape = Tape(most=MOST_LINES)
     parts, known = recorded_arguments(scheme, tape, {"c": columns})
-    size = sum(layout.size(kind, scheme.n) for _, kind in scheme.components)
+    size = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
     found: dict[str, str] = {}  # by the recorded name, without factors that are constant
     outputs = (function or scheme.observe)(parts, **known)
     lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
@@ -198,7 +198,7 @@ def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
     if not chosen:
         return None
     lines, runs = _in_runs(lines)
-    words = [_words(line) for line in lines]
+    words = [_operation_and_operands(line) for line in lines]
     constants = sorted({w for line in lines for w in line.needs if w[0] == "c"}, key=lambda w: int(w[1:]))
     literals = [*FIRST, *sorted({w for _, x, y in words for w in (x, y) if not w[0].isalpha()} - {*FIRST})]
     names = [*(f"z{i}" for i in range(size)), *constants, *literals, *(line.names[0] for line in lines)]
@@ -215,7 +215,7 @@ def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
         names=tuple(chosen),
         labels=tuple(found[name] for name in chosen),
         size=size,
-        ops=_operands(words, place, _rows(len(names), len(chosen), size)),
+        ops=_operands(words, place, _room(len(names), len(chosen), size)),
         runs=runs,
         outs=np.array([place[name] for name in chosen], dtype=np.int32),
         cones=np.array([i for cone in cones for i in cone], dtype=np.int32),
@@ -228,7 +228,7 @@ def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
 def _in_runs(lines: list[Line]) -> tuple[list[Line], np.ndarray]:
     """The lines in an order in which the same operation is done many times on end, and `runs`."""
     made = {line.names[0]: i for i, line in enumerate(lines)}
-    kinds = [OPERATIONS[_words(line)[0]] for line in lines]
+    kinds = [OPERATIONS[_operation_and_operands(line)[0]] for line in lines]
     waiting, followers = [0] * len(lines), [[] for _ in lines]  # type: tuple[list[int], list[list[int]]]
     ready: list[list[int]] = [[] for _ in OPERATIONS]
     for i, line in enumerate(lines):
@@ -277,7 +277,7 @@ def _enough(program: Program) -> list[str]:
     x = rng.normal(size=(SAMPLES, program.registers))
     x[: SAMPLES // 2] *= rng.random((SAMPLES // 2, 1)) < rng.random((SAMPLES // 2, x.shape[1]))
     x[: SAMPLES // 4] = np.sign(x[: SAMPLES // 4])
-    J = _gradients(program, x)
+    J = _register_gradients(program, x)
     there = np.isfinite(J).all((1, 2))
     generic, J = there[there].cumsum() > there[: SAMPLES // 4].sum(), J[there]
     length = np.sqrt((J * J).sum(-1, keepdims=True))
@@ -305,7 +305,7 @@ def _enough(program: Program) -> list[str]:
     return [program.names[j] for j in sorted(chosen)]
 
 
-def _gradients(program: Program, x: Array) -> Array:
+def _register_gradients(program: Program, x: Array) -> Array:
     """dI/dz (samples, invariants, d) for registers x (samples, registers), of which those of results are written."""
     base, d = program.registers - len(program.ops), program.size
     x[:, d + len(program.columns) : base] = program.literals
@@ -326,7 +326,7 @@ def _gradients(program: Program, x: Array) -> Array:
     return out
 
 
-def _words(line: Line) -> tuple[str, str, str]:
+def _operation_and_operands(line: Line) -> tuple[str, str, str]:
     """(operation, x, y) of a line; x again in place of y where there is one operand."""
     x, what, y = operation(line)
     if what:

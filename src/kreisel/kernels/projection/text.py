@@ -255,7 +255,7 @@ def project(table, place, first, last, begin):
 '''
 
 
-def source(width: int) -> str:
+def projection_source(width: int) -> str:
     """The text of the projection of so many states at once."""
     one, exact = width == 1, 'error_model="numpy", forceinline=True'
     head = HEAD.format(
@@ -269,10 +269,12 @@ def source(width: int) -> str:
         gain=GAIN,
         eps=float(np.finfo(np.float64).eps),
     )
-    states = block(f"@njit({exact})", '@njit(error_model="numpy")', "at * d + i", "at * constants + j", width)
+    states = projection_block(
+        f"@njit({exact})", '@njit(error_model="numpy")', "at * d + i", "at * constants + j", width
+    )
     return head + states + TABLE.format(width=width, line=LINE)
 
 
-def block(inline: str, compiled: str, z: str, c: str, width: int) -> str:
+def projection_block(inline: str, compiled: str, z: str, c: str, width: int) -> str:
     """The text of the projection of `width` states, by decorators, and by where the numbers i of z and j of c stand."""
     return BLOCK.format(inline=inline, compiled=compiled, z=z, c=c, width=width)

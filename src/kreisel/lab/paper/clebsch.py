@@ -12,13 +12,13 @@ from kreisel.algebra.matrices import diagonal
 from kreisel.lab import laws
 from kreisel.lab.jets import coefficient, generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, by_law, gradient, law_row, printed, right_derivative, row
 from kreisel.lab.paper.shared import HALF_LEAF, half, leaf_rank, outer, trace_log_of
+from kreisel.lab.paper.statements import Setting, by_law, gradient, printed, right_derivative, stated, stated_law
 from kreisel.system import clebsch, clebsch_general, kirchhoff
 
 KIRCHHOFF, GENERAL, CLEBSCH = kirchhoff.SYSTEM, clebsch_general.SYSTEM, clebsch.SYSTEM
 
-law_row(
+stated_law(
     "introduction-clebsch",
     "Section 1, second display",
     "M' = P ^ BP, P' = -MP is Hamiltonian; its map is Poisson, keeps its energy and has a Lax pair",
@@ -31,7 +31,7 @@ law_row(
 
 # -- the continuous system ------------------------------------------------------------------------------
 
-law_row(
+stated_law(
     "kirchhoff-equations",
     "Section 7, (Kirch) and its Hamilton function",
     "M' = [M, Omega] + P ^ BP, P' = -Omega P, Omega_jk = c_jk M_jk is z' = {H, z}",
@@ -40,7 +40,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "kirchhoff-lagrangian",
     "Section 7, (Kirch Lagr)",
     "L = <Omega, J(Omega)>/2 + <P, BP>/2, J(Omega)_jk = Omega_jk/c_jk, reduces to (Kirch)",
@@ -53,7 +53,7 @@ def kirchhoff_lagrangian(s: Setting) -> Sides:
     yield wedge(P, gradient(lambda v: dot(v, act(B, v)) / 2, P)), wedge(P, act(B, P))
 
 
-@row(
+@stated(
     "clebsch-condition",
     "Section 7, Clebsch's relations",
     "(b_i - b_j)/c_ij + (b_j - b_k)/c_jk + (b_k - b_i)/c_ki = 0 for c_jk = (b_j - b_k)/(a_j - a_k)",
@@ -68,7 +68,7 @@ def clebsch_condition(s: Setting) -> Sides:
     yield quotient(i, j) + quotient(j, k) + quotient(k, i), 0 * a[0]
 
 
-law_row(
+stated_law(
     "clebsch-lax",
     "Section 7, Lax representation of Clebsch's case",
     "L' = [L, U], L = lambda A + M + P P^T/lambda, U = lambda B + Omega; the spectrum is in involution",
@@ -78,7 +78,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "clebsch-quadratic",
     "Section 7, the flow of the earlier paper",
     "c_jk = 1/(J_j + J_k), b_k = J_k has a_k = J_k^2, and <Omega, J(Omega)> = <Omega, J Omega + Omega J>",
@@ -91,7 +91,7 @@ def clebsch_quadratic(s: Setting) -> Sides:
     yield sums * Omega, J[:, None] * Omega + Omega * J[None, :]
 
 
-law_row(
+stated_law(
     "clebsch-special",
     "Section 7, (Clebsch spec), its Hamilton function, L' = [L, U+]",
     "c = 1, a = b: M = Omega, M' = P ^ BP, P' = -MP is z' = {H, z}, H = <M, M>/2 - <P, BP>/2; L' = [L, lambda B + M]",
@@ -101,7 +101,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "clebsch-two-lax-forms", "Section 7, Lax representation of (Clebsch spec)", "[L, lambda B + M] = [P P^T/lambda, L]"
 )
 def two_lax_forms(s: Setting) -> Sides:
@@ -113,7 +113,7 @@ def two_lax_forms(s: Setting) -> Sides:
 # -- the map --------------------------------------------------------------------------------------------
 
 
-@row(
+@stated(
     "clebsch-discrete-limit",
     "Section 7, (dClebsch spec Lagr)",
     "eps (discrete Lagrangian - constant) = eps^2 (Clebsch spec Lagr) + O(eps^3), with 2/eps before the logarithm (E1, E15)",
@@ -139,7 +139,7 @@ def discrete_limit_printed(s: Setting) -> Sides:
     yield from _discrete_limit(s, 4)
 
 
-@row(
+@stated(
     "clebsch-momentum",
     "Section 7, proof of Theorem 7.1",
     "M_(k+1) = d'_W Lambda = (2/eps)(W - I)/(W + I), W = cay(eps/2 M_(k+1)); grad_P Lambda = eps BP/(1 + eps^2/4 <P, BP>)",
@@ -153,7 +153,7 @@ def clebsch_momentum(s: Setting) -> Sides:
     yield force, e * b * P / (1 + e * e / 4 * dot(P, b * P))
 
 
-law_row(
+stated_law(
     "theorem-7.1",
     "Section 7, Theorem 7.1, (dClebsch spec)",
     "the discrete Euler-Lagrange equations of (dClebsch spec Lagr), with 2/eps (E1), are the map; it is Poisson, any |P|",
@@ -177,7 +177,7 @@ def theorem_7_1_printed(s: Setting) -> Sides:
     yield from by_law(spoiled, "discrete-euler-lagrange")(s)
 
 
-law_row(
+stated_law(
     "theorem-7.1-lax",
     "Section 7, Theorem 7.1, Lax representation",
     "L_(k+1) = V_k L_k V_k^-1 with S = I + (eps^2 |P|^2/4) B for I + (eps^2/4) B, any |P| (E10)",
@@ -200,7 +200,7 @@ def theorem_7_1_lax_printed(s: Setting) -> Sides:
     yield from by_law(spoiled, "discrete-lax-equation")(s)
 
 
-law_row(
+stated_law(
     "clebsch-limit",
     "Section 7, the discretization",
     "(step - 1)/eps -> (Clebsch spec); the error of the map is O(dt), of its conjugate O(dt^2)",
@@ -209,7 +209,7 @@ law_row(
     "order",
     in_rationals=False,
 )
-law_row(
+stated_law(
     "clebsch-integrals",
     'Section 7, Theorem 7.1, "completely integrable"',
     "the coefficients of det(L_k(lambda) - mu) are integrals of the map in involution",
@@ -219,7 +219,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "clebsch-completeness",
     'Section 7, Theorem 7.1, "completely integrable"',
     "the spectrum has half the dimension of the leaf, 2, 4, 6, 9 for n = 3...6, for distinct b; not if three coincide and n > 3 (E17)",
@@ -240,7 +240,9 @@ def clebsch_completeness_printed(s: Setting) -> Sides:
     yield np.asarray(leaf_rank(case, ("spectrum",))), np.asarray(HALF_LEAF[s.n])
 
 
-@row("clebsch-completeness-3", "Section 7, Theorem 7.1, n = 3", "the spectrum has rank 2 on the leaf", dimensions=(3,))
+@stated(
+    "clebsch-completeness-3", "Section 7, Theorem 7.1, n = 3", "the spectrum has rank 2 on the leaf", dimensions=(3,)
+)
 def clebsch_completeness_3(s: Setting) -> Sides:
     case = laws.make_case(CLEBSCH, s.n, "exact", 0)
     yield np.asarray(leaf_rank(case, ("spectrum",))), np.asarray(HALF_LEAF[s.n])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from kreisel.algebra import Array, identity
 from kreisel.algebra.matrices import diagonal
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, printed, row
 from kreisel.lab.paper.shared import outer
+from kreisel.lab.paper.statements import Setting, printed, stated
 from kreisel.system import clebsch
 
 
@@ -29,7 +29,7 @@ class Step:
         return (one + self.e / 2 * M) @ outer(P) @ (one - self.e / 2 * M)
 
 
-@row(
+@stated(
     "clebsch-aux1",
     "Section 7, (dClebsch spec aux1)",
     "(I - eps/(2 lambda) R)(lambda B + M_(k+1) + P_(k+1)/lambda)(I + eps/(2 lambda) Q) = the same with signs turned, M_k, P_k; |P| = 1",
@@ -41,13 +41,13 @@ def aux1(s: Setting) -> Sides:
     yield (k.one - turn * k.R) @ new @ (k.one + turn * k.Q), (k.one + turn * k.R) @ old @ (k.one - turn * k.Q)
 
 
-@row("clebsch-aux3", "Section 7, (dClebsch spec aux3)", "lambda^0: M_(k+1) - M_k = eps (R_k B - B Q_k)")
+@stated("clebsch-aux3", "Section 7, (dClebsch spec aux3)", "lambda^0: M_(k+1) - M_k = eps (R_k B - B Q_k)")
 def aux3(s: Setting) -> Sides:
     k = Step(s)
     yield k.dM, k.e * (k.R * k.b - k.b[:, None] * k.Q)
 
 
-@row(
+@stated(
     "clebsch-aux4",
     "Section 7, (dClebsch spec aux4)",
     "lambda^-1: P_(k+1) - P_k = (eps/2) R_k (M_(k+1) + M_k) - (eps/2)(M_(k+1) + M_k) Q_k, script P",
@@ -57,7 +57,7 @@ def aux4(s: Setting) -> Sides:
     yield k.script1 - k.script, k.e / 2 * (k.R @ (k.M1 + k.M) - (k.M1 + k.M) @ k.Q)
 
 
-@row(
+@stated(
     "clebsch-aux5",
     "Section 7, (dClebsch spec aux5)",
     "lambda^-2: (P_(k+1) + P_k) Q_k - R_k (P_(k+1) + P_k) = (eps/2) R_k dM Q_k = 0",
@@ -69,7 +69,7 @@ def aux5(s: Setting) -> Sides:
     yield left, 0 * left
 
 
-@row(
+@stated(
     "clebsch-aux6",
     "Section 7, (dClebsch spec aux6)",
     "R_k (P_(k+1) - P_k) Q_k = 0; it stands at lambda^-3 of (aux1), aux3 to aux5 at 0, -1, -2 (printed lambda^-2, E5)",
@@ -99,7 +99,7 @@ def aux6_printed(s: Setting) -> Sides:
     yield from _expansion(s, 2)
 
 
-@row(
+@stated(
     "clebsch-aux8",
     "Section 7, (dClebsch spec aux8)",
     "Q_k = P P^T (I + eps/4 dM), R_k = (I - eps/4 dM) P P^T, Q_k^2 = Q_k; |P| = 1 (E10)",
@@ -120,7 +120,7 @@ def aux8_printed(s: Setting) -> Sides:
     yield from _aux8(Step(s, unit=False))
 
 
-@row(
+@stated(
     "clebsch-aux9",
     "Section 7, (dClebsch spec aux9)",
     "P_(k+1) = (I - eps/2 M_(k+1)) P_k P_k^T (I + eps/2 M_(k+1)), script P on the left",
@@ -130,7 +130,7 @@ def aux9(s: Setting) -> Sides:
     yield k.script1, (k.one - k.e / 2 * k.M1) @ outer(k.P) @ (k.one + k.e / 2 * k.M1)
 
 
-@row(
+@stated(
     "clebsch-last-display",
     "Section 7, last display of the proof",
     "(P_(k+1) + P_k) Q_k = R_k (P_(k+1) + P_k) = 2 (I - eps/4 dM) P P^T (I + eps/4 dM) (E3: the 2)",

@@ -6,7 +6,7 @@ from kreisel.algebra import act, axial, bracket, cayley, dot, hat, identity, mat
 from kreisel.algebra.invariants import characteristic, trace
 from kreisel.algebra.matrices import su2
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, law_row, row
+from kreisel.lab.paper.statements import Setting, stated, stated_law
 from kreisel.record.contract import System
 from kreisel.system import REGISTRY, lagrange_top, lagrange_top_moving, lagrange_top_su2, lagrange_top_su2_moving
 
@@ -16,7 +16,7 @@ ONE = identity(2)
 # -- SU(2) -----------------------------------------------------------------------------------------------
 
 
-@row(
+@stated(
     "su2-rest-frame",
     EARLIER,
     "in 2 x 2 matrices m1 = m + eps [p, a], a1 (1 + eps m1) = (1 + eps m1) a is the case n = 3 of (dLT rest frame)",
@@ -30,7 +30,7 @@ def su2_rest(s: Setting) -> Sides:
     yield su2(a1) @ turn, turn @ su2(a)
 
 
-@row(
+@stated(
     "su2-moving-frame",
     EARLIER,
     "M = (alpha/eps) (W - W^-1)/tr W + (2(1 - alpha)/eps) [A, A1]/(|A|^2 + <A, A1>), A1 = W A W^-1; "
@@ -50,7 +50,7 @@ def su2_moving(s: Setting) -> Sides:
     yield W @ (su2(axial(M1)) - s.eps * bracket(su2(P1), su2(A))), su2(axial(M)) @ W
 
 
-@row(
+@stated(
     "su2-trace",
     EARLIER,
     "for the rotation R that w in SU(2) covers, det(2 + R + R^T) = 4 (tr w)^4 and 1 + tr R = (tr w)^2",
@@ -67,7 +67,7 @@ for name, system in (
     ("su2-rest-frame-laws", lagrange_top_su2.SYSTEM),
     ("su2-moving-frame-laws", lagrange_top_su2_moving.SYSTEM),
 ):
-    law_row(
+    stated_law(
         name,
         EARLIER,
         "Poisson, deformed integrals, Lax pair in 2 x 2 matrices, from the Lagrangian with log tr w",
@@ -112,17 +112,17 @@ MAPS = {
 
 
 def sizes(system: System) -> tuple[int, ...]:
-    """The dimensions of a row: two, since the laws of the registry go further."""
+    """The dimensions of a statement: two, since the laws of the registry go further."""
     return (3, 4) if system.n is None else (system.n,)
 
 
 for name, (place, names) in CONTINUOUS.items():
     system = REGISTRY[name]
-    told = "Hamiltonian; integrals" + (" in involution; Lax pair" if "lax-equation" in names else "")
-    law_row(f"{name}-flow", place, f"{system.equations}: {told}", system, *names, dimensions=sizes(system))
+    claims = "Hamiltonian; integrals" + (" in involution; Lax pair" if "lax-equation" in names else "")
+    stated_law(f"{name}-flow", place, f"{system.equations}: {claims}", system, *names, dimensions=sizes(system))
 for name, (place, commutes) in MAPS.items():
     system = REGISTRY[name]
-    law_row(
+    stated_law(
         f"{name}-map",
         place,
         "the map is Poisson, keeps its integrals and has a Lax pair"

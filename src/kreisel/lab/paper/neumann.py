@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel.algebra import Array, dot, wedge
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, law_row, printed, rank, row
+from kreisel.lab.paper.statements import Setting, printed, rank, stated, stated_law
 from kreisel.system import clebsch, neumann
 
 CLEBSCH, NEUMANN = clebsch.SYSTEM, neumann.SYSTEM
@@ -18,7 +18,7 @@ def _leaf_point(s: Setting) -> tuple[Array, Array]:
     return x, q - x * dot(x, q)
 
 
-@row(
+@stated(
     "neumann-leaf",
     "Section 7, end, the smallest leaf",
     "at M = x ^ q, P = x the bracket has rank 2(n - 1) (printed 2n, E6)",
@@ -39,7 +39,7 @@ def neumann_leaf_printed(s: Setting) -> Sides:
     yield np.asarray(_leaf_rank(s)), np.asarray(2 * s.n)
 
 
-@row(
+@stated(
     "neumann-flow",
     "Section 7, end, Neumann's system",
     "P = x, M = x ^ q: x' = q, q' = Bx - (...)x, that is the potential energy -<x, Bx>/2 (printed +, E7)",
@@ -64,7 +64,7 @@ def neumann_flow_printed(s: Setting) -> Sides:
     yield from _neumann_flow(s, -1)
 
 
-law_row(
+stated_law(
     "neumann-map",
     "Section 7, end, Adler's discretization",
     "the map on the leaf in (x, q), in second-order form, and as a Poisson map of T*S^(n-1) with a Lax pair",

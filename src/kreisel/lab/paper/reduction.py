@@ -29,7 +29,7 @@ from kreisel.algebra import (
 )
 from kreisel.lab.jets import Jet, coefficient, generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, gradient, left_derivative, printed, right_derivative, row
+from kreisel.lab.paper.statements import Setting, gradient, left_derivative, printed, right_derivative, stated
 from kreisel.record.contract import MOVING_SPACE, REST_SPACE
 
 
@@ -59,14 +59,14 @@ def generic_discrete(s: Setting) -> Callable[[Array, Array], Any]:
 # -- section 2 --------------------------------------------------------------------------------------
 
 
-@row("phi-star", "Section 2, definition of phi*", "<phi*(xi) y, v> = <y, phi(xi) v>; phi* is an anti-representation")
+@stated("phi-star", "Section 2, definition of phi*", "<phi*(xi) y, v> = <y, phi(xi) v>; phi* is an anti-representation")
 def phi_star(s: Setting) -> Sides:
     xi, eta, y, v = s.skew(), s.skew(), s.vector(), s.vector()
     yield dot(act(-xi, y), v), dot(y, act(xi, v))
     yield act(-bracket(xi, eta), y), act(-eta, act(-xi, y)) - act(-xi, act(-eta, y))
 
 
-@row(
+@stated(
     "diamond",
     "Section 2, definition of the diamond, and section 4",
     "<y <> v, xi> = -<y, phi(xi) v> with y <> v = v ^ y",
@@ -76,7 +76,7 @@ def diamond(s: Setting) -> Sides:
     yield pairing(wedge(v, y), xi), -dot(y, act(xi, v))
 
 
-@row(
+@stated(
     "ad-star",
     "Section 2, coadjoint actions",
     "<ad*_xi M, eta> = <M, [xi, eta]> with ad*_xi M = [M, xi]; Ad*_g M = g^T M g",
@@ -87,7 +87,7 @@ def ad_star(s: Setting) -> Sides:
     yield pairing(g.T @ M @ g, eta), pairing(M, g @ eta @ g.T)
 
 
-@row(
+@stated(
     "well-defined",
     "Sections 2 and 3, reduced Lagrangians",
     "h in G^[p]: (hg, Omega) and (hg, W) have the P of (g, Omega), (g, W); h in G^[A]: (gh, w) has the a of (g, w)",
@@ -102,7 +102,7 @@ def well_defined(s: Setting) -> Sides:
     yield (g1 @ h) @ (g @ h).T, g1 @ g.T
 
 
-@row(
+@stated(
     "right-section",
     "Section 3, right version",
     "the section is G x O_A: w_k = g_(k+1) g_k^-1 is in G (printed g x O_A, E9)",
@@ -165,7 +165,7 @@ def euler_lagrange(s: Setting, left: bool) -> Sides:
     yield _column(raw), 2 * (_column(momentum_rate) - coordinates(turning + pull))
 
 
-@row(
+@stated(
     "theorem-2.1a",
     "Section 2, Theorem 2.1 a), (EL left Ham red)",
     "Euler-Lagrange in a chart <=> M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P, for a generic L(Omega, P)",
@@ -174,7 +174,7 @@ def theorem_2_1_a(s: Setting) -> Sides:
     yield from euler_lagrange(s, left=True)
 
 
-@row(
+@stated(
     "right-euler-poincare",
     "Section 2, (EL right Ham red)",
     "Euler-Lagrange in a chart <=> m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a, for a generic L(omega, a)",
@@ -197,7 +197,7 @@ def _hamiltonian(s: Setting, left: bool) -> Sides:
     yield np.concatenate([coordinates(rate[0]), rate[1]]), slope @ space.tensor(M, v)
 
 
-@row(
+@stated(
     "theorem-2.1b",
     "Section 2, Theorem 2.1 b)",
     "the reduced equations are z' = {H, z}, H = <M, Omega> - L, for a generic L (E14: not {z, H})",
@@ -214,7 +214,7 @@ def bracket_turned(s: Setting) -> Sides:
         yield rate, -field
 
 
-@row("legendre", "Section 2, Hamilton function", "H = <M, Omega> - L has grad_M H = Omega and grad_P H = -grad_P L")
+@stated("legendre", "Section 2, Hamilton function", "H = <M, Omega> - L has grad_M H = Omega and grad_P H = -grad_P L")
 def legendre(s: Setting) -> Sides:
     lagrangian = generic_lagrangian(s)
     xi, v, d_xi, d_v = s.skew(), s.vector(), s.skew(), s.vector()
@@ -244,7 +244,7 @@ def in_coordinates(M: Array, P: Array) -> Array:
     return np.block([[MM, MP], [-MP.T, PP]])
 
 
-@row(
+@stated(
     "lie-poisson",
     "Section 2, (PB left red) and the remark; section 4, (en LP br 1, 2)",
     "<M, [X, Y]> + <x, Y P> - <y, X P> = <M, [X, Y]> + <P, phi*(Y) x - phi*(X) y> = the bracket in coordinates",
@@ -276,7 +276,7 @@ def discrete_equations(s: Setting, left: bool) -> Sides:
     yield derivative(lambda x: whole(x, h + 0 * x), g), -M
 
 
-@row(
+@stated(
     "theorem-3.1a",
     "Section 3, Theorem 3.1 a), (dEL left Ham red), (dEL syst)",
     "(dEL) <=> Ad*_(W_k^-1) M_(k+1) = M_k + grad_P Lambda <> P_k, P_(k+1) = W_k^-1 P_k, M_(k+1) = d'_W Lambda, generic Lambda",
@@ -285,7 +285,7 @@ def theorem_3_1_a(s: Setting) -> Sides:
     yield from discrete_equations(s, left=True)
 
 
-@row(
+@stated(
     "right-discrete-euler-poincare",
     "Section 3, (dEL right Ham red)",
     "(dEL) <=> Ad*_(w_k) m_(k+1) = m_k - grad_a Lambda <> a_k, a_(k+1) = w_k a_k, m_(k+1) = d_w Lambda, generic Lambda",
@@ -339,7 +339,7 @@ def _times_h(entries: list[Any]) -> Array:
     return _column([Jet({0: coefficient(e, 0b10), 1: coefficient(e, 0b11)}) for e in entries])
 
 
-@row(
+@stated(
     "theorem-3.1b",
     "Section 3, Theorem 3.1 b)",
     "the map (M_k, P_k) -> (M_(k+1), P_(k+1)) of a generic Lambda(W, P) is Poisson for the bracket of e*(n)",
@@ -348,7 +348,7 @@ def theorem_3_1_b(s: Setting) -> Sides:
     yield from implicit_map(s, left=True)
 
 
-@row(
+@stated(
     "right-poisson",
     "Section 3, after Theorem 3.1",
     "the map (m_k, a_k) -> (m_(k+1), a_(k+1)) of a generic Lambda(w, a) is Poisson for the minus bracket",

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, identity, trace_log
 from kreisel.lab import laws
-from kreisel.lab.paper.rows import rank
+from kreisel.lab.paper.statements import rank
 
 
 def outer(x: Array) -> Array:

@@ -11,14 +11,14 @@ from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, log, 
 from kreisel.algebra.matrices import border
 from kreisel.lab import laws
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, by_law, law_row, printed, right_derivative, row
 from kreisel.lab.paper.shared import HALF_LEAF, SPECTRAL_RANK, half, leaf_rank, outer, trace_log_of
+from kreisel.lab.paper.statements import Setting, by_law, printed, right_derivative, stated, stated_law
 from kreisel.system import lagrange_top, lagrange_top_moving
 
 MOVING = lagrange_top_moving.SYSTEM
 
 
-@row(
+@stated(
     "moving-lagrangian",
     "Section 6.2, (dmLT Lagr body)",
     "<p, a_(k+1)> for <p, a_k> leaves the variation of the sum over k as it is; in P_k, W_k it is (dmLT Lagr body)",
@@ -48,7 +48,7 @@ def _moving_data(s: Setting) -> tuple[Any, ...]:
     return W, A, P, alpha, M
 
 
-@row(
+@stated(
     "moving-legendre",
     "Section 6.2, (dmLT W thru M)",
     "M_k = -d'_1 of the discrete Lagrangian; its inverse W = cay(X), X = eps M/(2 alpha) + ((1 - alpha)/alpha) A ^ y/<A, y>, y = (I - eps/2 M)^-1 A",
@@ -63,13 +63,13 @@ def moving_legendre(s: Setting) -> Sides:
     yield cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=s.eps)), W
 
 
-@row("moving-legendre-isotropic", "Section 6.2, alpha = 1", "M_k = (2/eps)(W - I)/(W + I) => W = cay(eps/2 M_k)")
+@stated("moving-legendre-isotropic", "Section 6.2, alpha = 1", "M_k = (2/eps)(W - I)/(W + I) => W = cay(eps/2 M_k)")
 def moving_legendre_isotropic(s: Setting) -> Sides:
     W = s.rotation()
     yield cayley(half(W)), W
 
 
-@row(
+@stated(
     "moving-turn",
     "Section 6.2, (dmTL Legendre inv interm)",
     "W_k A = cay(eps/2 M_k) A, by the two displays for (eps/2) M_k A and (eps/2) M_k W_k A",
@@ -84,7 +84,7 @@ def moving_turn(s: Setting) -> Sides:
     yield cayley_act(s.eps / 2 * M, A), WA
 
 
-law_row(
+stated_law(
     "theorem-6.3",
     "Section 6.2, Theorem 6.3, (dmLT body), Hbar_eps",
     "the discrete Euler-Lagrange equations of (dmLT Lagr body) are the map; it is Poisson and keeps Hbar_eps",
@@ -96,7 +96,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "moving-energy-chain",
     "Section 6.2, last display of the proof",
     "Hbar_eps(M_(k+1), P_(k+1)) through its six forms to Hbar_eps(M_k, P_k), |A| = 1",
@@ -114,7 +114,7 @@ def moving_energy_chain(s: Setting) -> Sides:
     yield pairing(M, M) / 2 + dot(P, act(W, A) - e / 2 * act(M, act(W, A))), last
 
 
-@row(
+@stated(
     "moving-energy-limit",
     "Section 6.2, Theorem 6.3, Hbar_eps",
     "Hbar_0 + (1/alpha - 1)<M_perp, M_perp>/2 = H of the alpha top, |A| = 1 (E16: Hbar_0 alone is H at alpha = 1)",
@@ -137,7 +137,7 @@ def moving_energy_limit_printed(s: Setting) -> Sides:
     yield pairing(M, M) / 2 + dot(P, A), pairing(M, Omega) / 2 + dot(P, A)
 
 
-law_row(
+stated_law(
     "theorem-6.4",
     "Section 6.2, Theorem 6.4",
     "V_k L_(k+1) = L_k V_k with U = [[0, lambda A], [+lambda A^T, 0]] (E2)",
@@ -162,7 +162,7 @@ def theorem_6_4_printed(s: Setting) -> Sides:
     yield from by_law(spoiled, "discrete-lax-equation")(s)
 
 
-law_row(
+stated_law(
     "moving-limit",
     "Section 6.2, proof of Theorem 6.3",
     "(dmLT body) approximates (mLT left); the error of the map is O(dt), of its conjugate O(dt^2)",
@@ -173,7 +173,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "moving-completeness",
     'Section 6.2, Theorem 6.3, "complete"',
     "rank on the leaf as in the rest frame: complete only with Pi M Pi for n > 3 (E12)",

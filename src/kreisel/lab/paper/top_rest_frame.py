@@ -13,8 +13,17 @@ from kreisel.algebra.matrices import border
 from kreisel.lab import laws
 from kreisel.lab.jets import coefficient, generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, by_law, gradient, law_row, left_derivative, printed, right_derivative, row
 from kreisel.lab.paper.shared import HALF_LEAF, SPECTRAL_RANK, half, leaf_rank, trace_log_of
+from kreisel.lab.paper.statements import (
+    Setting,
+    by_law,
+    gradient,
+    left_derivative,
+    printed,
+    right_derivative,
+    stated,
+    stated_law,
+)
 from kreisel.system import lagrange_top
 
 TOP = lagrange_top.SYSTEM
@@ -22,7 +31,7 @@ TOP = lagrange_top.SYSTEM
 # -- section 6, the Lemma -----------------------------------------------------------------------------
 
 
-def _curve(s: Setting, order: int) -> tuple[Array, Array, Any]:
+def _curve_of_rotations(s: Setting, order: int) -> tuple[Array, Array, Any]:
     """A curve w(e) = cay(e omega/2 + e^2 u/2) in SO(n), its omega, and e, a step with e^(order + 1) = 0."""
     one = 1 + 0 * s.scalar()
     e = sum(generator(i, one) for i in range(order))
@@ -30,47 +39,49 @@ def _curve(s: Setting, order: int) -> tuple[Array, Array, Any]:
     return cayley(0 * omega + omega * (e / 2) + u * (e * e / 2)), omega, e
 
 
-def _power(x: Any, k: int) -> Any:
+def _coefficient(x: Any, k: int) -> Any:
     """The coefficient of e^k, e = x1 + x2 + ...: e^k = k! x1...xk + ..."""
     factorial = int(np.prod(range(1, k + 1)))
     return coefficient(x, (1 << k) - 1) / factorial if k else coefficient(x, 0)
 
 
-@row(
+@stated(
     "lemma-6.1",
     "Section 6.1, Lemma 6.1, (tr as)",
     "tr log(2I + w + w^-1) = const - (eps^2/2) <omega, omega> + O(eps^3) for w = I + eps omega + O(eps^2)",
 )
 def lemma_trace(s: Setting) -> Sides:
-    w, omega, _ = _curve(s, 2)
+    w, omega, _ = _curve_of_rotations(s, 2)
     value = trace_log_of(w)
-    yield np.asarray(_power(value, 1)), np.asarray(0 * s.scalar())
-    yield np.asarray(_power(value, 2)), np.asarray(-pairing(omega, omega) / 2)
+    yield np.asarray(_coefficient(value, 1)), np.asarray(0 * s.scalar())
+    yield np.asarray(_coefficient(value, 2)), np.asarray(-pairing(omega, omega) / 2)
 
 
-@row("lemma-6.1-product", "Section 6.1, Lemma 6.1, (scalpr as)", "<a, wa> = <a, a> - (eps^2/2) |omega a|^2 + O(eps^3)")
+@stated(
+    "lemma-6.1-product", "Section 6.1, Lemma 6.1, (scalpr as)", "<a, wa> = <a, a> - (eps^2/2) |omega a|^2 + O(eps^3)"
+)
 def lemma_product(s: Setting) -> Sides:
-    w, omega, _ = _curve(s, 2)
+    w, omega, _ = _curve_of_rotations(s, 2)
     a = s.vector()
     value = dot(a, act(w, a))
-    yield np.asarray(_power(value, 0)), dot(a, a)
-    yield np.asarray(_power(value, 1)), np.asarray(0 * s.scalar())
-    yield np.asarray(_power(value, 2)), -dot(act(omega, a), act(omega, a)) / 2
+    yield np.asarray(_coefficient(value, 0)), dot(a, a)
+    yield np.asarray(_coefficient(value, 1)), np.asarray(0 * s.scalar())
+    yield np.asarray(_coefficient(value, 2)), -dot(act(omega, a), act(omega, a)) / 2
 
 
-@row(
+@stated(
     "lemma-6.1-proof",
     "Section 6.1, (lemma aux)",
     "w = I + eps omega + eps^2 v: v + v^T + omega omega^T = 0; 2I + w + w^T = 4I + eps^2 omega^2 + O(eps^3)",
 )
 def lemma_proof(s: Setting) -> Sides:
-    w, omega, _ = _curve(s, 2)
-    v = _power(w, 2)
+    w, omega, _ = _curve_of_rotations(s, 2)
+    v = _coefficient(w, 2)
     yield v + v.T + omega @ omega.T, 0 * omega
     even = 2 * identity(s.n) + w + w.T
-    yield _power(even, 0), 4 * identity(s.n) + 0 * omega
-    yield _power(even, 1), 0 * omega
-    yield _power(even, 2), omega @ omega
+    yield _coefficient(even, 0), 4 * identity(s.n) + 0 * omega
+    yield _coefficient(even, 1), 0 * omega
+    yield _coefficient(even, 2), omega @ omega
 
 
 # -- section 6.1 --------------------------------------------------------------------------------------
@@ -85,7 +96,7 @@ def _rest_data(s: Setting) -> tuple[Any, ...]:
 
 
 def _continuous_limit(s: Setting, constant: bool) -> Sides:
-    w, omega, e = _curve(s, 2)
+    w, omega, e = _curve_of_rotations(s, 2)
     a, p, alpha = s.unit(), s.vector(), abs(s.scalar())
 
     def kinetic_of(w: Array) -> Any:
@@ -94,12 +105,12 @@ def _continuous_limit(s: Setting, constant: bool) -> Sides:
     kinetic, start = kinetic_of(w), kinetic_of(identity(s.n) + 0 * omega + 0 * omega * e)
     times_eps = kinetic - e * e * dot(p, a) - (start if constant else 0)
     limit = alpha * pairing(omega, omega) / 2 + (1 - alpha) * dot(act(omega, a), act(omega, a)) / 2 - dot(p, a)
-    yield np.asarray(_power(times_eps, 0)), np.asarray(0 * s.scalar())
-    yield np.asarray(_power(times_eps, 1)), np.asarray(0 * s.scalar())
-    yield np.asarray(_power(times_eps, 2)), np.asarray(limit)
+    yield np.asarray(_coefficient(times_eps, 0)), np.asarray(0 * s.scalar())
+    yield np.asarray(_coefficient(times_eps, 1)), np.asarray(0 * s.scalar())
+    yield np.asarray(_coefficient(times_eps, 2)), np.asarray(limit)
 
 
-@row(
+@stated(
     "continuous-limit",
     "Section 3, end, and section 6.1, (dmLT Lagr 1)",
     "eps (discrete Lagrangian - constant) = eps^2 (mLT Lagr 4) + O(eps^3), |a| = 1 (E15: the constant is not 0)",
@@ -114,7 +125,7 @@ def continuous_limit_printed(s: Setting) -> Sides:
     yield from _continuous_limit(s, constant=False)
 
 
-@row(
+@stated(
     "deriv-aux1",
     "Section 6.1, (deriv aux1)",
     "d_w tr log(2I + w + w^-1) = -2 (w - I)/(w + I); the middle of its proof with (2I + w + w^-1)^-1 (E4)",
@@ -135,14 +146,14 @@ def deriv_aux1_printed(s: Setting) -> Sides:
     yield np.trace(inner @ eta), -2 * pairing(half(w), eta)
 
 
-@row("deriv-aux2", "Section 6.1, (deriv aux2)", "d_w <a, wa> = a ^ (wa); grad_a <a, wa> = wa + w^T a")
+@stated("deriv-aux2", "Section 6.1, (deriv aux2)", "d_w <a, wa> = a ^ (wa); grad_a <a, wa> = wa + w^T a")
 def deriv_aux2(s: Setting) -> Sides:
     w, a = s.rotation(), s.vector()
     yield left_derivative(lambda x: dot(a, act(x, a + 0 * x[0])), w), wedge(a, act(w, a))
     yield gradient(lambda v: dot(v, act(w + 0 * v, v)), a), act(w, a) + act(w.T, a)
 
 
-@row(
+@stated(
     "dlt-momentum",
     "Section 6.1, (dLT m expr)",
     "m_(k+1) = d_w Lambda = (2 alpha/eps)(w - I)/(w + I) - (2(1 - alpha)/eps) a_k ^ a_(k+1)/(1 + <a_k, a_(k+1)>)",
@@ -157,7 +168,7 @@ def _discrete_rest(w: Array, a: Array, p: Array, alpha: Any, eps: Any) -> Any:  
     return kinetic - eps * dot(p, a)
 
 
-@row(
+@stated(
     "dlt-kick",
     "Section 6.1, after (dLT m expr)",
     "w^-1 m_(k+1) w + a_k ^ grad_a Lambda = m_(k+1) - eps a_k ^ p, so m_(k+1) = m_k + eps a_k ^ p",
@@ -169,7 +180,7 @@ def dlt_kick(s: Setting) -> Sides:
     yield w.T @ m1 @ w + wedge(a, force), m1 - s.eps * wedge(a, p)
 
 
-@row(
+@stated(
     "dlt-turn",
     "Section 6.1, proof of the second equation",
     "the two displays for (eps/2) m_(k+1) a_(k+1), (eps/2) m_(k+1) a_k, and their sum a_(k+1) - a_k",
@@ -182,7 +193,7 @@ def dlt_turn(s: Setting) -> Sides:
     yield s.eps / 2 * act(m1, a1 + a), a1 - a
 
 
-law_row(
+stated_law(
     "theorem-6.1",
     "Section 6.1, Theorem 6.1, (dLT rest frame), (dLT rest H)",
     "the discrete Euler-Lagrange equations of (dmLT Lagr 1) are the map; it is Poisson and keeps H_eps, any |a|",
@@ -193,7 +204,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "length-of-a",
     "Section 6.1, (dmLT Lagr 1) for |a| not 1",
     "with |A|^2 + <a_k, a_(k+1)> for 1 + <a_k, a_(k+1)> the discrete Lagrangian holds for any |a|, alpha not 1 (E11)",
@@ -216,13 +227,13 @@ def length_of_a_printed(s: Setting) -> Sides:
     yield from by_law(replace(TOP, map=replace(TOP.map, lagrangian=unnormalised)), "discrete-euler-lagrange")(s)
 
 
-@row("pairing-identity", "Section 6.1, proof of (dLT rest H)", "<ma, p> = <m, p ^ a>")
+@stated("pairing-identity", "Section 6.1, proof of (dLT rest H)", "<ma, p> = <m, p ^ a>")
 def pairing_identity(s: Setting) -> Sides:
     m, a, p = s.skew(), s.vector(), s.vector()
     yield dot(act(m, a), p), pairing(m, wedge(p, a))
 
 
-@row(
+@stated(
     "rest-energy-chain",
     "Section 6.1, last display of the proof",
     "H_eps(m_(k+1), a_(k+1)) through its five forms to H_eps(m_k, a_k)",
@@ -237,7 +248,7 @@ def rest_energy_chain(s: Setting) -> Sides:
     yield pairing(m - e * wedge(p, a), m) / 2 + dot(a, p), last
 
 
-law_row(
+stated_law(
     "theorem-6.2",
     "Section 6.1, Theorem 6.2, (dmLT rest Lax), (bk)",
     "l_(k+1) v_k = v_k l_(k+1) ... : v_k l_(k+1) = l_k v_k with b_k = (I - eps/2 m_k) a_k + (eps^2/4)|a|^2 p (E11)",
@@ -263,7 +274,7 @@ def theorem_6_2_printed(s: Setting) -> Sides:
     yield from by_law(replace(TOP, map=replace(TOP.map, lax=printed_lax)), "discrete-lax-equation")(s)
 
 
-@row(
+@stated(
     "rest-lax-polynomial",
     "Section 6.1, proof of Theorem 6.2",
     "(I + eps/2 u) l_(k+1) (I - eps/2 u) = (I - eps/2 u) l_k (I + eps/2 u); with |a| = 1 as printed",
@@ -276,7 +287,7 @@ def rest_lax_polynomial(s: Setting) -> Sides:
     yield (one + e / 2 * u) @ new @ (one - e / 2 * u), (one - e / 2 * u) @ old @ (one + e / 2 * u)
 
 
-law_row(
+stated_law(
     "rest-limit",
     "Section 6.1, continuous limit",
     "(step - 1)/eps -> (mLT right), deformed integrals -> integrals; the error of the map is O(dt), of its conjugate O(dt^2)",
@@ -285,7 +296,7 @@ law_row(
     "order",
     in_rationals=False,
 )
-law_row(
+stated_law(
     "rest-involution",
     "Section 6.1, after Theorem 6.2",
     "the coefficients of det(l_k(lambda) - mu) are integrals in involution",
@@ -295,7 +306,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "rest-completeness",
     "Section 6.1, after Theorem 6.2",
     "the spectrum has rank 2, 3, 4, 5 on the leaf for n = 3...6, with pi m pi 2, 5, 8, 13: complete only with it (E12)",

@@ -9,8 +9,8 @@ import numpy as np
 from kreisel.algebra import Array, act, bracket, dot, identity, pairing, triangle, wedge
 from kreisel.lab.jets import coefficient, generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.rows import Setting, gradient, law_row, printed, row
 from kreisel.lab.paper.shared import outer
+from kreisel.lab.paper.statements import Setting, gradient, printed, stated, stated_law
 from kreisel.system import heavy_top, lagrange_top, lagrange_top_moving, symmetric_top
 
 HEAVY, TOP, MOVING = heavy_top.SYSTEM, lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM
@@ -18,14 +18,14 @@ SYMMETRIC = symmetric_top.SYSTEM
 
 # -- section 1 ----------------------------------------------------------------------------------------
 
-law_row(
+stated_law(
     "introduction-top-flow",
     "Section 1, first display, left",
     "M' = A ^ P, P' = -MP is Hamiltonian on e*(n)",
     SYMMETRIC,
     "hamiltonian-flow",
 )
-law_row(
+stated_law(
     "introduction-top-map",
     "Section 1, first display, right",
     "M_(k+1) = M_k + eps A ^ P_k, P_(k+1) = cay(-eps/2 M_(k+1)) P_k is Poisson, keeps its energy and has a Lax pair",
@@ -36,7 +36,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "introduction-adjoint",
     "Sections 1 and 6.2",
     "the Introduction's map is the adjoint of section 6.2's at alpha = 1, not the same (E13)",
@@ -73,7 +73,7 @@ def _kinetic_energy(s: Setting, turn: Any) -> Sides:
     yield np.asarray(energy), -np.trace(Omega @ J @ Omega) / 2
 
 
-@row(
+@stated(
     "body-frame",
     "Section 4, the body frame and (mLT Lagr 1)",
     "e_k(t) = g(t) e_k(0): the kinetic energy of point masses is -tr(Omega J Omega)/2, J = sum m x x^T (E8)",
@@ -88,7 +88,7 @@ def body_frame_printed(s: Setting) -> Sides:
     yield from _kinetic_energy(s, lambda g: g.T)
 
 
-@row(
+@stated(
     "heavy-top-lagrangian",
     "Section 4, (mLT Lagr 2)",
     "-tr(Omega J Omega) = <Omega, J Omega + Omega J>; <p, a> = <P, A>",
@@ -99,7 +99,7 @@ def heavy_lagrangian(s: Setting) -> Sides:
     yield dot(p, act(g, A)), dot(act(g.T, p), A)
 
 
-@row(
+@stated(
     "heavy-top-momentum",
     "Section 4, the momentum",
     "M = grad_Omega L = J Omega + Omega J <=> M_jk = (J_j + J_k) Omega_jk",
@@ -112,7 +112,7 @@ def heavy_momentum(s: Setting) -> Sides:
     yield M, (J[:, None] + J[None, :]) * Omega
 
 
-@row(
+@stated(
     "heavy-top-equations",
     "Section 4, (mLT left)",
     "ad*_Omega M + grad_P L <> P = [M, Omega] + A ^ P for L = ... - <P, A>",
@@ -123,7 +123,7 @@ def heavy_equations(s: Setting) -> Sides:
     yield bracket(M, Omega) + wedge(P, force), bracket(M, Omega) + wedge(A, P)
 
 
-law_row(
+stated_law(
     "heavy-top-hamiltonian",
     "Section 4, Hamilton function and brackets",
     "(mLT left) is z' = {H, z} with H = <M, Omega>/2 + <P, A>; the bracket satisfies Jacobi's identity",
@@ -134,7 +134,7 @@ law_row(
 )
 
 
-@row("heavy-top-energy", "Section 4, Hamilton function", "<M, Omega>/2 = (1/2) sum_(j<k) M_jk^2/(J_j + J_k)")
+@stated("heavy-top-energy", "Section 4, Hamilton function", "<M, Omega>/2 = (1/2) sum_(j<k) M_jk^2/(J_j + J_k)")
 def heavy_energy(s: Setting) -> Sides:
     J, Omega = s.diagonal(), s.skew()
     M = (J[:, None] + J[None, :]) * Omega
@@ -149,7 +149,7 @@ def _inertia(Omega: Array, A: Array, alpha: Any) -> Array:  # (mLT operator inv1
     return alpha * Omega + (1 - alpha) * (Omega @ outer(A) + outer(A) @ Omega)
 
 
-@row(
+@stated(
     "inertia-operator",
     "Section 5, action of J",
     "J_1 = ... = alpha/2, J_n = 1 - alpha/2: M_ij = alpha Omega_ij, M_in = Omega_in",
@@ -164,7 +164,7 @@ def inertia_operator(s: Setting) -> Sides:
     yield _inertia(Omega, e, alpha), expected
 
 
-@row(
+@stated(
     "inertia-invariant",
     "Section 5, (mLT operator inv1, inv2)",
     "alpha Omega + (1 - alpha)(Omega AA^T + AA^T Omega) = alpha Omega - (1 - alpha) A ^ (Omega A)",
@@ -174,7 +174,7 @@ def inertia_invariant(s: Setting) -> Sides:
     yield _inertia(Omega, A, alpha), alpha * Omega - (1 - alpha) * wedge(A, act(Omega, A))
 
 
-@row(
+@stated(
     "lagrange-top-lagrangian",
     "Section 5, (mLT Lagr 3) and (mLT Lagr 4)",
     "<Omega, J(Omega)> = alpha <Omega, Omega> + (1 - alpha)|Omega A|^2, and the same with omega, a",
@@ -187,7 +187,7 @@ def lagrange_lagrangian(s: Setting) -> Sides:
     yield twice, alpha * pairing(omega, omega) + (1 - alpha) * dot(act(omega, a), act(omega, a))
 
 
-@row(
+@stated(
     "inertia-inverse",
     "Section 5, (mTL Legendre inv interm) and the inverse",
     "MA = Omega A; Omega = M/alpha + ((1 - alpha)/alpha) A ^ (MA), |A| = 1",
@@ -199,7 +199,7 @@ def inertia_inverse(s: Setting) -> Sides:
     yield Omega, M / alpha + (1 - alpha) / alpha * wedge(A, act(M, A))
 
 
-law_row(
+stated_law(
     "proposition-5.1",
     "Section 5, Proposition 5.1",
     "L' = [L, U] along (mLT left), moving frame",
@@ -208,7 +208,7 @@ law_row(
 )
 
 
-@row(
+@stated(
     "rest-frame-equations",
     "Section 5, (mLT right Ham red) to (mLT right)",
     "grad_a L = -(1 - alpha) omega^2 a - p; m; ma = omega a; [omega, m] - (1 - alpha)(omega^2 a) ^ a = 0: m' = a ^ p for every alpha",
@@ -230,7 +230,7 @@ def rest_frame_equations(s: Setting) -> Sides:
     yield bracket(omega, m) + wedge(force, a), wedge(a, p)
 
 
-@row(
+@stated(
     "rest-frame-momentum", "Section 5, after (mLT right)", "m = g M g^-1 for M = J(Omega), omega = g Omega g^-1, a = gA"
 )
 def rest_frame_momentum(s: Setting) -> Sides:
@@ -238,7 +238,7 @@ def rest_frame_momentum(s: Setting) -> Sides:
     yield g @ _inertia(Omega, A, alpha) @ g.T, _inertia(g @ Omega @ g.T, act(g, A), alpha)
 
 
-law_row(
+stated_law(
     "rest-frame-hamiltonian",
     "Section 5, (mLT right), (en LP r br 1, 2), Hamilton function",
     "m' = a ^ p, a' = ma is z' = {H, z} with H = <m, m>/2 + <a, p> and the minus bracket",
@@ -247,6 +247,6 @@ law_row(
     "jacobi-identity",
     "casimirs",
 )
-law_row(
+stated_law(
     "proposition-5.2", "Section 5, Proposition 5.2", "l' = [l, u] along (mLT right), rest frame", TOP, "lax-equation"
 )

@@ -148,7 +148,7 @@
 
   function tell() {
     $("title").textContent = D.title;
-    $("told").textContent = D.told.filter(Boolean).join(" \u00b7 ");
+    $("facts").textContent = D.facts.filter(Boolean).join(" \u00b7 ");
     $("note").textContent = D.note;
     const legend = $("legend");
     legend.replaceChildren();
@@ -266,7 +266,7 @@
           seek($("follow").checked && atEnd && !state.playing ? D.count - 1 : below(D.time, state.time));
           await redraw();
         }
-      } catch { $("note").textContent = "The server has ended; this is the last state that it told."; return; }
+      } catch { $("note").textContent = "The server has ended; this is the last state that it sent."; return; }
     }
     if (!D.complete) setTimeout(news, 1000 * D.follow);
   }

@@ -1,4 +1,4 @@
-"""What a row of the paper is, and how rows are tested."""
+"""What a statement of the paper is, and how statements are tested."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, nearest, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.lab import exact, laws
 from kreisel.lab.law import Sides
 from kreisel.record.contract import System
@@ -60,28 +60,28 @@ class Setting:
         return abs(self.vector()) / 4 + 2 * np.cumsum(0 * self.vector() + 1)
 
 
-Statement = Callable[[Setting], Sides]
+SidesOf = Callable[[Setting], Sides]
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of the table: where it stands, what it says, the sides, and for an erratum the printed form."""
+class Statement:
+    """Where it stands, what it says, the two sides, and for an erratum the printed form."""
 
     name: str
     place: str
-    statement: str
-    sides: Statement
-    printed: Statement | None = None
+    text: str
+    sides: SidesOf
+    printed: SidesOf | None = None
     erratum: str = ""
     in_rationals: bool = True
     dimensions: tuple[int, ...] = DIMENSIONS
 
 
 @dataclass
-class Finding:
-    """A row tested: the largest residuals over all n, of the printed form too, and the verdict."""
+class StatementResult:
+    """A statement tested: the largest residuals over all n, of the printed form too, and the verdict."""
 
-    row: Row
+    statement: Statement
     over_q: float | None = None
     in_floats: float | None = None
     printed: float | None = None
@@ -93,38 +93,38 @@ class Finding:
         """One word or two for the table."""
         if not self.holds:
             return "FAILS"
-        return "holds; the printed form fails" if self.row.printed else "holds"
+        return "holds; the printed form fails" if self.statement.printed else "holds"
 
 
-ROWS: dict[str, Row] = {}
+STATEMENTS: dict[str, Statement] = {}
 
 
-def row(name: str, place: str, statement: str, erratum: str = "", **more: Any) -> Callable[[Statement], Statement]:
-    """Register the decorated function as a row."""
+def stated(name: str, place: str, text: str, erratum: str = "", **more: Any) -> Callable[[SidesOf], SidesOf]:
+    """Register the decorated function as a statement."""
 
-    def register(sides: Statement) -> Statement:
-        if name in ROWS:
-            raise ValueError(f"two rows are called {name}")
-        ROWS[name] = Row(name, place, statement, sides, erratum=erratum, **more)
+    def register(sides: SidesOf) -> SidesOf:
+        if name in STATEMENTS:
+            raise ValueError(f"two statements are called {name}")
+        STATEMENTS[name] = Statement(name, place, text, sides, erratum=erratum, **more)
         return sides
 
     return register
 
 
-def printed(name: str) -> Callable[[Statement], Statement]:
-    """Register the decorated function as the printed form of a row: it must fail."""
+def printed(name: str) -> Callable[[SidesOf], SidesOf]:
+    """Register the decorated function as the printed form of a statement: it must fail."""
 
-    def register(sides: Statement) -> Statement:
-        old = ROWS[name]
-        ROWS[name] = Row(
-            old.name, old.place, old.statement, old.sides, sides, old.erratum, old.in_rationals, old.dimensions
+    def register(sides: SidesOf) -> SidesOf:
+        old = STATEMENTS[name]
+        STATEMENTS[name] = Statement(
+            old.name, old.place, old.text, old.sides, sides, old.erratum, old.in_rationals, old.dimensions
         )
         return sides
 
     return register
 
 
-def by_law(system: System, *names: str) -> Statement:
+def by_law(system: System, *names: str) -> SidesOf:
     """The sides of laws of `kreisel.lab.laws` for a system."""
 
     def sides(s: Setting) -> Iterator[tuple[Array, Array]]:
@@ -135,9 +135,9 @@ def by_law(system: System, *names: str) -> Statement:
     return sides
 
 
-def law_row(name: str, place: str, statement: str, system: System, *names: str, **more: Any) -> None:
-    """A row that is a law of the registry."""
-    row(name, place, statement, **more)(by_law(system, *names))
+def stated_law(name: str, place: str, text: str, system: System, *names: str, **more: Any) -> None:
+    """A statement that is a law of the registry."""
+    stated(name, place, text, **more)(by_law(system, *names))
 
 
 # -- derivatives on the group and its algebra -------------------------------------------------------
@@ -208,56 +208,56 @@ def residual(sides: Iterable[tuple[Array, Array]], numbers: str) -> float:
     return worst
 
 
-def test(row: Row, dimensions: Iterable[int] = DIMENSIONS, seed: int = 0) -> Finding:
-    """One row for each n, exactly over Q and in floats."""
-    finding = Finding(row)
+def tested(statement: Statement, dimensions: Iterable[int] = DIMENSIONS, seed: int = 0) -> StatementResult:
+    """Test one statement for each n, exactly over Q and in floats."""
+    finding = StatementResult(statement)
     for n in dimensions:
-        if n not in row.dimensions:
+        if n not in statement.dimensions:
             continue
         finding.dimensions.append(n)
-        for numbers in ("exact", "float") if row.in_rationals else ("float",):
-            off = residual(row.sides(Setting(n, numbers, seed)), numbers)
+        for numbers in ("exact", "float") if statement.in_rationals else ("float",):
+            off = residual(statement.sides(Setting(n, numbers, seed)), numbers)
             if numbers == "exact":
                 finding.over_q = max(finding.over_q or 0.0, off)
                 finding.holds &= off == 0
             else:
                 finding.in_floats = max(finding.in_floats or 0.0, off)
                 finding.holds &= off < laws.TOLERANCE
-        if row.printed is not None:
-            off = residual(row.printed(Setting(n, "float", seed)), "float")
+        if statement.printed is not None:
+            off = residual(statement.printed(Setting(n, "float", seed)), "float")
             finding.printed = off if finding.printed is None else min(finding.printed, off)
             finding.holds &= off > CERTAIN_FAILURE
     return finding
 
 
-test.__test__ = False  # type: ignore[attr-defined]  # not for pytest to collect
+tested.__test__ = False  # type: ignore[attr-defined]  # not for pytest to collect
 
 
-def chosen(name: str | None) -> list[Row]:
-    """The row of that name, or all whose names begin so.  Raises `InputError` with the nearest name."""
+def chosen(name: str | None) -> list[Statement]:
+    """The statement of that name, or all whose names begin so.  Raises `InputError` with the nearest name."""
     if name is None:
-        return list(ROWS.values())
-    if name in ROWS:
-        return [ROWS[name]]
-    found = [row for row in ROWS.values() if row.name.startswith(name)]
+        return list(STATEMENTS.values())
+    if name in STATEMENTS:
+        return [STATEMENTS[name]]
+    found = [s for s in STATEMENTS.values() if s.name.startswith(name)]
     if not found:
         raise InputError(
-            f"No row is called {shown(name)}.{nearest(name, ROWS)} `kreisel verify --list` names them all."
+            f"No statement is called {shown(name)}.{hint(name, STATEMENTS)} `kreisel verify --list` names them all."
         )
     return found
 
 
-def verify(name: str | None = None, dimensions: Iterable[int] = DIMENSIONS, seed: int = 0) -> Iterator[Finding]:
-    """Test the row `name`, all rows whose names begin so, or all rows, one after the other.
+def verify(name: str | None = None, dimensions: Iterable[int] = DIMENSIONS, seed: int = 0) -> Iterator[StatementResult]:
+    """Test the statement `name`, all statements whose names begin so, or all of them, one after the other.
 
     Each is tested at random points for each n (3, 4, 5, 6) exactly over Q and in floats; for an erratum the printed
     form must fail as well.  Raises `InputError` for an unknown name.
     """
     sizes = tuple(dimensions)
-    return (test(row, sizes, seed) for row in chosen(name))
+    return (tested(statement, sizes, seed) for statement in chosen(name))
 
 
-def cells(finding: Finding) -> tuple[str, str, str, str]:
+def cells(finding: StatementResult) -> tuple[str, str, str, str]:
     """Text for a table: n, the residual over Q, that in floats, the verdict (with the printed form's residual)."""
     sizes = finding.dimensions
     spread = f"{sizes[0]}-{sizes[-1]}" if len(sizes) > 1 else str(sizes[0]) if sizes else "none"
@@ -267,14 +267,14 @@ def cells(finding: Finding) -> tuple[str, str, str, str]:
     return spread, over_q, floats, finding.verdict + by
 
 
-def markdown(findings: Iterable[Finding]) -> str:
-    """The docs page: one line for each row."""
+def markdown(findings: Iterable[StatementResult]) -> str:
+    """The docs page: one line for each statement."""
     lines = [PAGE_HEAD]
     for finding in findings:
-        row = finding.row
+        statement = finding.statement
         n, over_q, floats, verdict = cells(finding)
-        statement, place = (text.replace("|", "\\|") for text in (row.statement, row.place))
-        lines.append(f"| `{row.name}` | {place} | {statement} | {n} | {over_q} | {floats} | {verdict} |")
+        text, place = (words.replace("|", "\\|") for words in (statement.text, statement.place))
+        lines.append(f"| `{statement.name}` | {place} | {text} | {n} | {over_q} | {floats} | {verdict} |")
     return "\n".join(lines) + "\n"
 
 
@@ -282,11 +282,11 @@ PAGE_HEAD = """# The paper, verified
 
 Every numbered theorem, proposition and lemma, and the displayed identities, of Yu. B. Suris, *Integrable
 discretizations of some cases of the rigid body dynamics* (2001), tested at random points: exactly over the rationals,
-where the residual must be 0, and in floats. Labels in brackets are those of the source text. Rows of errata
+where the residual must be 0, and in floats. Labels in brackets are those of the source text. Statements with errata
 ([list](errata.md)) also test the printed form, which must fail; the number says by how much, in the n where it fails least.
 A random point is not a proof for all n: it makes an identity of rational functions that is false very unlikely to pass.
 
-Made by `make verify` (`kreisel verify --markdown`); one row: `kreisel verify theorem-6.1`.
+Made by `make verify` (`kreisel verify --markdown`); one statement: `kreisel verify theorem-6.1`.
 
-| row | where | statement | n | over Q | floats | verdict |
+| name | where | statement | n | over Q | floats | verdict |
 |---|---|---|---|---|---|---|"""

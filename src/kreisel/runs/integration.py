@@ -41,7 +41,8 @@ class Snapshot:
 def block_rows(plan: Plan) -> int:
     """Rows held at once, and rows in a shard of an archive."""
     numbers = max(
-        plan.first.size, plan.lanes * sum(layout.size(k, plan.model.n) for k in plan.model.system.space.kinds)
+        plan.first.size,
+        plan.lanes * sum(layout.coordinate_count(k, plan.model.n) for k in plan.model.system.space.kinds),
     )
     rows = int(max(1, min(plan.rows, BLOCK_BYTES // (8 * numbers))))
     return rows if rows < SHARDED else rows + -rows % CHUNKS
@@ -52,7 +53,7 @@ def chunk_rows(block: int) -> int:
     return block if block < SHARDED or block % CHUNKS else block // CHUNKS
 
 
-class March:
+class Integration:
     """Fills rows 0, every, 2 every, ... and the last step.
 
     `between` is called between two calls of the engine, about every tenth of a second; what it raises stops the run.
