@@ -23,6 +23,7 @@ from kreisel.algebra import Array
 NODES = 8  # lambda t = 0.5: psi is off by 2e-16; 1: by 6e-15
 ORDERS = 11  # of Laurent's series: full precision up to lambda t = 1
 SQUARINGS = 5  # of z: psi up to 8 or so
+LONGEST, MOST_TURN = 1.25, 8.0  # lambda h: psi is off by 1e-13; and |Omega| h
 TINY = 1e-140  # a body at rest: no 0/0
 SECOND, THIRD = [1, 2, 0], [2, 0, 1]
 
@@ -62,11 +63,23 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
     return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(turn, lift)))
 
 
-def _series(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> tuple[Array, list[Array]]:
-    """The e_i h^2, and the coefficients of x^4, x^6, ... in x^2 wp(x) - 1, x in units of h."""
+def reach(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> Array:
+    """A measure of the length of a step, at most 1 up to lambda h = 1.25 and turns by 8 radians."""
+    d = _differences(M, h, inverse=inverse, gaps=gaps)  # their sum is 0: (d.d)/1.5 >= (lambda h)^4
+    turn = algebra.dot(M, M) * algebra.dot(inverse, inverse) * (h * h)
+    return algebra.maximum(algebra.dot(d, d) / (1.5 * LONGEST**4), turn / MOST_TURN**2)
+
+
+def _differences(M: Array, h: Array, *, inverse: Array, gaps: Array) -> Array:
+    """(e_k - e_j) h^2."""
     squares, unit = M * M * inverse, h * h / (inverse[..., 0] * inverse[..., 1] * inverse[..., 2])
     apart = squares[..., SECOND] * gaps[..., THIRD] - squares[..., THIRD] * gaps[..., SECOND]  # L^2 - 2T I_i
-    d = gaps * apart * algebra.vec(unit)  # e_k - e_j
+    return gaps * apart * algebra.vec(unit)
+
+
+def _series(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> tuple[Array, list[Array]]:
+    """The e_i h^2, and the coefficients of x^4, x^6, ... in x^2 wp(x) - 1, x in units of h."""
+    d = _differences(M, h, inverse=inverse, gaps=gaps)
     e = (d[..., SECOND] - d[..., THIRD]) / 3
     e1, e2, e3 = e[..., 0], e[..., 1], e[..., 2]
     c = [-(e1 * e2 + e2 * e3 + e3 * e1) / 5, e1 * e2 * e3 / 7]

@@ -46,7 +46,8 @@ def perturbed(
                frame the last is that of its axis).  Exact
     inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
                moving frame, n = 3
-    params     the parameters that the functions name after `*`, by name: numbers, or arrays; a number may vary by lane
+    params     the parameters that the functions name after `*`, by name: a number, numbers that vary by lane (one
+               axis), or an array of more axes, which is the same in all lanes
     name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
 
     Functions are run once, on numbers that record what is done to them: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
@@ -128,16 +129,9 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
             raise InputError(
                 f"params: expected names of parameters other than {', '.join(sorted(taken))}, got {shown(letter)}."
             )
-        out[letter] = Parameter(letter, _kind(value, model.n), "of the forces", default=value)
+        kind = "scalar" if np.ndim(value) <= 1 else "array"
+        out[letter] = Parameter(letter, kind, "of the forces", default=value)
     return out
-
-
-def _kind(value: Any, n: int) -> str:
-    """A list of n numbers is a vector; any other list is a number that varies by lane, an array of more axes is one."""
-    axes, shape = np.ndim(value), np.shape(value)
-    if axes == 0 or (axes == 1 and shape != (n,)):
-        return "scalar"
-    return "vector" if shape[-1] == n and axes <= 2 else "array"
 
 
 def _damping_and_inertia(model: Model, damping: Any, inertia: Any) -> dict[str, Parameter]:

@@ -20,7 +20,6 @@ from kreisel.record.model import Model
 State = tuple[Array, ...]
 Constants = Mapping[str, Array]
 ORDER = 8  # of a map, composed
-LONGEST_TURN = 8.0  # radians in a part of a step, of what is precise to lambda h = 1
 
 
 @dataclass(frozen=True)
@@ -57,11 +56,7 @@ def _free_body(base: System) -> Integrable:
         return (algebra.hat(N),), (q,) * len(g)
 
     def reach(own: State, h: Any, known: Constants) -> Any:
-        inverse = 1 / moments(known)
-        M = algebra.axial(own[0])
-        turn = algebra.dot(M, M) * h * h
-        gaps = inverse - inverse[..., [1, 2, 0]]
-        return turn * algebra.maximum(algebra.dot(gaps, gaps) / 2, algebra.dot(inverse, inverse) / LONGEST_TURN**2)
+        return rotor_step.reach(algebra.axial(own[0]), h, **rotor_step.constants(moments(known)))
 
     return Integrable("the closed form of a free body", move, reach)
 
