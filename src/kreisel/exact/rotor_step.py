@@ -19,10 +19,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.exact.turning import turn
 
 NODES = 8  # lambda t = 0.5: psi is off by 2e-16; 1: by 6e-15
 ORDERS = 11  # of Laurent's series: full precision up to lambda t = 1
-SQUARINGS = 5  # of z: psi up to 8 or so
 LONGEST, MOST_TURN = 1.25, 8.0  # lambda h: psi is off by 1e-13; and |Omega| h
 TINY = 1e-140  # a body at rest: no 0/0
 SECOND, THIRD = [1, 2, 0], [2, 0, 1]
@@ -48,26 +48,23 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
     """
     series = _series(M, h, **known)
     Omega, L2 = known["inverse"] * M, algebra.dot(M, M)
-    energy, L = algebra.dot(Omega, M), algebra.sqrt(L2 + TINY)
-    psi = 0 * L2
+    energy, psi = algebra.dot(Omega, M), 0 * L2  # psi/L
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
         N = _moved(M, float(node), h, series, **known)
         rate = (energy + algebra.dot(N, Omega)) / (L2 + algebra.dot(N, M) + TINY)
         psi = psi + float(weight) * rate
     N = _moved(M, 1.0, h, series, **known)
-    cos, sin = _half_angle(psi * h * L)
-    scalar = 0 * M[..., :1]
-    lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + scalar, algebra.cross(N, M)], -1)
-    turn = np.concatenate([algebra.vec(cos) + scalar, algebra.vec(sin / L) * M], -1)
-    return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(turn, lift)))
+    lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + 0 * M[..., :1], algebra.cross(N, M)], -1)
+    z = turn(algebra.vec(psi * h) * M)
+    return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
 
 
 def reach(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> Array:
     """A measure of the length of a step, at most 1 up to lambda h = 1.25 and turns by 8 radians."""
     d = _differences(M, h, inverse=inverse, gaps=gaps)  # their sum is 0: (d.d)/1.5 >= (lambda h)^4
-    turn = algebra.dot(M, M) * algebra.dot(inverse, inverse) * (h * h)
-    return algebra.maximum(algebra.dot(d, d) / (1.5 * LONGEST**4), turn / MOST_TURN**2)
+    angle = algebra.dot(M, M) * algebra.dot(inverse, inverse) * (h * h)
+    return algebra.maximum(algebra.dot(d, d) / (1.5 * LONGEST**4), angle / MOST_TURN**2)
 
 
 def _differences(M: Array, h: Array, *, inverse: Array, gaps: Array) -> Array:
@@ -113,14 +110,3 @@ def _moved(
     below = algebra.dot(y, y) + algebra.dot(M * M, curvatures) * (time * time)
     rate = rates * M[..., SECOND] * M[..., THIRD]
     return (M * y[..., SECOND] * y[..., THIRD] + algebra.vec(time) * rate * y) * algebra.vec(3 / below)
-
-
-def _half_angle(psi: Array) -> tuple[Array, Array]:
-    """Cos and sin of psi/2, by squarings of the turn by psi/2^(SQUARINGS + 1)."""
-    x = psi / 2 ** (SQUARINGS + 1)
-    y = x * x
-    versed = y * (0.5 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320 - y * (1 / 3628800)))))
-    sin = x * (1 - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800))))))
-    for _ in range(SQUARINGS):
-        versed, sin = 2 * sin * sin, 2 * sin * (1 - versed)
-    return 1 - versed, sin
