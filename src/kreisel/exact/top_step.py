@@ -15,9 +15,9 @@ wp Weierstrass' function.  In units of h all is regular at h = 0, and in the int
 vertical, asleep, critical, at rest, without weight.  Where k <= 0, for |m|h = pi or so, there is no such map: NaN.
 [docs/exact.md; DLMF 23.9, 23.10]
 
-Operations of a compiled step (m, a) and (m, a, g), to rounding up to h max(|m|, sqrt(|a||p|)) = 0.5: 367 and 516 with
+Operations of a compiled step (m, a) and (m, a, g), to rounding up to h max(|m|, sqrt(|a||p|)) = 0.5: 369 and 509 with
 ORDERS, NODES = 10, 5.  Taylor series of 28 orders need 3028 and 9216, as four scalar functions times the quaternions
-1, m, p a and p m a 2111 and 2130.  With 16, 8 as here, 553 and 714, to rounding up to 0.75, and 1e-14 at 1.
+1, m, p a and p m a 2111 and 2130.  With 16, 8 as here, 552 and 701, to rounding up to 0.75, and to 5e-15 at 1.
 """
 
 from __future__ import annotations
