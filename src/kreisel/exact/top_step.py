@@ -33,6 +33,7 @@ from kreisel.exact.turning import turn, turned
 
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
+LONGEST = 1.25  # h max(|m|, sqrt(|a||p|)) of a step that is used; at 1 it is off by 5e-15
 LEAN = 0  # squarings of the turn about p, which is of third order in h: 0.04 at most
 
 
@@ -83,6 +84,12 @@ def step_inside(M: Array, P: Array, *g: Array, A: Array, alpha: Array, h: Array)
         return state
     q = algebra.quaternion_product(_lean(levels, f, h), q)
     return *state, algebra.unit(algebra.quaternion_product(g[0], q))
+
+
+def reach(m: Array, a: Array, *, p: Array, h: Array) -> Array:
+    """A measure of the length of a step, at most 1 up to h max(|m|, sqrt(|a||p|)) = LONGEST."""
+    square = (h / LONGEST) ** 2
+    return algebra.maximum(square * algebra.dot(m, m), square * square * algebra.dot(a, a) * algebra.dot(p, p))
 
 
 def _known(m: Array, a: Array, f: Array, h: Array) -> Known:

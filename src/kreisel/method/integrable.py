@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact import rotor_step
+from kreisel.exact import rotor_step, top_step
 from kreisel.forces.kicks import perturbation_of
 from kreisel.method.composition import symmetric_composition
 from kreisel.record.contract import Frame, Map, System, call
@@ -38,6 +38,8 @@ def integrable(model: Model) -> Integrable:
     base = perturbation_of(model.system).base
     if base.moments is not None and model.n == 3:
         return _free_body(base)
+    if base.top is not None and model.n == 3:
+        return _top(base)
     if base.map is not None:
         return _composed(base, base.map)
     raise InputError(
@@ -59,6 +61,29 @@ def _free_body(base: System) -> Integrable:
         return rotor_step.reach(algebra.axial(own[0]), h, **rotor_step.constants(moments(known)))
 
     return Integrable("the closed form of a free body", move, reach)
+
+
+def _top(base: System) -> Integrable:
+    """In the rest frame (m, a, p), in the moving frame (M, A, P) of the record."""
+    rest = base.frame is Frame.REST
+
+    def of(own: State, known: Constants) -> tuple[Array, Array, Array, Array]:
+        m, a, p = call(base.top, own, known)
+        return algebra.axial(m), a, p, known.get("alpha", 1.0)
+
+    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+        m, a, p, alpha = of(own, known)
+        if rest:
+            m, b, *turned = top_step.step(m, a, *g, p=p, alpha=alpha, h=h)
+        else:
+            m, b, *turned = top_step.step_inside(m, p, *g, A=a, alpha=alpha, h=h)
+        return (algebra.hat(m), b), tuple(turned)
+
+    def reach(own: State, h: Any, known: Constants) -> Any:
+        m, a, p, _ = of(own, known)
+        return top_step.reach(m, a, p=p, h=h)
+
+    return Integrable("the closed form of a Lagrange top", move, reach)
 
 
 def _composed(base: System, phi: Map) -> Integrable:
