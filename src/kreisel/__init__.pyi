@@ -20,6 +20,7 @@ from kreisel.storage.exporting import export as export
 from kreisel.sweeps.sweep import failures as failures
 from kreisel.runs.figures import nutation as nutation
 from kreisel.storage.opening import open_run as open_run
+from kreisel.forces.body import perturbed as perturbed
 from kreisel.viewer.plots import plot as plot
 from kreisel.runs.propagator import propagator as propagator
 from kreisel.runs.simulate import resume as resume
