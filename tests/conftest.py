@@ -19,6 +19,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 import kreisel as kr
 from kreisel.algebra.reuse import forget
 from kreisel.system import REGISTRY
+from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  - hooks
 
 Path(os.environ["KREISEL_CACHE"]).mkdir(mode=0o700, parents=True, exist_ok=True)  # code: nobody else's
 

@@ -28,7 +28,7 @@ PART = (
     "kernels/test_large.py",
     "house/test_gallery.py",
     "kernels/test_engine.py",
-    "kernels/test_lanes.py",
+    "kernels/test_simd.py",
     "system/test_vectors.py",
     "kernels/test_projection.py",
     "exact/test_exact.py",

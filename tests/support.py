@@ -1,4 +1,4 @@
-"""What tests of several rooms need: where the repository is, and processes that are stopped."""
+"""What tests of several rooms need: where the repository is, configurations, and processes that are stopped."""
 
 from __future__ import annotations
 
@@ -9,6 +9,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples"
+START = {  # name -> parameters, state
+    "lagrange-top": ("p = [0.0, 0.0, 1.0]", "m = [0.1, 0.2, 1.5]\na = [0.6, 0.0, 0.8]"),
+    "clebsch": ("b = [1.0, 2.0, 3.5]", "M = [0.1, 0.2, 0.3]\nP = [0.6, 0.0, 0.8]"),
+    "neumann": ("b = [1.0, 2.0, 3.5]", "x = [1.0, 0.0, 0.0]\nq = [0.0, 0.3, 0.1]"),
+}
+
+
+def configuration(run: str, output: str, name: str = "lagrange-top", more: str = "") -> str:
+    """The TOML file of a run, by the text of its sections [run] and [output]; `more` sections stand between them."""
+    parameters, state = START[name]
+    system = f'name = "{name}"\n{parameters}'
+    return f"\n[system]\n{system}\n[state]\n{state}\n[run]\n{run}\n{more}[output]\n{output}\n"
 
 
 def started(folder: Path, code: str, seconds: float) -> subprocess.Popen[str]:

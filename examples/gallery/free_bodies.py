@@ -110,8 +110,8 @@ with figure("light", 11.5, 3.7) as (made, theme):
     for j in range(3):
         left.plot(seconds[shown], Omega[shown, j], color=theme.colours[j], label=f"Ω{'₁₂₃'[j]}", linewidth=1)
     for k, flip in enumerate(predicted[predicted < 4]):
-        told = "flips, closed form" if k == 0 else None
-        left.axvline(flip, color=theme.faint, linewidth=0.8, linestyle=":", label=told)
+        label = "flips, closed form" if k == 0 else None
+        left.axvline(flip, color=theme.faint, linewidth=0.8, linestyle=":", label=label)
     left.set(xlabel="time, s", ylabel="rad/s", title="tennis racket")
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=4, columnspacing=1)
     centre.plot(hours / 24, tilt, color=theme.colours[0], linewidth=1)

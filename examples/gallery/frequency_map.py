@@ -18,10 +18,10 @@ top = kr.LagrangeTop(p=(0, 0, 1))
 x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 run = kr.simulate(top, x0, dt=0.2, steps=4000, method="exact")
 lines = analysis.frequencies(run, lambda m, a: a[..., 0] + 1j * a[..., 1], 7)
-told = kr.nutation(top, x0)
-nutation = 2 * np.pi / told.period
-k = np.round((lines.frequency - told.mean_precession) / nutation)
-off = lines.frequency - told.mean_precession - k * nutation
+figures = kr.nutation(top, x0)
+nutation = 2 * np.pi / figures.period
+k = np.round((lines.frequency - figures.mean_precession) / nutation)
+off = lines.frequency - figures.mean_precession - k * nutation
 table = lines.table.assign(k=k.astype(int), off=off)
 print(table.to_string(index=False, float_format="{:.3g}".format))
 print(f"resolution of the Fourier transform: {2 * np.pi / float(run.time[-1]):.1e}")

@@ -31,8 +31,8 @@ error = abs(largest - expected)[spins < 1.95].max()
 print(f"largest tilt against arccos(s^2/2 - 1), s < 1.95: off by up to {error:.1e} rad")
 assert error < 2e-3
 assert largest[asleep].max() < 10 * TILT  # it sleeps
-told = kr.nutation(top, top.state(m=1.5 * axis, a=axis))
-assert abs(told.lowest - (1.5**2 / 2 - 1)) < 1e-5
+figures = kr.nutation(top, top.state(m=1.5 * axis, a=axis))
+assert abs(figures.lowest - (1.5**2 / 2 - 1)) < 1e-5
 
 with figure("light", 9.0, 3.6) as (made, theme):
     left, right = made.subplots(1, 2, width_ratios=[1.4, 1])

@@ -207,4 +207,5 @@ def test_the_stub_is_that_of_the_records() -> None:
     "first", ["exact.motion", "exact.pairs", "kernels.cpu", "storage.archive", "method.suris", "viewer.page"]
 )
 def test_a_module_can_be_imported_first(first: str) -> None:
-    subprocess.run([sys.executable, "-c", f"import kreisel.{first}"], check=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", f"import kreisel.{first}"], check=False, timeout=120)
+    assert done.returncode == 0

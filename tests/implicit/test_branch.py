@@ -1,4 +1,4 @@
-"""The implicit maps: solved up to the longest step, on the branch that tends to 1; else a message says why not."""
+"""The implicit maps: solved up to the longest step on the branch that tends to 1, and a message where they are not."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_beyond_the_longest_step_the_defect_tells() -> None:
         assert np.isnan(X).all() or abs(X + X.T).max() < 1e-9
 
 
-def test_one_doubling_less_is_told_by_the_defect(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_doubling_less_is_seen_in_the_defect(monkeypatch: pytest.MonkeyPatch) -> None:
     (model, state, largest), *_ = bodies("euler-top", 5)
     monkeypatch.setattr(branch, "SMALL", branch.SMALL**0.25)
     _, defect = model.call(model.map.turn, *state, eps=0.9 * largest)

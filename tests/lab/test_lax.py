@@ -117,7 +117,7 @@ def test_a_pair_of_ones_own() -> None:
     assert ranks.isospectral is False and ranks.involution is False
 
 
-def test_what_cannot_be_tested_is_told() -> None:
+def test_what_cannot_be_tested_is_unknown() -> None:
     own = Subject("own", lambda x: x, ("x", "y"))
     with pytest.raises(kr.InputError, match="no Lax matrix"):
         lax(own)

@@ -175,7 +175,7 @@ def test_regular_orbits_are_not_called_chaotic() -> None:
         assert abs(found.exponents.sum()) < 1e-6
 
 
-def test_an_orbit_that_escapes_is_told() -> None:
+def test_an_orbit_that_escapes_is_named() -> None:
     with pytest.raises(kr.RunError, match="escapes"):
         dynamics.dynamics(plane(area), np.array([3.0, 3.0]), 2000)
     with pytest.raises(kr.InputError, match="finite numbers"):

@@ -86,7 +86,7 @@ def test_veselov_comes_out_of_a_family_of_kinetic_parts() -> None:
     assert verdicts(found, "theta") == {1.0: "integrable", 0.5: "undecided"}
 
 
-def test_trouble_is_told_and_the_search_goes_on() -> None:
+def test_trouble_is_scored_and_the_search_goes_on() -> None:
     def family(c):
         return search.logarithmic(c) if c else subject(lambda x: x**0.5, names=("x", "y"))
 

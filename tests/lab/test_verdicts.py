@@ -102,7 +102,7 @@ def test_the_lax_pair_of_another_map_carries_nothing() -> None:
     assert found["Lax pair"].answer == "no Lax pair of this map"
 
 
-def test_evidence_that_contradicts_itself_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evidence_that_contradicts_itself_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(growth, "growth", lambda *_: growth.fitted_growth(tuple(2**k for k in range(9))))
     found = investigate("lagrange-top", **SHORT)
     assert found.verdict == "undecided" and "contradicts" in found.reason

@@ -14,6 +14,7 @@ from kreisel.lab import exact
 from kreisel.method.auto import ORDERS, choose
 from kreisel.system import REGISTRY
 from sizes import FULL
+from support import configuration
 
 SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]
 OPTIONS = {"dt": 1.0, "steps": 100, "every": 50}
@@ -106,8 +107,7 @@ def test_a_motion_far_faster_than_dt(tmp_path: Path) -> None:
 def test_from_a_file_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("top.toml").write_text(
-        '[system]\nname = "lagrange-top"\np = [0, 0, 1]\n[state]\nm = [0.1, 0.2, 1.5]\na = [0.6, 0, 0.8]\n'
-        '[run]\norder = "auto"\ntol = 1e-8\ndt = 1.0\nsteps = 100\nevery = 10\n[output]\npath = "run.zarr"\n'
+        configuration('order = "auto"\ntol = 1e-8\ndt = 1.0\nsteps = 100\nevery = 10', 'path = "run.zarr"')
     )
     commands.run(Path("top.toml"))
     run = kr.open_run("run.zarr")

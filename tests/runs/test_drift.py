@@ -22,6 +22,7 @@ from kreisel.record.contract import System
 from kreisel.runs import drift, integration, scales
 from kreisel.sweeps import broken_lanes
 from kreisel.system import REGISTRY
+from support import configuration
 
 TOO_LONG = 1e4  # a step of order 8 that loses the Casimirs, by 1e-10
 
@@ -34,20 +35,7 @@ def strict(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "FAR_RELATIVE", 1e-12)
 
 
-CONFIG = """
-[system]
-name = "lagrange-top"
-p = [0.0, 0.0, 1.0]
-[state]
-m = [0.1, 0.2, 1.5]
-a = [0.6, 0.0, 0.8]
-[run]
-order = 8
-dt = {dt}
-steps = 1000
-[output]
-path = "top.zarr"
-"""
+CONFIG = configuration("order = 8\ndt = {dt}\nsteps = 1000", 'path = "top.zarr"')
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -46,7 +46,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     try:
         done = subprocess.run(mount, capture_output=True, check=False, timeout=20)
     except FileNotFoundError:
-        pytest.skip("no mount here")
+        pytest.skip("no file system may be mounted here; there is no mount")
     if done.returncode:
         pytest.skip("no file system may be mounted here; the stand-in tests the same")
     yield where

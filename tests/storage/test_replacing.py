@@ -18,6 +18,7 @@ import kreisel as kr
 from kreisel.runs import config
 from kreisel.storage import checking, replacing
 from kreisel.storage.checkpoint import Lock
+from support import configuration
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 30}
 SWEPT: dict[str, Any] = {
@@ -26,20 +27,7 @@ SWEPT: dict[str, Any] = {
     "workers": 0,
     **OPTIONS,
 }
-TOML = """
-[system]
-name = "lagrange-top"
-p = [0.0, 0.0, 1.0]
-[state]
-m = [0.1, 0.2, 1.5]
-a = [0.6, 0.0, 0.8]
-[run]
-dt = 0.1
-steps = 30
-[output]
-path = "{path}"
-figure = "{figure}"
-"""
+TOML = configuration("dt = 0.1\nsteps = 30", 'path = "{path}"\nfigure = "{figure}"')
 
 
 def everything(folder: Path) -> dict[str, Any]:

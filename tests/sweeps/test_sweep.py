@@ -28,20 +28,9 @@ from kreisel.sweeps.blocks import Sweep, compute
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.summaries import angular_frequency
 from kreisel.sweeps.sweep import carry_out
-from support import ROOT
+from support import ROOT, configuration
 
-SWEEP = """
-[system]
-name = "lagrange-top"
-p = [0.0, 0.0, 1.0]
-[state]
-m = [0.1, 0.2, 1.5]
-a = [0.6, 0.0, 0.8]
-[run]
-dt = 0.05
-steps = 200
-every = 2
-[sweep]
+DESIGN = """[sweep]
 rng = 7
 draws = 6
 block = 5
@@ -51,9 +40,8 @@ system.alpha = { from = 0.5, to = 1.5, count = 4 }
 [sweep.random]
 "state.m[2]" = { uniform = [1.0, 2.0] }
 state.a = { sphere = 1.0 }
-[output]
-path = "sweep.zarr"
 """
+SWEEP = configuration("dt = 0.05\nsteps = 200\nevery = 2", 'path = "sweep.zarr"', more=DESIGN)
 LONG = pytest.mark.skipif("KREISEL_FULL" not in os.environ, reason="`make test-full` and `make soak` run it")
 KILLS = int(os.environ.get("KREISEL_KILLS", "3"))  # `make soak` asks for 200
 OPTIONS = {"dt": 0.05, "steps": 200, "every": 2}

@@ -134,7 +134,7 @@ def test_a_citation_names_what_was_used(run) -> None:
         assert [other for other in used if f"{{{key}," in citations[other]] == [key]
 
 
-def test_a_source_of_ones_own_is_told_and_other_things_refused() -> None:
+def test_a_source_of_ones_own_is_named_and_other_things_refused() -> None:
     from dataclasses import replace
 
     assert "% further: Kowalevski 1889" in kr.cite(replace(kr.HeavyTop, source="S. Kowalevski 1889"))

@@ -270,7 +270,7 @@ def test_one_page_is_served_to_this_machine_and_nothing_else(served):
     assert "Access-Control-Allow-Origin" not in headers
 
 
-def test_the_data_is_told_once_until_it_changes(served):
+def test_the_data_is_sent_once_until_it_changes(served):
     path, url = served
     status, text, headers = ask(url, Accept="application/json")
     assert status == 200 and len(array(json.loads(text)["time"], "f8")) == 201
@@ -281,7 +281,7 @@ def test_the_data_is_told_once_until_it_changes(served):
     assert status == 200 and len(array(json.loads(text)["time"], "f8")) == 301 and headers["ETag"] != tag
 
 
-def test_a_bad_address_is_told(tmp_path, top, x0):
+def test_a_bad_address_is_refused(tmp_path, top, x0):
     kr.simulate(top, x0, dt=0.05, steps=20, path=tmp_path / "top.zarr", progress=False)
     with pytest.raises(kr.InputError, match="cannot be served"):
         serve.server(tmp_path / "top.zarr", host="256.0.0.1")

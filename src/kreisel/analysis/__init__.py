@@ -7,8 +7,7 @@
     kr.analysis.frequencies(run, "a[0]")               # to 1e-10 and better
 
 Everything takes a run of `kr.simulate`, `kr.open_run` or `kr.resume`.  A quantity is a name such as "a[2]", counted
-from
-0 as in `kr.drift`, or a function of the components of the state.  What comes back is an `xarray.Dataset`, a table of
+from 0 as in `kr.drift`, or a function of the components of the state.  The result is an `xarray.Dataset`, a table of
 pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of them.
 """
 

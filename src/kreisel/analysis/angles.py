@@ -58,12 +58,11 @@ def quaternions(run: xr.Dataset) -> Array:
 def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     """Euler's angles phi, theta, psi of the body against time: g = R_3(phi) R_1(theta) R_3(psi), n = 3, in rad.
 
-    For a top the third axis of space is the vertical (against gravity) and that of the body its axis, turned there by
-    the
-    least turn where they are not already; theta is the tilt, phi the precession, psi the body's own turn.  For other
-    bodies
-    the axes are those of the state.  phi and psi are continued without jumps, right as long as they turn by less than
-    pi between two saved rows.  Exactly on the vertical only phi +- psi has a meaning; then psi = 0.
+    For a top the third axis of space is the vertical (against gravity), and that of the body is its axis; where they
+    are not so already, the least rotation takes them there.  theta is the tilt, phi the precession, psi the body's own
+    turn.  For other bodies the axes are those of the state.  phi and psi are continued without jumps, which is right as
+    long as they turn by less than pi between two saved rows.  On the vertical only phi +- psi has a meaning, and
+    psi = 0.
 
     Returns a Dataset (time) or (time, lane).  Raises `InputError` for a run without an orientation or with n > 3.
     [Goldstein, Classical Mechanics, 3rd ed., section 4.4]
@@ -169,10 +168,9 @@ def mean_rates(run: xr.Dataset, system: Any = None) -> pd.DataFrame:
     """Nutation and precession measured in a run, beside the closed form where one is known (`kr.nutation`).
 
     The run is cut where the axis is highest, located to round-off (`events`).  Rows: nutation_period,
-    nutation_frequency
-    (angular), precession_per_period, mean_precession (angular velocity of the axis about the vertical, whole turns
-    included), lowest and highest <e, k> = cos(tilt), spin.  Columns: measured, closed_form, difference; NaN where a
-    closed form is not known, and for the precession of a moving frame without an orientation.
+    nutation_frequency (angular), precession_per_period, mean_precession (angular velocity of the axis about the
+    vertical, whole turns included), lowest and highest <e, k> = cos(tilt), spin.  Columns: measured, closed_form,
+    difference; NaN where a closed form is not known, and for the precession of a moving frame without an orientation.
 
     Raises `InputError` for ensembles, for fewer than two nutations, for rows too far apart, and for other systems.
     """
@@ -251,7 +249,7 @@ def _advance(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> float:
 
 
 def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
-    """The azimuth of the axis about the vertical in space; None where the state alone does not tell it."""
+    """The azimuth of the axis about the vertical in space; None where the state alone does not determine it."""
     from scipy.spatial.transform import Rotation
 
     carried = np.asarray(run[model.system.space.letters[model.system.space.leading]].values)

@@ -1,4 +1,4 @@
-"""kr.analysis.compare: two runs of one system, how far apart and what each of them keeps."""
+"""kr.analysis.compare: two runs of one system, how far apart they are and what each of them conserves."""
 
 from __future__ import annotations
 
@@ -25,10 +25,9 @@ class Comparison:
     """What `compare` returns.
 
     distance   Dataset along the common times (and lane): for each component of the state the Euclidean distance over
-    the
-               largest length of that component in the first run; for the orientation the angle between them, in rad
+               the largest length of that component in the first run; for the orientation the angle between them, in rad
     drift      for each Casimir and integral that both runs have, max |change| in each: columns first, second, ratio
-    names      what the two are called in figures
+    names      of the two runs in figures
     """
 
     distance: xr.Dataset

@@ -30,15 +30,14 @@ def events(
     """The times and states at which a quantity f(state) crosses a value, f = value, located to round-off.
 
     quantity   a component of the state such as "a[2]", counted from 0, or a function of the components as the run
-    stores
-               them (n = 3: axial vectors), batch in front: `lambda m, a: (m * a).sum(-1)`
+               stores them (n = 3: axial vectors), batch in front: `lambda m, a: (m * a).sum(-1)`
     rising     True, False: only crossings upward, downward; None: both
     system     the model, for a system of your own
 
-    A crossing lies between two saved rows with f on different sides; two crossings between the same rows are missed, so
-    save often enough.  The state is carried there from the row before by the flow itself, by extrapolation of order 16
-    to round-off (so of method="exact" it is as exact as the rows), and the time is found by Chandrupatla's method
-    (`scipy.optimize.elementwise.find_root`) on a polynomial, corrected with the flow.  A row exactly at the value
+    A crossing lies between two saved rows with f on different sides.  Two crossings between the same rows are missed,
+    so save often enough.  The flow itself carries the state there from the row before, by extrapolation of order 16 to
+    round-off: for method="exact" it is as exact as the rows.  The time is found by Chandrupatla's method
+    (`scipy.optimize.elementwise.find_root`) on a polynomial, and corrected with the flow.  A row exactly at the value
     counts where f goes on to the other side.
 
     Returns a Dataset along `event`, in the order of time: time, rising, lane (of an ensemble), the components of the

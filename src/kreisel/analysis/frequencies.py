@@ -1,9 +1,8 @@
-"""kr.analysis.frequencies: the lines of a quasi-periodic motion, far more exactly than a Fourier transform resolves
-them.
+"""kr.analysis.frequencies: the lines of a quasi-periodic motion, far beyond the resolution of a Fourier transform.
 
 Laskar's numerical analysis of fundamental frequencies: a line is a maximum of the windowed Fourier integral
-(`kreisel.runs.harmonics`).  Then all amplitudes are fitted together and each line is sought again in what the others
-leave, until the frequencies stand still.
+(`kreisel.runs.harmonics`).  Then all amplitudes are fitted together, and each line is sought again in what the others
+leave, until the frequencies no longer change.
 """
 
 from __future__ import annotations
@@ -34,8 +33,9 @@ class Lines:
     """f(t) = sum of amplitude_j exp(i frequency_j t) + a rest, the largest |amplitude| first.
 
     frequency   (lines,) angular, in radians and the run's unit of time; of a real signal those >= 0
-    amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of Re(amplitude_j exp(i omega_j
-    t)) rest        root mean square of what the lines leave of the signal
+    amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of
+                Re(amplitude_j exp(i omega_j t))
+    rest        root mean square of what the lines leave of the signal
     change      largest |change| of a frequency in the last sweep, a measure of how constant they are
     """
 
@@ -66,13 +66,13 @@ class Lines:
 def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: int = 3) -> Lines:
     """The strongest lines of a quantity, real or complex, of one trajectory.
 
-    quantity   "a[0]", a function of the stored components such as `lambda m, a: a[..., 0] + 1j * a[..., 1]`, or
-    "energy" lines      how many at most; fewer come back where the rest is round-off
+    quantity   "a[0]", "energy", or a function of the stored components, `lambda m, a: a[..., 0] + 1j * a[..., 1]`
+    lines      how many at most; fewer are returned where the rest is round-off
     power      of the window of Hann: higher ones leak less and need lines farther apart, (power + 1) 2 pi/T
 
     Measured on sums of lines: 1e-11 relative or better where they are ten widths 2 pi/T apart.  The frequencies are
-    those of the saved states: of a map, of its interpolating flow; beyond pi/(dt every) they are folded.  Raises
-    `InputError` for ensembles, for rows not evenly spaced and for fewer than 16.
+    those of the saved states; for a map, those of its interpolating flow.  Beyond pi/(dt every) they are folded.
+    Raises `InputError` for ensembles, for rows not evenly spaced and for fewer than 16.
     """
     if "lane" in a_run(run).dims:
         raise InputError("frequencies takes one trajectory: choose a lane, run.isel(lane=0).")
@@ -132,7 +132,7 @@ def _finite_squares(values: Array) -> bool:
 
 
 def _settled(finder: _Finder, found: list[float], values: Array, real: bool) -> tuple[list[float], float]:
-    """Each line sought again in what the others leave, until all stand still."""
+    """Each line sought again in what the others leave, until none changes any more."""
     change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, found))
     for _ in range(SWEEPS):
         before, last = list(found), change

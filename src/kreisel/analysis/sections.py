@@ -37,9 +37,8 @@ def return_map(
     """The return map on the section f = value: `seen` at a crossing, and at the `returns`-th one after it.
 
     `seen` is a component such as "a[0]" or a function of the components of the state, as f is.  Crossings of different
-    lanes
-    are not mixed.  Returns a Dataset along `event` with here, after, the time of return elapsed, and the coordinate
-    lane of an ensemble.  Raises `InputError` as `events` does, and for returns < 1.
+    lanes are not mixed.  Returns a Dataset along `event` with here, after, the time of return elapsed, and the
+    coordinate lane of an ensemble.  Raises `InputError` as `events` does, and for returns < 1.
     """
     import xarray as xr
 

@@ -1,7 +1,7 @@
 """The command line: run, resume, check, plot, view, systems, methods, verify, bench.
 
-Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where what a method
-conserves is not conserved, the archive being kept; 128 and more for signals.
+Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where
+something that the method conserves is not conserved (the archive is kept); 128 and more for signals.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Integrals of a rational map, found unaided: polynomials and quotients of them that stand still along orbits.
+"""Integrals of a rational map, found unaided: polynomials and quotients of them that are constant along orbits.
 
 Polynomials.  Monomials up to a degree, evaluated along orbits over F_p: those combinations whose values do not change
 are the null space of a matrix.  Lifted to the rationals, and checked on fresh orbits modulo another prime.

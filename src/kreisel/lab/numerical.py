@@ -1,8 +1,9 @@
 """Integrals of a map that can only be run in floats: monomials along its orbits, and a singular value decomposition.
 
-Monomials up to a degree change along orbits; combinations that stand still are singular vectors with singular values at
-round-off.  A gap in the singular values separates them from what only changes little.  Functionally independent ones
-are counted by the rank of their gradients, those on a leaf and their brackets with the bracket of the map.
+Monomials up to a degree change along orbits.  Combinations that are conserved are singular vectors whose singular
+values are at round-off.  A gap in the singular values separates them from combinations that only change little.
+Functionally independent ones are counted by the rank of their gradients, those on a leaf and their brackets with the
+bracket of the map.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Numerical:
 
     def __str__(self) -> str:
         return (
-            f"{self.count} independent polynomials of degree {self.degree} or less stand still in floats, "
+            f"{self.count} independent polynomials of degree {self.degree} or less are conserved in floats, "
             f"{self.on_leaf} on leaves of dimension {self.leaf}; singular values {self.largest:.0e}, then "
             f"{self.next:.0e}"
         )

@@ -5,7 +5,7 @@ The verdict follows from the evidence alone:
     integrable       the map preserves a Poisson bracket, and half as many independent functions in involution as a leaf
                      has dimensions (Liouville), or so many more that the leaf is filled: rank + dimension of the tori =
                      dimension of the leaf (superintegrable).  Exact identities at random points; of implicit maps in
-                     floats, where they must stand still to round-off with a gap.
+                     floats, where they must be conserved to round-off, with a gap in the singular values.
     not integrable   the degrees of the iterates grow exponentially, by a recurrence or by an estimate beyond its
                      uncertainty; or an orbit is chaotic (a float experiment, not a proof).
     undecided        everything else, and evidence for both.

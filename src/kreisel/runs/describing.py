@@ -1,4 +1,4 @@
-"""Runs as datasets: dimensions, attributes, times, and the model that attributes tell."""
+"""Runs as datasets: dimensions, attributes, times, and the model that the attributes describe."""
 
 from __future__ import annotations
 
@@ -98,11 +98,12 @@ def describe(plan: Plan) -> dict[str, Any]:
 
 
 def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
-    """What rounding does to each Casimir and integral, in units of eps_machine.
+    """How much rounding errors change each Casimir and integral, in units of eps_machine.
 
-    roundoff_scale    in a step: the root mean square, over up to 32 states of a lane in the first block, of the change
-                      when every coordinate of a component moves by the component's largest, signs at random
-    evaluation_scale  in computing it once from a state: its size, or the noise of its values if larger
+    roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, with random
+                      signs; the scale is the root mean square of the change, over up to 32 states of a lane in the
+                      first block
+    evaluation_scale  in one evaluation from a state: the size of the value, or its noise if that is larger
     """
     z = _sampled_rows(plan, first)
     n = plan.model.n

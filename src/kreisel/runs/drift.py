@@ -65,8 +65,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
                 1e4 (1 + (dt |z|)^2) times what a random walk of rounding errors does, |z| the state's largest entry
 
-    In an ensemble each row is the worst lane: that of the largest change beside what rounding does in it, or in more
-    than some hundred lanes in any of them.  Variables are read in blocks of rows: an archive may be longer than memory.
+    In an ensemble each row is that of the worst lane: the one with the largest change relative to its rounding errors.
+    Beyond some hundred lanes they share one scale of rounding, the largest.  Variables are read in blocks of rows: an
+    archive may be longer than memory.
     """
     import pandas as pd
 

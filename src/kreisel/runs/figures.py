@@ -18,7 +18,7 @@ class Figures:
     """Physical figures of one motion of the Lagrange top, n = 3, in the system's units.
 
     kind        "nutating": the axis goes up and down, if it does not swing through the vertical;
-                "steady": its height is constant, and a small disturbance leaves it a small nutation, stable;
+                "steady": its height is constant, and stable: a small disturbance causes a small nutation;
                 "free": without gravity, the axis goes round m in one period;
                 "sleeping, critical": upright with just the spin that keeps it there, (alpha spin)^2 = 4 |a||p|;
                 "sleeping, unstable": upright with less; "falling asleep": upright after an infinite time

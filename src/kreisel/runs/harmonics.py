@@ -1,8 +1,8 @@
 """The strongest harmonic of evenly spaced samples: the maximum of their Fourier integral under a window.
 
-With the window w of Hann to the power `power`, |Z(omega)|, Z(omega) = sum_k w_k f_k exp(-i omega t_k), has a maximum at
-the frequency of a harmonic up to what the others leak, which falls like T^-(2 power + 2), T the length of the samples;
-a Fourier transform resolves it to 1/T.
+Z(omega) = sum_k w_k f_k exp(-i omega t_k), where the window w is Hann's to the power `power`.  |Z| has a maximum at the
+frequency of each harmonic.  The other harmonics shift it by an amount that falls like T^-(2 power + 2), T the length of
+the samples.  A Fourier transform has the resolution 1/T.
 [J. Laskar, Icarus 88 (1990) 266; Laskar, Introduction to frequency map analysis, 1999, arXiv math/0305364]
 """
 
@@ -16,7 +16,7 @@ from kreisel.algebra import Array
 
 PADDING = 4  # times as many frequencies as samples: one lies within an eighth of a line's width of the maximum
 MOST_STEPS = 40
-STILL = 4 * np.finfo(float).eps  # relative: a frequency that moves less stands still
+STILL = 4 * np.finfo(float).eps  # relative: a frequency that moves less has converged
 
 
 def window(t: Array, power: int) -> Array:
@@ -26,7 +26,7 @@ def window(t: Array, power: int) -> Array:
 
 
 def strongest(t: Array, weighted: Array, *, still: bool = True) -> Array:
-    """Of each column of window times samples (rows, columns) the frequency of its largest peak; real ones: >= 0.
+    """The frequency of the largest peak of each column of window times samples (rows, columns); >= 0 for real samples.
 
     With still=False, frequency 0 is left out.
     """
@@ -40,9 +40,9 @@ def strongest(t: Array, weighted: Array, *, still: bool = True) -> Array:
 
 
 def peaks(t: Array, weighted: Array, omega: Any) -> Array:
-    """The maximum of |Z| next to omega (columns,) of each column, by Newton's method for d|Z|^2/d(omega) = 0.
+    """The maximum of |Z| next to omega (columns,) in each column, by Newton's method for d|Z|^2/d(omega) = 0.
 
-    What a column gives does not depend on the others, to the last bit.
+    The result of a column does not depend on the other columns, to the last bit.
     """
     omega, t = np.array(omega, dtype=float), t[:, None]
     most = float(np.pi / 2 / (t[-1] - t[0])[0])  # a quarter of a width

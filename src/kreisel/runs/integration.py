@@ -22,14 +22,14 @@ BLOCK_BYTES = 1 << 21  # of states, held at once
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
 SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
-LONG_SECONDS = 1.0  # after which a call of the engine need not be waited for
+LONG_SECONDS = 1.0  # a longer call of the engine can be interrupted
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Where a run stands: how many rows are in finished blocks, the rows after them, steps into the next, engine.
+    """Where a run stands: the rows in finished blocks, the rows after them, the steps made since, and the engine.
 
-    The engine's part holds what `Plan.computed` has too: the constants of the trajectory.
+    `engine` also holds `Plan.computed`, the constants of the trajectory.
     """
 
     flushed: int
@@ -54,13 +54,14 @@ def chunk_rows(block: int) -> int:
 
 
 class Integration:
-    """Fills rows 0, every, 2 every, ... and the last step.
+    """The loop of a run: it fills rows 0, every, 2 every, ... and the last step.
 
-    `between` is called between two calls of the engine, about every tenth of a second; what it raises stops the run.
-    `inside` is called within a call that lasts longer than a second, as that of a single step may; what it raises ends
-    the run too, whose last snapshot then is the one before the call.
-    A lane that fails ends the run, unless `faults` is given: there the lane and the reason are noted, its outputs are
-    NaN from then on, and the others go on.
+    `between` is called between two calls of the engine, about every tenth of a second.  An exception there stops the
+    run. `inside` is called within a call that lasts longer than a second, as a single step of large n may.  An
+    exception there ends the run, and its last snapshot is the one before that call.
+
+    A lane that fails ends the run, unless `faults` is given.  Then the lane and the reason are noted there, the outputs
+    of the lane are NaN from then on, and the other lanes go on.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class Integration:
 
     @property
     def regular(self) -> bool:
-        """Whether a longer run would have all these rows: not a last one that is no multiple of `every`."""
+        """Whether a longer run has all these rows too: the last one is at a multiple of `every`."""
         return self.rows <= self.plan.steps // self.plan.every + 1
 
     def _step_of(self, row: int) -> int:
@@ -196,7 +197,7 @@ class Integration:
                 )
 
     def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
-        """Note or raise the first row for which it does not hold, or the row after them."""
+        """Note or raise the first row where a condition fails; the state of the engine counts as one more row."""
         good = np.append(holds(self.buffer[: self.filled]), holds(self.plan.engine.z[None]), axis=0)
         good = good.reshape((self.filled + 1, self.plan.lanes, -1)).all(-1)
         if not good.all():

@@ -114,9 +114,10 @@ class Plan:
 
     @property
     def computed(self) -> dict[str, Floats]:
-        """What the steps and the outputs take that was computed from parameters and start, by LAPACK and libm too.
+        """The constants that steps and outputs use, computed from the parameters and the start.
 
-        Its last bits depend on the processor: a run that goes on elsewhere takes it from its checkpoint.
+        LAPACK and libm compute some of them, so that their last bits depend on the processor.  A run that goes on
+        elsewhere takes them from its checkpoint.
         """
         given = self.model.params
         return {
@@ -300,10 +301,10 @@ def _parts_by_name(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
 def _lanes(
     model: Model, plan: Scheme, parts: tuple[Array, ...], engine: str | None
 ) -> tuple[Scheme, Floats, Printer | None]:
-    """The scheme with its constants of the trajectories, and the prepared start (d,) or (lanes, d).
+    """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and a printer or None.
 
-    The batch axes of states and parameters are made one.  With engine="large", or None where it is known and pays,
-    both in the form of that engine, and what prints its kernel.
+    The batch axes of states and parameters become one.  With engine="large", or with None where that engine is known
+    and faster, scheme and start are in its form, and the printer prints its kernel.
     """
     own = len(model.system.space.letters)
     before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
@@ -328,16 +329,16 @@ def _lanes(
 
 
 def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:
-    """The scheme in the form of engine="large", and what prints its kernel; as it was where none is known."""
+    """The scheme in the form of engine="large", and what prints its kernel; without such a form the scheme itself."""
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.kernels.large.forms import LEAST_N, form_of
 
     form = form_of(plan)
     if form is None and asked is not None:
         raise InputError(
-            f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = {plan.n}: "
-            f"engine='large' needs n >= {LEAST_N} and momenta that change along one constant vector, other than 0, or "
-            "vectors alone, or one momentum and a single real stage; an orientation with the first of these and "
-            "method='suris' alone. Leave engine out."
+            f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = {plan.n}. "
+            f"engine='large' needs n >= {LEAST_N}, and one of these: momenta that change along one constant vector "
+            "other than 0; vectors alone; one momentum and a single real stage. It carries an orientation in the "
+            "first case only, with method='suris'. Leave engine out."
         )
     return (plan, None) if form is None else (form.on(plan, spread), Printer(form, plan))

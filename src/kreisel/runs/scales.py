@@ -1,7 +1,7 @@
-"""What rounding does to the integrals of a run, measured again on states of all of it.
+"""The scales of rounding errors in the integrals of a run, measured again from states of the whole run.
 
-The scales that a run carries come from its first block.  A motion that leaves an unstable equilibrium later has far
-smaller states there than afterwards.
+The scales that a run carries come from its first block.  A motion that leaves an unstable equilibrium only later has
+far smaller states in that block than afterwards.
 """
 
 from __future__ import annotations

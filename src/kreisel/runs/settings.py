@@ -1,4 +1,4 @@
-"""What a user may ask of a run, checked: its settings, states and orientations."""
+"""The checks of what a user asks of a run: settings, states and orientations."""
 
 from __future__ import annotations
 

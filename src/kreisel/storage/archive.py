@@ -141,7 +141,7 @@ class Archive:
         self._worth_keeping = True
 
     def _create(self, values: Mapping[str, Array], attrs: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Every array at its full length, and the numbers of the lanes; the names of their chunks."""
+        """Create every array at its full length and write the numbers of the lanes.  Returns their chunks' names."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
         block, rows = self._rows_in_block, self.plan.rows

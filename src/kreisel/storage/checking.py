@@ -1,4 +1,4 @@
-"""What `kreisel check` does: is an archive as it was written, and do its numbers belong to one another."""
+"""What `kreisel check` does: whether an archive is as it was written, and whether its numbers fit each other."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """The run, as far as it can be read, and what is wrong with it, each fault in one sentence.
 
     Every file is compared with its SHA-256.  The times, the Casimirs and the integrals that are functions of the saved
-    state alone are computed again, block by block; from some rows the next one is computed again, state and
-    orientation.  Raises `InputError` if there is no archive at all.
+    state alone are computed again, block by block.  From some rows the next row is computed again, with its state and
+    its orientation.  Raises `InputError` if there is no archive at all.
     """
     path = settled(path)
     if is_sweep(path):
@@ -185,7 +185,7 @@ def _trouble(part: xr.Variable) -> str | None:
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:
-    """Write the rows of a damaged archive that are whole in every variable to a new one; how many, and of how many.
+    """Write the rows that are whole in every variable to a new archive.  Returns their number and that of all rows.
 
     The new archive has the attribute `recovered`, and complete = false where rows are lost.  Where the manifest itself
     is lost, `recovered` says that the rows were not compared with it.  Raises `InputError` where nothing is whole, or
@@ -219,9 +219,10 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
 
 
 def _number_faults(run: xr.Dataset) -> list[str]:
-    """Whether the numbers are finite, the times those of the steps, the integrals those of the states; block by block.
+    """What is wrong with the numbers of a run, read block by block.
 
-    And whether some rows follow from the row before.
+    They must be finite, the times those of the steps, the integrals those of the states, and some rows must follow from
+    the row before.
     """
     missing: list[str] = []
     again = None if is_own(run.attrs) else _definition(run)

@@ -160,7 +160,7 @@ def _lock_text(handle: int) -> str:
 
 
 def _is_lock(text: str) -> bool:
-    """Whether a file that nobody holds is a lock that a kill left, and no file of somebody else."""
+    """Whether a file that no process holds is a lock left by a kill, and not a file of somebody else."""
     try:
         return not text or set(json.loads(text)) == {"host", "pid"}
     except (ValueError, TypeError, RecursionError):

@@ -1,4 +1,4 @@
-"""A variable on disk and the rows that follow it in memory as one, which reads only what is asked of it."""
+"""A variable on disk and the rows in memory that follow it, joined into one lazy variable."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class _Continued(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._rows)
 
     def _rows(self, key: tuple[Any, ...]) -> Array:
-        """Each part is asked for its own rows alone: a damaged chunk matters to nobody else."""
+        """Ask each part for its own rows only: a damaged chunk does not affect the other part."""
         first, *rest = key
         border = len(self.before)
         if isinstance(first, slice):

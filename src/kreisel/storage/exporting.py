@@ -26,7 +26,7 @@ ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has it
 
 
 def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet where in .parquet.
+    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet where it ends in .parquet.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
     out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote

@@ -1,9 +1,8 @@
 """The manifest of an archive: the SHA-256 of every file in it, so that each chunk is bound to its place.
 
-A whole archive has engine/checksums.sha256, which `sha256sum -c` reads too.  While it is being made there is a file
-for each block of rows or lanes instead, engine/blocks/K.sha256, which says that the block is done, and one for the
-metadata, which has what they are about to become beside what they are: a kill at any moment leaves a file that is
-listed.
+A whole archive has engine/checksums.sha256, which `sha256sum -c` reads too.  While an archive is being made, each
+finished block of rows or lanes has a file engine/blocks/K.sha256 instead.  One more file lists the metadata as they are
+and as they are about to become.  So a kill at any moment leaves only files that are listed.
 """
 
 from __future__ import annotations
@@ -90,7 +89,7 @@ def _read_lines(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def listed(store: Path) -> Listed:
-    """The manifest of a store, as far as it can be read: of one that is being made, all files of blocks together."""
+    """The manifest of a store, as far as it can be read; of an unfinished one, the files of all blocks together."""
     found: dict[str, set[str]] = {}
     for path in files(store):
         with contextlib.suppress(InputError):
@@ -148,9 +147,10 @@ def metadata_files(store: Path) -> list[str]:
 
 
 def seal(store: Path, others: Iterable[str]) -> None:
-    """From the files of the blocks the manifest of a whole archive, with the metadata and `others` as they are now.
+    """Make the manifest of a whole archive from the files of its blocks.
 
-    Raises `FileNotFoundError` where a chunk that was written is gone.
+    The metadata and `others` are listed as they are now.  Raises `FileNotFoundError` where a chunk that was written is
+    gone.
     """
     chunks = [(name, known) for name, (known, *_) in listed(store).items() if is_chunk(name)]
     for name, _ in chunks:
@@ -174,7 +174,7 @@ def clear(store: Path) -> None:
 
 
 def unseal(store: Path, keep: int) -> None:
-    """Back to files of blocks, of a store that goes on after its first `keep` blocks; of later ones nothing is left."""
+    """Go back to one file for each block: the store goes on after its first `keep` blocks; later ones are dropped."""
     known = listed(store)
     kept = [(n, t) for n, digests in known.items() for t in digests if is_chunk(n) and _block_of(n) < keep]
     metadata = [(n, t) for n, digests in known.items() for t in digests if n.endswith("zarr.json")]
@@ -189,7 +189,7 @@ def unseal(store: Path, keep: int) -> None:
 
 
 def _block_of(name: str) -> int:
-    """The number of the block of rows of a chunk: its first place; `lane` is made with the first block."""
+    """The number of a chunk's block of rows: the first index in its name.  `lane` is made with the first block."""
     places = name.split("/")[2:]
     return int(places[0]) if places else 0
 
@@ -202,7 +202,7 @@ def of_all(store: Path) -> None:
 
 
 def faults(store: Path, known: Listed) -> list[tuple[str, str]]:
-    """What is wrong with all files but listed chunks, which are read by arrays: the file, and a sentence."""
+    """The faults of all files but listed chunks, each with its sentence.  Chunks are compared when arrays are read."""
     found = []
     names = {Path(folder, name).relative_to(store).as_posix() for folder, _, some in os.walk(store) for name in some}
     for name in sorted(names | set(known)):

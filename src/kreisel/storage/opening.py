@@ -1,4 +1,4 @@
-"""Archives opened: what is whole of them, as a dataset that is read when it is asked for."""
+"""Archives opened: their whole part, as a dataset that is read lazily."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 
 
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A run on disk, opened lazily as `kr.simulate` returns it, or a sweep; of an interrupted one what it has done.
+    """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; of an interrupted one the part that is done.
 
     Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
-    Kreisel, and, as it is opened or later as it is read, for one that is damaged (`kreisel check` says how).
+    Kreisel, and for a damaged one, as it is opened or later as it is read (`kreisel check` says what is damaged).
     """
     where = settled(target(path))
     if is_sweep(where):
@@ -168,10 +168,10 @@ def archive_attributes(store: Path) -> dict[str, Any]:
 
 
 def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
-    """A run on disk, opened lazily; of an interrupted one all rows until its last checkpoint.
+    """Open a run on disk lazily; of an interrupted one all rows until its last checkpoint.
 
     With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
-    `InputError` for what is not a Kreisel archive, and for one that is damaged, here or when the damage is read.
+    `InputError` for what is not a Kreisel archive, and for a damaged one, here or when the damage is read.
     """
     attrs = archive_attributes(path)
     require_sound(path)
@@ -197,7 +197,7 @@ def ordered(run: xr.Dataset) -> xr.Dataset:
 
 
 def is_cut(store: Path, attrs: Mapping[str, Any]) -> bool:
-    """Whether a run was interrupted, by its attributes and its manifest; what was recovered is whole by itself."""
+    """Whether a run was interrupted, by its attributes and its manifest; a recovered archive counts as whole."""
     unsealed = manifest.begun(store) and not manifest.whole(store)
     return "recovered" not in attrs and (unsealed or not attrs["complete"])
 
@@ -232,7 +232,7 @@ def opened(path: Path, known: manifest.Listed | None, every_array: bool = False)
 
 
 def _array_lengths(store: Path) -> dict[str, int]:
-    """The rows of each array; a kill may leave a run that is being lengthened with some of the new length."""
+    """The rows of each array.  After a kill while a run is lengthened, some arrays have the new length."""
     found = {}
     for path in store.glob("*/zarr.json"):
         metadata = _node(path.parent)

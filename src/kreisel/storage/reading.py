@@ -1,7 +1,7 @@
-"""What somebody else gives: paths, runs, and JSON and TOML, whose data is nested no deeper than ours ever is.
+"""Checks of what comes from outside: paths, runs, and JSON and TOML of a bounded depth.
 
-A parser, a printer or a copy of nested data calls itself once a level, so that a few kilobytes of brackets end in a
-`RecursionError` somewhere.  Every text is read here, and nothing deeper gets further.
+Parsers, printers and copies recurse once a level: a few kilobytes of brackets would end in a `RecursionError`
+somewhere.  So every text is read here, and data nested deeper than Kreisel's own is refused.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def shallow(value: Any, what: str) -> Any:
 def place(path: Any, needed: str) -> Path:
     """A path that names a file or folder to make, with ~ expanded.  Raises `InputError`, `needed` in front.
 
-    ~ alone is a home folder, and none to make: an archive there would stand in its place.
+    ~ alone is refused: it is the home folder itself.
     """
     try:
         given = Path(path) if isinstance(path, str | os.PathLike) else Path()

@@ -1,4 +1,4 @@
-"""Samples of a run and of a sweep computed again, for `kreisel check`: do the saved numbers follow from one another."""
+"""Samples of a run and of a sweep, computed again for `kreisel check`: whether the saved numbers follow each other."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ if TYPE_CHECKING:
 
 SAMPLES = 8
 MOST_STEPS = 200_000  # lane-steps in all samples together; below a second for most maps
-NUDGE = 1e-10  # relative change of a start, which tells how a row feels the rounding of the one before
+NUDGE = 1e-10  # relative change of a start, which measures how sensitive a row is to the one before
 CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps
 
 
 def steps_again(run: xr.Dataset) -> list[str]:
-    """From some rows the next one, state and orientation, against the saved one.  Nothing where a row takes too long.
+    """Compute the row after each of some rows, state and orientation, and compare it with the saved one.
 
-    A row may differ by a hundredth of what a relative change of the start by 1e-10 makes, beside `CLOSE`.
+    A row may differ by `CLOSE`, and by a hundredth of the effect of a relative change of the start by 1e-10.  Nothing
+    is compared where a row takes too long.
     """
     attrs, rows = run.attrs, run.sizes["time"]
     each = attrs["every"] * run.sizes.get("lane", 1)
@@ -88,9 +89,10 @@ def _difference_of_rows(one: Array, two: Array, name: str) -> float:
 
 
 def lanes_again(run: xr.Dataset) -> list[str]:
-    """Some lanes of a sweep against what is saved of them; bit for bit, so only where versions and processor are those.
+    """Compute some lanes of a sweep again and compare them bit for bit with what is saved.
 
-    Nothing for a system of the user's own, whose file an archive does not hold, and for lanes that take too long.
+    Only where versions and processor are those of the sweep.  Nothing is compared for a system of the user's own, whose
+    file an archive does not hold, and for lanes that take too long.
     """
     attrs = run.attrs
     spec = parsed(attrs["sweep"], "The attribute sweep")

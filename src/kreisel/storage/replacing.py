@@ -1,4 +1,4 @@
-"""What may be replaced on disk, and how: what Kreisel made by something that is whole, and nothing else.
+"""What may be replaced on disk, and how: only what Kreisel made, and only by something that is whole.
 
 A new archive is made as NAME.part.  To take the name of an old one it goes through two renames: NAME becomes
 .NAME.replaced, NAME.part becomes NAME, and the old one is removed.  A kill in between leaves one of these states;
@@ -185,7 +185,7 @@ def take_name(path: Path) -> None:
 
 
 def settle(path: Path) -> bool:
-    """End what a kill left of `take_name`, whether a whole NAME.part got its name; the caller is the one writer."""
+    """Finish what a kill left of `take_name`; whether a whole NAME.part got its name.  The caller is the one writer."""
     part, old = part_of(path), replaced(path)
     if not stands(old) or why_not(old) is not None:
         return False
@@ -210,7 +210,7 @@ def _complete(part: Path) -> bool:
 
 
 def settled(path: Path) -> Path:
-    """The path itself, after `settle` where that is needed and nobody is writing; a lock that a kill left is gone."""
+    """The path itself, after `settle` where that is needed and nobody is writing.  A lock left by a kill is removed."""
     from kreisel.storage.checkpoint import Lock
 
     if path.name and (stands(replaced(path)) or stands(Lock(path).path)):

@@ -1,4 +1,4 @@
-"""The Zarr store of an archive that is read only as it was written, and changes of its metadata that a kill may cut."""
+"""A Zarr store that gives only files that are as they were written, and changes of metadata that survive a kill."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Verified(LocalStore):
             raise InputError(f"{self.root} cannot be read: {key}: {error.strerror}.") from error
 
     def get_sync(self, key: str, *, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
-        """As of Zarr's store, of a file that is as it was written.  Raises `InputError`."""
+        """As Zarr's store does, for a file that is as it was written.  Raises `InputError`."""
         if self._to_do(key):
             return None
         self.verify(key)

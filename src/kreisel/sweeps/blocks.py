@@ -203,7 +203,7 @@ class Sweep:
 
 
 def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None) -> Any:
-    """A value in a form in which an axis of lanes cannot be taken for something else; with one, if `lanes` says so."""
+    """A value in a form whose axis of lanes cannot be mistaken; `lanes` says whether it has one."""
     if kind is None:
         return value
     try:
@@ -223,7 +223,7 @@ def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None)
 
 
 def compute(part: str, block: int, file: str | None = None, digest: str = "") -> dict[str, Any]:
-    """Compute a block and write it; what it took.  Raises `RunError` where the store cannot be written.
+    """Compute a block and write it.  Returns what it took.  Raises `RunError` where the store cannot be written.
 
     `digest` is the hash of the description: a worker keeps what it has read.
     """

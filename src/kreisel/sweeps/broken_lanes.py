@@ -29,9 +29,9 @@ SMALL, NOTHING = 1e-3, 1e-13  # a change of a part by so much of itself counts, 
 
 
 def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
-    """A sentence for each lane, of up to sixteen with the largest changes, that a method should not have let drift.
+    """A sentence for each lane that lost what the method conserves, among the sixteen with the largest changes.
 
-    `file` defines a system of the user's own; without it nothing is said of one.
+    `file` defines a system of the user's own; without it the lanes of such a system are not judged.
     """
     changes = _changes(result)
     if not changes:

@@ -206,7 +206,7 @@ class Lanes:
         return out | {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
 
     def _drawn(self, quantity: Varied, draw: Draw, first: int, stop: int) -> Array:
-        """By its own generator for each quantity and each 1024 lanes: what else varies does not matter."""
+        """Drawn by one generator for each quantity and each 1024 lanes, so that the other quantities do not matter."""
         chunks = range(first // DRAWN_AT_ONCE, -(-stop // DRAWN_AT_ONCE))
         name, pieces = zlib.crc32(quantity.name.encode()), []
         for chunk in chunks:
@@ -289,7 +289,9 @@ def _range(quantity: Varied, spec: Mapping[str, Any]) -> Array:
     if spacing == "log" and not ((low > 0).all() and (high > 0).all()):
         raise InputError(f"{quantity.name}: a logarithmic range needs positive ends, got {shown(spec)}.")
     if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
-        raise InputError(f"{quantity.name}: from and to need the same shape, and not that many numbers.")
+        raise InputError(
+            f"{quantity.name}: expected from and to of the same shape and at most {8 * MOST_LANES:,} numbers."
+        )
     return np.asarray(RANGES[spacing](low, high, count))
 
 

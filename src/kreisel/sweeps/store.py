@@ -309,7 +309,7 @@ def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
 
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
-    """Lanes in a block: as asked for, or as many as memory and patience allow; never by the number of workers."""
+    """Lanes in a block: as asked for, or as many as memory and running time allow, for any number of workers."""
     spec = sweep.description["sweep"]
     each = max(8 * _floats_of_a_lane(sweep, plan) for plan in plans)
     fitting = (spec["memory"] << 20) // each

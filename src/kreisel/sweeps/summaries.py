@@ -38,7 +38,7 @@ class Summary(Protocol):
 
 
 class Drift:
-    """First value and largest change of what should stand still."""
+    """First value and largest change of the Casimirs and integrals."""
 
     def __init__(self, outcomes: Mapping[str, Outcome], rows: int, spacing: float):
         self._names = [name for name, outcome in outcomes.items() if outcome.kind in KINDS]
@@ -141,7 +141,7 @@ PARTS = {"drift": Drift.parts, "extremes": Extremes.parts, "frequencies": Freque
 
 
 def angular_frequency(samples: Floats, spacing: float) -> Floats:
-    """Of each column of samples (rows, columns): the frequency of its largest harmonic, mean removed, 0 if constant."""
+    """The frequency of the largest harmonic of each column of samples (rows, columns) less its mean; 0 if constant."""
     t = spacing * (np.arange(len(samples)) - (len(samples) - 1) / 2)
     weights = harmonics.window(t, 1)
     swing = samples - (weights[:, None] * samples).sum(0)

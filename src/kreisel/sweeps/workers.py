@@ -173,7 +173,7 @@ class Pool:
             return []
 
     def _ended(self, at_work: Iterable[Any]) -> Iterable[Any]:
-        """Those that have ended, none if that takes longer.  Raises `RunError` where there is nobody left to wait for.
+        """Those that have ended, none if that takes longer.  Raises `RunError` where no worker is left to wait for.
 
         The workers of somebody else's cluster may stand in a queue for hours.  One of our own starts again when it is
         killed, but not when it loses its connection, as it does over a task that it cannot read.

@@ -1,4 +1,4 @@
-"""Shapes to be drawn: a top about its point, an ellipsoid; triangles with two colours, so that a turn is seen."""
+"""Shapes to be drawn: a top about its point, an ellipsoid; triangles of two colours, so that a rotation is visible."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """kr.view, `kreisel view`: a run as one HTML file that needs nothing else, and as a notebook display.
 
 The file holds plotly's JavaScript, Kreisel's own, and the data as JSON in which no markup can begin.  Text from the
-archive
-is only ever set as text.  Its Content-Security-Policy names the two scripts by their hashes and allows no request, so
-that nothing else runs in it, whatever an archive says.
+archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their hashes and allows no
+request, so that nothing else runs in it, whatever an archive says.
 """
 
 from __future__ import annotations
@@ -57,11 +56,10 @@ def view(run: xr.Dataset, *, lane: int = 0) -> View:
     """The interactive page of a run: the body turning, the trace of its axis, the drift of every integral.
 
     Shows itself in a notebook; `kr.view(run).save("run.html")` writes a file that opens offline in any browser.  Of an
-    ensemble one lane.  Needs plotly (extra `view`).  What is shown is decided by the record (`kreisel.viewer.scene`);
-    give
-    `kr.simulate` an orientation to see a body turn.  At most 100,000 states are shown, the extremes of the vector among
-    them; each point of a drift is the largest change in its stretch of time.
-    Raises `InputError` without plotly and for what is no run.
+    ensemble one lane.  Needs plotly (extra `view`).  What is shown is decided by the record (`kreisel.viewer.scene`).
+    Give `kr.simulate` an orientation to see a body turn.  At most 100,000 states are shown, the extremes of the vector
+    among them; each point of a drift is the largest change in its stretch of time.  Raises `InputError` without plotly
+    and for what is no run.
     """
     return View(run, lane)
 

@@ -37,7 +37,7 @@ class Source:
         self.read()
 
     def read(self) -> tuple[str, dict[str, Any]]:
-        """A tag that changes with the archive, and the scene.  The last good one while the archive is being renamed."""
+        """A tag that changes with the archive, and the scene; the last good one while the archive is being renamed."""
         with self._lock:
             mark = self._mark()
             if mark != self._seen:

@@ -14,7 +14,7 @@ from kreisel.errors import InputError, hint, shown
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of a figure: text and frames, paper, grid, what stands back, and series in order."""
+    """Colours of a figure: text and frames, paper, grid, background lines, and series in order."""
 
     ink: str
     paper: str

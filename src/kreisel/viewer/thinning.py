@@ -10,8 +10,8 @@ from kreisel.algebra import Array
 def extremes(values: Array, most: int) -> Array:
     """At most about `most` rows of `values` (rows, k), sorted, with the extremes of every column.
 
-    They are the first, the last, and of each of even stretches those with the least and the greatest of every column.
-    NaN counts as no extreme.
+    The first row, the last one, and from each of many equal stretches the rows with the least and the greatest value of
+    every column.  NaN counts as no extreme.
     """
     values = np.asarray(values).reshape(len(values), -1)
     rows, columns = values.shape
@@ -35,10 +35,10 @@ def extremes(values: Array, most: int) -> Array:
 
 
 def mixed(values: Array, most: int) -> Array:
-    """At most about `most` rows, sorted: half of them the extremes, half one of each even stretch, at random.
+    """At most about `most` rows, sorted: half of them the extremes, half one of each equal stretch, at random.
 
-    The extremes alone would show a path too often at its ends; even steps could keep time with it.  Always the same
-    rows.
+    The extremes alone would show the ends of a path too often, and even steps could keep time with it.  The choice is
+    always the same.
     """
     rows = len(values)
     if rows <= most:

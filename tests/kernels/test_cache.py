@@ -198,7 +198,7 @@ def test_the_folder_is_made_for_its_user_alone(folder: Path) -> None:
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_kernels_lie_in_the_cache_whatever_numba_was_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_lie_in_the_cache_whatever_numba_is_set_to(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from numba.core import config
 
     monkeypatch.setattr(config, "CACHE_DIR", str(folder.parent / "numba"))
