@@ -1,8 +1,9 @@
 """What a given error costs for perturbed bodies: splittings against `variational` and DOP853, all as a user calls them.
 
-    python benchmarks/perturbed.py
+    python benchmarks/perturbed.py [--long STEPS]
 
-Writes results/perturbed.json and its table on docs/perturbed.md.  Each contender runs over a time of 100 with steps (or
+Writes results/perturbed.json and its table on docs/perturbed.md; with --long, instead of the rest, what the energy and
+the Casimirs do over so many steps.  Each contender runs over a time of 100 with steps (or
 tolerances) that halve; counted are evaluations of the force and, of calls of kr.propagator(...).steps (of DOP853: of
 kr.simulate with one row), microseconds, the least of several calls, warm, on one core.  The truth is the splitting of
 order 8 with short steps, which DOP853 with rtol = 1e-13 confirms.
@@ -10,6 +11,7 @@ order 8 with short steps, which DOP853 with rtol = 1e-13 confirms.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import time
@@ -166,6 +168,31 @@ def measure() -> dict[str, Any]:
     return {"time": TIME, "load": os.getloadavg()[0], "problems": found}
 
 
+def long_run(steps: int) -> dict[str, Any]:
+    """Balance and Casimirs of the satellite and of a top in a field that is not vertical, dt = 1 and 0.5."""
+    top = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: 0.01 * a[0] ** 2)
+    satellite = list(problems())[-1]
+    runs = {
+        satellite.name: (satellite.body, {"M": satellite.start["M"]}, 1.0, (8, 2), satellite.start["g"]),
+        "a top, 0.01 a_1^2": (top, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}, 0.5, (8, 6, 4), None),
+    }
+    out = {}
+    for name, (body, state, dt, order, g) in runs.items():
+        run = kr.simulate(body, state, dt=dt, steps=steps, every=steps // 1000, order=order, orientation=g)
+        energy = run["balance" if "balance" in run else "energy"]
+        off = abs(energy - energy[0]).values
+        ulps = kr.drift(run).query("conserved and kind == 'casimir'")["ulps"]
+        out[name] = {
+            "steps": steps,
+            "dt": dt,
+            "energy, first tenth": float(off[: len(off) // 10].max()),
+            "energy, last tenth": float(off[-len(off) // 10 :].max()),
+            "Casimirs, ulps": float(ulps.max()) if len(ulps) else None,
+        }
+        print(name, out[name], flush=True)
+    return out
+
+
 def cheapest(rows: list[dict[str, float]], target: float, what: str) -> float | None:
     """The least of what reaches the error."""
     return min((row[what] for row in rows if row["error"] <= target), default=None)
@@ -187,7 +214,14 @@ def table(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    result = measure()
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--long", type=int)
+    steps = parser.parse_args().long
+    before = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
+    if steps is not None:
+        RESULT.write_text(json.dumps({**before, "long": long_run(steps)}, indent=1) + "\n", encoding="utf-8")
+        return
+    result = {**before, **measure()}
     RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     text = PAGE.read_text(encoding="utf-8")
     if MARK in text:
