@@ -88,7 +88,9 @@ def _cases(steps: int) -> Iterator[tuple[str, Any, Any, str, float, int]]:
             draw = exact.float_random(np.random.default_rng([7, n]))
             model = exact.random_model(system, n, draw)
             state = dict(zip(system.space.letters, exact.random_state(system.space, n, draw), strict=True))
-            methods = {default_method(model.system)} | ({"suris"} if system.map and not system.map.symmetric else set())
+            methods = {default_method(model, stepped=True)} | (
+                {"suris"} if system.map and not system.map.symmetric else set()
+            )
             dt = {"rosochatius": 0.02}.get(name, DT) * (1 if n < 100 else 0.01)
             for method in sorted(methods - {"dop853", "exact"}):
                 yield f"{name}, n = {n}, {method}", model, state, method, dt, int(steps * share)

@@ -61,9 +61,17 @@ tests. `kreisel systems NAME` prints the same in a terminal. A system is called 
 
 def _row(system: System, name: str) -> str:
     lax = "yes" if system.lax is not None else "no"
-    method = default_method(system)
+    method = _default(system)
     equations = "<br>".join(f"${from_text(part)}$" for part in system.equations.split(",  "))
-    return f"| [`{name}`]({system.name}.md)<br>{system.title} | {equations} | `{method}` | {lax} |"
+    return f"| [`{name}`]({system.name}.md)<br>{system.title} | {equations} | {method} | {lax} |"
+
+
+def _default(system: System) -> str:
+    """The default method, for n = 3 and for more."""
+    draw = exact.float_random(np.random.default_rng(1))
+    models = [exact.random_model(system, n, draw) for n in ((3, 4) if system.n is None else (system.n,))]
+    names = [default_method(model) for model in models]
+    return f"`{names[0]}`" if len({*names}) == 1 else f"`{names[0]}` (n = 3), `{names[1]}`"
 
 
 def _example(system: System) -> tuple[Any, Any, float]:

@@ -254,7 +254,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
         parts = [np.empty((cut, *engine.z.shape)) for cut in cuts]
         for part in parts:
             engine.advance(part, 7)
-        return np.concatenate(parts), engine._lanes[0]
+        return np.concatenate(parts), engine._lanes([0])[0]
 
     alone, lane = rows()
     monkeypatch.setattr(engine, "ROW_WORK", 10**6)
@@ -527,7 +527,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         ),
         (
             lambda top: kr.at(kr.LagrangeTop(p=(0, 0, 0, 1)), {"m": np.zeros((4, 4)), "a": (1, 0, 0, 0)}, 1),
-            "got n = 4",
+            "with n = 4",
         ),
         (
             lambda top: kr.simulate(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=1, steps=1, method="exact", order=2),

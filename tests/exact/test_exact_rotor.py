@@ -213,12 +213,77 @@ def test_the_quaternion_does_not_flip(name: str) -> None:
 def test_rows_are_those_at_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     J, M = CASES["about the first axis"]
     rows, dt = np.empty((500, 1, 7)), 0.125
-    engine_of(J, M, 1e4, dt).advance(rows, 3)
+    with monkeypatch.context() as patch:
+        patch.setattr(jumps, "ROWS", 0)
+        engine_of(J, M, 1e4, dt).advance(rows, 3)
     there = engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))
     assert abs(rows - there).max() < 16 * ULP * 2.1
     with monkeypatch.context() as patch:
         patch.setattr(jumps, "FEW", 0)
         assert (rows == engine_of(J, M, 1e4).at(3 * dt * np.arange(1.0, 501))).all()
+
+
+def rows_of(J: Any, M: Any, cuts: list[int], monkeypatch: pytest.MonkeyPatch, jumps_first: int = 10**6) -> np.ndarray:
+    """Every third state of dt = 0.1, in calls of so many rows."""
+    with monkeypatch.context() as patch:
+        patch.setattr(jumps, "ROWS", jumps_first)
+        top, M = kr.EulerTop(J=J), np.atleast_2d(np.asarray(M, dtype=float))
+        z = layout.flatten((algebra.hat(M), np.broadcast_to(STILL, (len(M), 4))), KINDS)
+        form = ClosedForm(scheme(top, "exact", 0.1, None, True), z, 0.1, 1e4, every=3)
+    out = np.empty((sum(cuts), len(M), 7))
+    for first, count in zip(np.cumsum([0, *cuts]), cuts, strict=False):
+        form.advance(out[first : first + count], 3)
+    return out
+
+
+STILL = (1.0, 0.0, 0.0, 0.0)
+MANY = np.array([(0.5, 0.25, 0.5), (0.3, -0.5, 0.7), (0.5 + 1e-15, 0.25, 0.5), (0, 1, 0), (0.2, 0, 2)])
+
+
+def test_first_rows_are_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the exact times k dt; where jumps are not right, and after them, by parts: the same numbers."""
+    J = (3.5, 2.5, 0.5)
+    by_jumps, by_parts = (rows_of(J, MANY, [400], monkeypatch, first) for first in (10**6, 0))
+    assert abs(by_jumps - by_parts).max() < 16 * ULP
+    whole = rows_of(J, MANY, [400], monkeypatch, 150)
+    assert (whole[:150] == by_jumps[:150]).all() and (whole[150:] == by_parts[150:]).all()
+
+
+def test_no_cut_and_no_other_lane_changes_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    J = (3.5, 2.5, 0.5)
+    whole = rows_of(J, MANY, [40], monkeypatch, 30)
+    assert (rows_of(J, MANY, [1, 7, 23, 9], monkeypatch, 30) == whole).all()
+    for lane in range(len(MANY)):
+        assert (rows_of(J, MANY[lane], [40], monkeypatch, 30)[:, 0] == whole[:, lane]).all()
+
+
+def test_it_is_the_default() -> None:
+    """Of n = 3, where neither an order nor an engine for steps is asked for."""
+    top, x0, g = kr.EulerTop(J=(1, 2, 3)), {"M": (1.0, -0.5, 0.75)}, STILL
+    run = kr.simulate(top, x0, dt=0.1, steps=20, orientation=g)
+    assert run.attrs["method"] == "exact" and run.attrs["engine"] == "cpu"
+    p = kr.propagator(top, orientation=True)
+    assert p.steps(np.array([*x0["M"], *g]), 20).shape == (7,) and "exact" in repr(p)
+    assert (p.at({**x0, "g": g}, 2.0)["M"] == kr.at(top, x0, 2.0, orientation=g).M.values).all()
+    assert "veselov" in kr.simulate(top, x0, dt=0.1, steps=2, order=4).attrs["method"]
+    assert kr.simulate(kr.EulerTop(J=(1, 0, 3)), x0, dt=0.1, steps=2).attrs["method"] == "exact"
+    flat = kr.EulerTop(J=(1, 2, 3, 4))
+    assert kr.simulate(flat, {"M": np.eye(4) * 0}, dt=0.1, steps=2).attrs["method"] == "veselov"
+    many = kr.simulate(top, {"M": np.ones((5, 3)) * x0["M"]}, dt=0.1, steps=20)
+    assert many.attrs["method"] == "exact" and (many.M.values == run.M.values[:, None]).all()
+
+
+@pytest.mark.parametrize("oriented", [False, True])
+def test_steps_of_a_propagator_are_at_k_dt(oriented: bool) -> None:
+    J, M = bodies(4)
+    top = kr.EulerTop(J=J[0])
+    state = {"M": M, **({"g": np.broadcast_to(STILL, (4, 4))} if oriented else {})}
+    p = kr.propagator(top, dt=0.1, orientation=oriented)
+    orientation = {"orientation": state["g"]} if oriented else {}
+    run = kr.simulate(top, {"M": M}, dt=0.1, steps=25, every=10, **orientation)
+    found = p.steps(state, 25, every=10)
+    assert all((found[name] == run[name].values).all() for name in state)
+    assert (p.steps(state, 25)["M"] == run.M.values[-1]).all()
 
 
 def test_lanes_have_the_bits_of_one() -> None:

@@ -8,9 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel.lab import exact
 from support import ROOT
 
 SOURCE = Path(kr.__file__).parent
@@ -176,17 +178,20 @@ def test_methods_and_systems_are_found_and_nothing_is_shadowed() -> None:
 
 
 def test_defaults_come_from_the_records() -> None:
-    """The first that applies, and every method refuses what it does not apply to."""
+    """The first that suits a model, and every method refuses what it does not apply to."""
     from kreisel.method import METHODS, default_method
     from kreisel.system import REGISTRY
 
-    defaults = {name: default_method(system) for name, system in REGISTRY.items()}
+    draw = exact.float_random(np.random.default_rng(0))
+    models = {name: exact.random_model(system, system.n or 3, draw) for name, system in REGISTRY.items()}
+    defaults = {name: default_method(model) for name, model in models.items()}
     assert defaults["lagrange-top"] == defaults["clebsch"] == defaults["neumann"] == "baecklund"
-    assert defaults["euler-top"] == "veselov" and defaults["ratiu-bitop"] == "suris"
+    assert defaults["euler-top"] == "exact" and default_method(models["euler-top"], stepped=True) == "veselov"
+    assert default_method(kr.EulerTop(J=(1, 2, 3, 4))) == "veselov" and defaults["ratiu-bitop"] == "suris"
     assert defaults["heavy-top"] == "variational"
     model, x0 = kr.HeavyTop(J=(1, 1.3, 0.6), A=(0, 0, 1)), {"M": (0.1, 0.2, 1.5), "P": (0, 0.6, 0.8)}
     for name, method in METHODS.items():
-        if not method.applies(model.system):
+        if not method.applies(model):
             with pytest.raises(kr.InputError, match=rf"method='{name}': expected .*, got heavy-top"):
                 kr.simulate(model, x0, dt=0.1, steps=1, method=name)
     with pytest.raises(kr.InputError, match=r"expected one of its orders \(2, 4, 6, 8\), got order=3"):

@@ -391,9 +391,18 @@ SHAPES: dict[str, tuple[Any, Any, dict[str, Any]]] = {
     "parameters with lanes": (kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 1.0]), START, {"method": "suris"}),
     "the paper's map": (TOP, LANES, {"method": "suris", "order": 1}),
     "exact": (TOP, LANES, {"method": "exact"}),
+    "free body": (
+        kr.EulerTop(J=(3.5, 2.5, 0.5)),  # one on the separatrix
+        {"M": [(0.5, 0.25, 0.5), (0.3, -0.5, 0.7)]},
+        {"orientation": (1, 0, 0, 0)},
+    ),
     "dop853": (TOP, LANES, {"method": "dop853"}),
     "variational": (TOP, LANES, {"method": "variational"}),
-    "veselov": (kr.EulerTop(J=(1, 2, 2.5)), {"M": RNG.standard_normal((2, 3))}, {"orientation": (1, 0, 0, 0)}),
+    "veselov": (
+        kr.EulerTop(J=(1, 2, 2.5)),
+        {"M": RNG.standard_normal((2, 3))},
+        {"orientation": (1, 0, 0, 0), "method": "veselov"},
+    ),
     "n = 4": (
         kr.LagrangeTop(p=(0, 0, 0, 1)),
         {"m": (lambda X: X - X.mT)(RNG.standard_normal((2, 4, 4))), "a": (0.6, 0, 0, 0.8)},

@@ -48,9 +48,17 @@ class Engine(Protocol):
 
 
 def engine_of(
-    scheme: Scheme, z: Floats, *, name: str, dt: float, time: float, printer: Printer | None, project: bool
+    scheme: Scheme,
+    z: Floats,
+    *,
+    name: str,
+    dt: float,
+    steps: int,
+    every: int,
+    printer: Printer | None,
+    project: bool,
 ) -> Engine:
-    """The engine of that name for rows z (lanes, d), which it may change, up to this time.
+    """The engine of that name for rows z (lanes, d), which it may change, for so many steps, each `every`-th a row.
 
     `printer`: what prints the kernel of engine="large".  Raises `InputError` where it does not run such a scheme.
     """
@@ -70,7 +78,7 @@ def engine_of(
     if scheme.orbit is not None:
         from kreisel.kernels.exact.engine import ClosedForm
 
-        return ClosedForm(scheme, z, dt, time).ready()
+        return ClosedForm(scheme, z, dt, steps * dt, every).ready()
     from kreisel.kernels.ode import ReferenceEngine
 
     return ReferenceEngine(scheme, z, dt)

@@ -12,7 +12,6 @@ from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.record import Method
 from kreisel.method.scheme import Outcome, Scheme
-from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]
@@ -36,9 +35,9 @@ def _found_methods() -> dict[str, Method]:
     return {record.name: record for record in sorted(records, key=lambda r: (r.rank is None, r.rank, r.name))}
 
 
-def default_method(system: System) -> str:
-    """The name of the first of the methods that apply to a system."""
-    fitting = (m.name for m in _found_methods().values() if m.rank is not None and m.applies(system))
+def default_method(model: Model, stepped: bool = False) -> str:
+    """The name of the first of the methods that suit a model; `stepped`: of those that make steps."""
+    fitting = (m.name for m in _found_methods().values() if m.may_be_default(model) and (m.steps or not stepped))
     return next(fitting, "dop853")  # which then says what it lacks
 
 
@@ -56,7 +55,7 @@ def find(name: Any) -> Method:
 
 def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool) -> Scheme:
     """The scheme of that name.  Raises `InputError` for a wrong name or order, and where the method does not apply."""
-    record = find(default_method(model.system) if method is None else method)
+    record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
     order = record.order(order)
     key = (Scheme, model.key, record.name, dt, order, oriented)

@@ -10,7 +10,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError
 from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.pairs import exact_pair
@@ -128,14 +127,9 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
     all integrals are conserved.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.
-    Raises `InputError` for n > 3.
     """
     system = model.system
     free = system.moments is not None
-    if model.n != 3:
-        raise InputError(
-            f"The exact flow is known for n = 3 only, got n = {model.n}. Use another method, such as method='suris'."
-        )
     if not free and system.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None, continuous=free)
@@ -158,15 +152,23 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     )
 
 
+def _has_a_closed_form(model: Model) -> bool:
+    system = model.system
+    return model.n == 3 and any(v is not None for v in (system.baecklund, system.top, system.moments))
+
+
 METHOD = Method(
     name="exact",
     title="the flow itself, in closed form (Clebsch's case and Neumann's system by one pair of maps)",
     needs="the Lagrange top, Clebsch's case, Neumann's system or the Euler top, n = 3",
-    applies=lambda s: s.baecklund is not None or s.top is not None or s.moments is not None,
+    applies=_has_a_closed_form,
+    suits=lambda model: model.n == 3 and model.system.moments is not None,
     orders=(),
     default=None,
     poisson="yes",
     conserves="all integrals of the flow",
     sources=("suris2001", "carlson1995", "whittaker1937"),
     make=exact,
+    rank=0,
+    steps=False,
 )

@@ -96,7 +96,7 @@ METHOD = Method(
     name="lagrangian",
     title="the map of a discrete Lagrangian of your own (kreisel.reduction)",
     needs="a system of kreisel.reduction with a discrete Lagrangian",
-    applies=lambda s: s.map is not None and s.numbers == "jax",
+    applies=lambda model: model.system.map is not None and model.system.numbers == "jax",
     orders=(),
     default=None,
     words="that of the discrete Lagrangian; 2 for a continuous one",

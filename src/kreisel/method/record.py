@@ -9,7 +9,6 @@ from typing import Any
 
 from kreisel.errors import InputError, shown
 from kreisel.method.scheme import Scheme
-from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 
@@ -18,12 +17,14 @@ class Method:
     """A method.
 
     name, title  of it, in a word and in a line
-    needs        what a system must state for it, in words; `applies` says so of a record
+    needs        what a system must state for it, in words; `applies` says so of a model
     orders       that it has, rising; none for the flow itself; tuples for splittings.  `default` if none is asked for;
                  `words` for them, where `make` knows which there are
     poisson      whether its map is Poisson for the bracket of the system
     conserves    what stays constant up to rounding errors
-    rank         of all methods that apply to a system the one with the lowest is its default; None: never
+    rank         of all methods that suit a model the one with the lowest is its default; None: never
+    suits        the models of which it may be the default; None: all that it applies to
+    steps        whether it makes steps: if not, it is no default where an order or an engine is asked for
     sources      keys of refs.bib; `composed` of single orders beside
     make(model, dt, order, oriented) -> Scheme
     """
@@ -31,7 +32,7 @@ class Method:
     name: str
     title: str
     needs: str
-    applies: Callable[[System], bool]
+    applies: Callable[[Model], bool]
     orders: tuple[Any, ...]
     default: Any
     poisson: str
@@ -39,6 +40,8 @@ class Method:
     sources: tuple[str, ...]
     make: Callable[[Model, float, Any, bool], Scheme]
     rank: int | None = None
+    suits: Callable[[Model], bool] | None = None
+    steps: bool = True
     words: str = ""  # for the orders, where no list says it
     composed: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
@@ -47,11 +50,15 @@ class Method:
 
     def check(self, model: Model) -> None:
         """Raises `InputError` for a system that does not state what the method needs."""
-        if not self.applies(model.system):
+        if not self.applies(model):
             raise InputError(
-                f"method={self.name!r}: expected {self.needs}, got {model.system.name}. Leave method out for the one "
-                "that fits, or see kr.methods()."
+                f"method={self.name!r}: expected {self.needs}, got {model.system.name} with n = {model.n}. "
+                "Leave method out for the one that fits, or see kr.methods()."
             )
+
+    def may_be_default(self, model: Model) -> bool:
+        """Whether it is one of the methods of which the first is the default."""
+        return self.rank is not None and (self.suits or self.applies)(model)
 
     @property
     def order_text(self) -> str:

@@ -77,11 +77,16 @@ def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
         )
 
 
+def _has_a_map(model: Model) -> bool:
+    system = model.system
+    return system.map is not None and system.map.to_symmetric is not None and system.numbers == "any"
+
+
 METHOD = Method(
     name="suris",
     title="the paper's maps (order 1), and their half-kick conjugates (order 2)",
     needs="a system with an explicit map",
-    applies=lambda s: s.map is not None and s.map.to_symmetric is not None and s.numbers == "any",
+    applies=_has_a_map,
     orders=(1, 2),
     default=2,
     poisson="yes",

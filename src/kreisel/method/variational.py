@@ -193,7 +193,7 @@ METHOD = Method(
     name="variational",
     title="the variational Lie-Poisson integrator, and compositions of it",
     needs="H = T(M) + V (a record with inverse_inertia and momentum)",
-    applies=lambda s: s.inverse_inertia is not None and s.space.momentum is not None,
+    applies=lambda model: model.system.inverse_inertia is not None and model.system.space.momentum is not None,
     orders=ORDERS,
     default=2,
     poisson="yes",

@@ -38,7 +38,7 @@ def cite(what: xr.Dataset | Model | System) -> str:
     method: str | None = None
     order: int | tuple[int, ...] | None = None
     if isinstance(what, Model | System):
-        method = default_method(what.system) if isinstance(what, Model) else None
+        method = default_method(what) if isinstance(what, Model) else None
         references, version = _sources(what.system if isinstance(what, Model) else what), kreisel.__version__
     else:
         attrs = getattr(what, "attrs", None)

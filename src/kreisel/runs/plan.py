@@ -97,7 +97,8 @@ class Plan:
             self.first.copy(),
             name=self.where,
             dt=self.dt,
-            time=self.settings.time,
+            steps=self.steps,
+            every=self.every,
             printer=self.printer,
             project=self.settings.project,
         )
@@ -190,12 +191,18 @@ def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) 
     state = checked_state(model, x0)
     if settings.order == "auto":
         return _chosen(model, state, settings, orientation)
-    made = scheme(model, settings.method, settings.dt, whole_order(settings.order), orientation is not None)
+    method = settings.method or _default(model, settings)
+    made = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
     made = replace(made, held=held_by_orientation(model, made.components))
     if settings.tol is not None:
         made = with_tolerance(made, within_tolerances(settings.tol))
     observed(settings.observe, made)
     return planned(model, made, settings, _initial_parts(model, state, orientation), settings.engine)
+
+
+def _default(model: Model, settings: Settings) -> str:
+    """The method that is not asked for: one that makes steps where an order, or an engine for steps, is."""
+    return default_method(model, stepped=settings.order is not None or settings.engine not in (None, "cpu"))
 
 
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
@@ -254,7 +261,7 @@ def with_choice(choice: Choice, settings: Settings) -> Settings:
 
 
 def _require_choices(model: Model, settings: Settings) -> None:
-    if (settings.method or default_method(model.system)) != "baecklund":
+    if (settings.method or _default(model, settings)) != "baecklund":
         raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
     find("baecklund").check(model)
 

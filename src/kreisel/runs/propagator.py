@@ -119,7 +119,7 @@ class Propagator:
         else:
             into, out_of = self._conversions(len(x))
             z = into(x[None])[0]
-            engine = self._begun(z, count)
+            engine = self._begun(z, count, between)
             found = out_of(self._rows(engine, x, z, count, between))
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
@@ -260,7 +260,7 @@ class Propagator:
             return layout.flatten([value], [kind])
         return value if kind or np.ndim(value) > 2 else value[..., None]
 
-    def _begun(self, z: Floats, steps: int) -> Engine:
+    def _begun(self, z: Floats, steps: int, every: int) -> Engine:
         """An engine at the start z: one that is at rest, or a new one."""
         made = self._scheme
         if made.trajectory is not None:
@@ -268,11 +268,11 @@ class Propagator:
         try:
             engine = self._at_rest[len(z)].pop()
         except (KeyError, IndexError):
-            return self._plan(made, z, steps).engine
-        return engine if engine.begin(z, made, steps) else self._plan(made, z, steps).engine
+            return self._plan(made, z, steps, every).engine
+        return engine if engine.begin(z, made, steps) else self._plan(made, z, steps, every).engine
 
-    def _plan(self, made: Scheme, z: Floats, steps: int = 1) -> Plan:
-        return Plan(self.model, made, self.settings.but(steps=steps), z, True, {})
+    def _plan(self, made: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
+        return Plan(self.model, made, self.settings.but(steps=steps, every=every), z, True, {})
 
     def _require_sound(self, engine: Engine, x: Floats, out: Floats) -> None:
         if not _finite(out):

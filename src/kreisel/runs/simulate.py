@@ -49,7 +49,8 @@ def simulate(
     x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
-    method       one of `kr.methods()`; without it the first of them that applies to the system
+    method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
+                 bodies, n = 3, where neither an order nor an engine for maps is asked for
     order        one of those that the method has.  "auto" (baecklund): the order and the number of steps between two
                  saved states that reach `tol` at the least cost, chosen before the run (attributes dt, steps, options)
     tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry

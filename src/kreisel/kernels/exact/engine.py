@@ -22,7 +22,7 @@ from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.printing import split
 from kreisel.kernels.recording import indented, recorded_function
-from kreisel.method.scheme import Orbit, Scheme, States
+from kreisel.method.scheme import Orbit, Scheme, Spin, States
 
 AT_ONCE = 4096  # times that a function is asked for
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
@@ -122,42 +122,68 @@ def dyadic(times: Floats) -> tuple[Array, Array]:
 class ClosedForm:
     """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
 
-    Or at any times: a few are jumps, each with its own set-up.
+    The first `jumps.ROWS` rows of a free body, one in `every` steps, are jumps, each with its own set-up; all others
+    share one in many digits, and so do those that need it.  Or at any times, a few of which are jumps.
     """
 
     projection = None
 
-    def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float):
+    def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float, every: int = 1):
         self.z = np.array(z0, dtype=np.float64)
-        self._scheme, self._start, self._reach = scheme, self.z.copy(), reach
-        self._done = 0
+        self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
+        self._done, self._jumped = 0, jumps.ROWS * every if isinstance(scheme.jump, Spin) else 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
-
-    @cached_property
-    def _lanes(self) -> list[OrbitRows | Samples]:
-        return self._set_up(range(len(self.z)))
+        self._known: dict[int, OrbitRows | Samples] = {}
+        self._compiled: tuple[list[int], Any] | None = None
 
     @cached_property
     def _jumps(self) -> Jumps:
         return Jumps(self._scheme, len(self._start))
 
-    def _set_up(self, which: Iterable[int]) -> list[OrbitRows | Samples]:
-        """These lanes, in many digits.  Raises `InputError` for what has no closed form."""
+    def _lanes(self, which: Iterable[int]) -> dict[int, OrbitRows | Samples]:
+        """These lanes, set up in many digits.  Raises `InputError` for what has no closed form."""
+        which = list(which)
+        new = [lane for lane in which if lane not in self._known]
         kinds = [kind for _, kind in self._scheme.components]
-        found = orbits(self._scheme, self._start, self._reach, which)
-        used, source = _rows_source(found[0], kinds, self._scheme.name) if isinstance(found[0], Orbit) else ([], "")
-        kernel = load_kernel(source).kernel if source else None  # no number of a lane stands in it
-        return [
-            OrbitRows(orbit, used, kernel) if isinstance(orbit, Orbit) else Samples(orbit, kinds) for orbit in found
-        ]
+        for lane, orbit in zip(new, orbits(self._scheme, self._start, self._reach, new), strict=True):
+            self._known[lane] = (
+                OrbitRows(orbit, *self._kernel(orbit, kinds)) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
+            )
+        return {lane: self._known[lane] for lane in which}
+
+    def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], Any]:
+        """The numbers of a place that are used, and the kernel; no number of a lane stands in it."""
+        if self._compiled is None:
+            used, source = _rows_source(orbit, kinds, self._scheme.name)
+            self._compiled = used, load_kernel(source).kernel
+        return self._compiled
 
     def ready(self) -> ClosedForm:
         """Set up before the first row is asked for."""
-        _ = self._lanes
+        _ = self._jumps if self._jumped else self._lanes(range(len(self.z)))
         return self
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
-        for lane, rows in enumerate(self._lanes):
+        count = min(len(out), max(0, (self._jumped - self._done) // every))
+        if count:
+            look()
+            self._leap(out[:count], every)
+            self._done += every * count
+        if count < len(out):
+            self._march(out[count:], every, look)
+        self.z[:] = out[-1]
+
+    def _leap(self, out: Floats, every: int) -> None:
+        k = self._done + every * np.arange(1, len(out) + 1)
+        out[:], right = self._jumps.at(self._start, k.astype(np.float64), self._unit)
+        for lane, rows in self._lanes(np.flatnonzero(~right.all(0)).tolist()).items():
+            wrong = np.flatnonzero(~right[:, lane])
+            mended = np.empty((len(wrong), 1, out.shape[-1]))
+            rows.at(mended, 0, k[wrong].astype(object) * self._dt, np.broadcast_to(self._exponent, wrong.shape))
+            out[wrong, lane] = mended[:, 0]
+
+    def _march(self, out: Floats, every: int, look: Look) -> None:
+        for lane, rows in self._lanes(range(len(self.z))).items():
             look()
             if isinstance(rows, Samples) or rows.orbit.rates is None:
                 k = self._done + every * np.arange(1, len(out) + 1).astype(object)
@@ -167,7 +193,6 @@ class ClosedForm:
                 steps = [v * self._dt << shift if shift >= 0 else v * self._dt >> -shift for v in rows.orbit.rates]
                 rows.march(out, lane, [self._done * s for s in steps], [every * s for s in steps])
         self._done += every * len(out)
-        self.z[:] = out[-1]
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         return False
@@ -181,12 +206,11 @@ class ClosedForm:
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""
         if self._scheme.jump is None or len(times) > jumps.FEW:
-            out, lanes = np.empty((len(times), *self.z.shape)), dict(enumerate(self._lanes))
+            out, which = np.empty((len(times), *self.z.shape)), list(range(len(self.z)))
         else:
             out, right = self._jumps.at(self._start, times)
-            left = np.flatnonzero(~right.all(0)).tolist()
-            lanes = dict(zip(left, self._set_up(left), strict=True)) if left else {}
-        for lane, rows in lanes.items():
+            which = np.flatnonzero(~right.all(0)).tolist()
+        for lane, rows in self._lanes(which).items():
             rows.at(out, lane, *dyadic(times))
         return out
 

@@ -32,6 +32,7 @@ from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
 FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
+ROWS = 10**6  # of a run of a free body that are jumps: its set-up takes as long, 50 ms
 WORK = 200  # a jump is worth so many steps of a map in an ensemble
 # What the kernel imports beside the operations of all kernels.
 TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py", "rotating.py")
@@ -48,8 +49,8 @@ KERNEL = """
 MOST = 64  # maps in a jump
 
 
-@njit("Tuple((f8[:,:,::1], b1[:,::1]))(f8[:,::1], f8[:,::1], f8[::1])", {options})
-def jump(z, c, times):
+@njit("Tuple((f8[:,:,::1], b1[:,::1]))(f8[:,::1], f8[:,::1], f8[::1], f8)", {options})
+def jump(z, c, times, step):
     lanes, rows = len(z), len(times) * len(z)
 {single}
     states, constants, when = np.empty((rows, {state})), np.empty((rows, {constants})), np.empty((rows, 1))
@@ -57,7 +58,8 @@ def jump(z, c, times):
     for k in range(rows):
         states[k], constants[k], when[k, 0] = z[k % lanes], c[k % lanes], times[k // lanes]
     for row in range(0, rows, {width}):
-        (t,) = gather(when, 1, row, rows, {width})
+        (number,) = gather(when, 1, row, rows, {width})
+        t = pair(number, 0.0 * number) * step
         now, known = gather(states, {state}, row, rows, {width}), gather(constants, {constants}, row, rows, {width})
 {body}
     for k in range(rows):
@@ -91,7 +93,7 @@ BODY = """
 SINGLE = """
     if rows == 1:
         now, known, one = ({now}), ({known}), np.empty((1, 1, {state}))
-        new = rotated(moments({pairs}), begin(*now), times[0])
+        new = rotated(moments({pairs}), begin(*now), pair(times[0], 0.0) * step)
         for k, x in enumerate(finish(*now, *new[:7])):
             one[0, 0, k] = x
         return one, np.full((1, 1), new[7] <= {tolerance!r})
@@ -252,15 +254,18 @@ class Jumps:
         key = None if scheme.key is None else (Jumps, scheme.key)
         self._jump = reused(key, lambda: load_kernel(_jump_source(scheme, columns)).jump)
 
-    def at(self, z: Floats, times: Floats) -> tuple[Floats, Array]:
-        """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes)."""
+    def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
+        """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes).
+
+        At the exact products of `times` and `unit`.
+        """
         z, c, count = np.ascontiguousarray(z), self._constants, len(z)
         parts = list(shares(count, WORK * count * len(times))) if count > 1 else [(0, 1)]
         if len(parts) < 2:
-            out, right = self._jump(z, c, times)
+            out, right = self._jump(z, c, times, unit)
         else:
             with ThreadPoolExecutor(len(parts)) as pool:
-                work = [pool.submit(self._jump, z[first:last], c[first:last], times) for first, last in parts]
+                work = [pool.submit(self._jump, z[first:last], c[first:last], times, unit) for first, last in parts]
             found = [done.result() for done in work]
             out, right = (np.concatenate(each, 1) for each in zip(*found, strict=True))
         return out, right

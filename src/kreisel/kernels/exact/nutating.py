@@ -37,9 +37,9 @@ LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than
 def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
     """The flow over t as `count` times D_eps with the constant r, then a turn about p; and what it may be off.
 
-    `known`: A, P2, J, c, E, K, u, v in double-doubles (`kreisel.exact.nutation.Integrals`); of that module also the
-    functions.  The frame turns about p by (1/alpha - 1) c/|p| in a unit of time beside.  Returns count, eps, r, the cos
-    and sin of the angle, 1/|p| or 0, and the error, in turns and periods.
+    t and `known`, which is A, P2, J, c, E, K, u, v, are double-doubles (`kreisel.exact.nutation.Integrals`); of that
+    module also the functions.  The frame turns about p by (1/alpha - 1) c/|p| in a unit of time beside.  Returns count,
+    eps, r, the cos and sin of the angle, 1/|p| or 0, and the error, in turns and periods.
     """
     A, P2, J, c, E, K, u, v = known
     inverse_turn = pair(TURN[0], TURN[1])

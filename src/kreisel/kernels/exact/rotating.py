@@ -15,6 +15,7 @@ from kreisel.kernels.exact.elliptic import (
     TURN,
     complete,
     cs_of,
+    fma,
     inlined,
     nearest,
     of_turns,
@@ -59,7 +60,7 @@ def _double_double_square(x: Any) -> Any:
 def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     """The momentum after t, the turn g(0)^-1 g(t) as a quaternion, and what the phases may be off, in turns.
 
-    `moments`: three double-doubles; `momentum`: three numbers.
+    `moments`: three double-doubles; `momentum`: three numbers; t: a double-double.
     """
     (I1, I2, I3), (N1, N2, N3) = moments, momentum  # sorted from here on
     one = 0.0 * N1 + 1.0
@@ -122,7 +123,8 @@ def about_the_third(known: Any, chi: Any, t: Any) -> Any:
     turns = t * (L / I3 + slope) * (0.5 * inverse_turn)  # of a quarter of psi
     turns = upper(turns - nearest(upper(turns)))
 
-    amplitudes = sqrt(upper(squares[0])), sqrt(upper(squares[1])), upper(a3)
+    a1, a2 = _root(squares[0]), _root(squares[1])
+    amplitudes = upper(a1), upper(a2), upper(a3)
     doubles = amplitudes, upper(a), upper(g), upper(G), upper(k1), upper(both)
     ratio = upper(A) / upper(a)  # 1 + k_1
     strength = upper(d) * ratio * 2.0 * upper(a3 * k1) / (upper(I3 * A) * upper(total) * upper(total))
@@ -132,7 +134,7 @@ def about_the_third(known: Any, chi: Any, t: Any) -> Any:
     cn, sn, dn, ripple = moved(doubles, first, part * direction, third)
     odd = whole - 2.0 * nearest(0.5 * whole)
     back = where_less(0.5, odd * odd, -one, one)
-    N1, N2, N3 = amplitudes[0] * cn * back, amplitudes[1] * sn * back, amplitudes[2] * dn
+    N1, N2, N3 = _times(a1, cn * back), _times(a2, sn * back), _times(a3, dn)
     cos, sin = of_turns(_within(chi * turns + 0.5 * TURN[0] * strength * ripple))
     w, x, y, z = between(first, (N1, N2, N3), upper(L), cos, sin)
 
@@ -179,7 +181,9 @@ def moved(known: Any, N: Any, part: Any, whole: Any) -> Any:
     below = 1.0 / (cn1 * cn1 + sn1 * sn1 * dn0 * dn0)
     cn = (cn0 * cn1 - sn0 * sn1 * dn0 * dn1) * below
     sn = (sn0 * cn1 * dn1 + sn1 * cn0 * dn0) * below
-    dn = (dn0 * dn1 - k2 * sn0 * sn1 * cn0 * cn1) * below
+    cn, sn = _on_circle(cn, sn)
+    k_prime = rest / (1.0 + k1)
+    dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
 
     here = where_less(cn0, 0.0, -one, one)
     there = where_less(cn * here, 0.0, -one, one)  # -1 in the cell beside
@@ -187,6 +191,28 @@ def moved(known: Any, N: Any, part: Any, whole: Any) -> Any:
     beta = both - 1.0
     more = _third_kind(sn * here * there, cn, dn, k1, rest, beta) - _third_kind(sn0 * here, cn0, dn0, k1, rest, beta)
     return cn, sn, dn, more + 2.0 * whole * (cell - part)
+
+
+@inlined
+def _root(x: Any) -> Any:
+    """Of a double-double, 0 too."""
+    flat = where_less(0.0, upper(x), 0.0, 1.0 + 0.0 * upper(x))
+    return sqrt(x + flat) - flat
+
+
+@inlined
+def _times(x: Any, y: Any) -> Any:
+    """The double-double x times the number y, as a number."""
+    first = upper(x)
+    return fma(first, y, upper(x - first) * y)
+
+
+@inlined
+def _on_circle(cn: Any, sn: Any) -> Any:
+    """The same with cn^2 + sn^2 = 1, so that energy and |M| stay."""
+    c2, s2 = cn * cn, sn * sn
+    left = 0.5 * (((1.0 - c2) - s2) - (fma(cn, cn, -c2) + fma(sn, sn, -s2)))
+    return fma(left, cn, cn), fma(left, sn, sn)
 
 
 @inlined
