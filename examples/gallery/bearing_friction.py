@@ -1,0 +1,81 @@
+"""A bicycle wheel with friction in its bearings: it slows down, precesses faster and sinks.
+
+The wheel hangs by one end of its axle, which is horizontal at first, in steady precession.  The bearings take
+M3' = -c M3, so M3 = M3(0) exp(-c t) whatever the axle does.  The slow precession W grows as m g l/M3, and the axle
+sinks, since the kinetic energy of the precession must come from gravity:
+
+    theta' = c (I1 m g l/M3^2) sin(theta),   tan(theta/2) = tan(theta(0)/2) exp((I1 m g l/2) (1/M3^2 - 1/M3(0)^2)),
+
+to leading order in I1 m g l/M3^2; from the vertical part of the momentum, of which the bearings take c M3 cos(theta).
+The energy changes by the work of the friction alone.
+
+Source: H. Goldstein, Classical Mechanics, 3rd ed., section 5.7, for the precession; the friction by hand.
+"""
+
+import os
+
+import numpy as np
+
+import kreisel as kr
+from kreisel.physical import Gyroscope
+from kreisel.viewer.charts import figure
+
+SMALL = "KREISEL_SMALL" in os.environ
+wheel = Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
+SPIN, LIFE, DURATION = 400 * 2 * np.pi / 60, 60.0, 80.0  # rad/s, s: 1/c, s
+rate = wheel.time_unit / LIFE  # c in the unit of time of the system
+
+body = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=wheel.alpha), damping=(0, 0, rate))
+slow, fast = wheel.steady_precession(np.pi / 2, SPIN)
+x0 = body.state(M=(slow * wheel.time_unit, 0, wheel.alpha * SPIN * wheel.time_unit), P=(1, 0, 0))
+dt = 0.2 if SMALL else 0.1
+steps = round(DURATION / wheel.time_unit / dt)
+run = kr.simulate(body, x0, dt=dt, steps=steps, method="splitting", order=(4, 2))
+
+time, M, P = run.time.values * wheel.time_unit, run.M.values, run.P.values
+M3, axial = M[:, 2], P[:, 2]
+decay = abs(M3 / (M3[0] * np.exp(-time / LIFE)) - 1).max()
+print(f"M3 against exp(-c t): off by {decay:.1e} over {time[-1]:.0f} s, in which it falls to {M3[-1] / M3[0]:.2f}")
+assert decay < 1e-11  # the rounding of exp(-c h), the same in every step
+
+tilt = np.arctan2(np.hypot(P[:, 0], P[:, 1]), axial)
+precession = (M[:, :2] * P[:, :2]).sum(-1) / (1 - axial**2) / wheel.time_unit  # Omega x a . (p x a)/|p x a|^2
+spin = M3 * wheel.momentum_unit / wheel.axial_moment
+steady = np.array([wheel.steady_precession(*each)[0] for each in zip(tilt, spin, strict=True)])
+textbook = wheel.torque / (M3 * wheel.momentum_unit)
+off, beside = abs(precession / steady - 1).max(), abs(precession / textbook - 1)
+rpm = precession * 60 / (2 * np.pi)
+print(f"precession {rpm[0]:.2f} to {rpm[-1]:.2f} rpm; off the steady one "
+      f"of that tilt and spin by {off:.1e}, off m g l/M3 by up to {beside.max():.1e}")  # fmt: skip
+growth = np.polyfit(np.log(M3), np.log(precession), 1)[0]
+print(f"precession ~ M3^{growth:.3f}")
+assert off < 1e-3 and 1e-2 < beside.max() < 2e-2  # m g l/M3 is the limit of a fast wheel
+assert abs(growth + 1) < 0.02
+
+sunk = 2 * np.arctan(np.exp((1 / M3**2 - 1 / M3[0] ** 2) / 2)) - np.pi / 2
+print(f"sunk by {np.degrees(tilt[-1] - np.pi / 2):.2f} degrees, to leading order {np.degrees(sunk[-1]):.2f}")
+assert abs((tilt[-1] - np.pi / 2) / sunk[-1] - 1) < 0.05 and abs(tilt[len(tilt) // 2] - tilt[-1]) > 0.05
+
+energy, work = run.energy.values * wheel.torque, run.work.values * wheel.torque
+balance = abs(run.balance.values / run.balance.values[0] - 1).max()
+print(f"the wheel loses {energy[0] - energy[-1]:.1f} of {energy[0]:.1f} J; energy - work is off by {balance:.1e}")
+assert balance < 1e-12 and energy[-1] < 0.1 * energy[0]
+
+with figure("light", 11.0, 3.4) as (made, theme):
+    left, centre, right = made.subplots(1, 3)
+    left.semilogy(time, spin * 60 / (2 * np.pi), color=theme.colours[0], label="run")
+    left.semilogy(time[::400], spin[0] * 60 / (2 * np.pi) * np.exp(-time[::400] / LIFE), "o", markersize=4,
+                  color=theme.colours[1], label="exp(-c t)")  # fmt: skip
+    left.set_yticks((100, 200, 400), ("100", "200", "400"))
+    left.minorticks_off()
+    left.set(xlabel="time, s", ylabel="spin, rpm", title="the wheel slows down")
+    left.legend()
+    centre.plot(time, rpm, color=theme.colours[0], label="run")
+    centre.plot(time, textbook * 60 / (2 * np.pi), "--", color=theme.colours[1], label="m g l/M₃")
+    centre.set(xlabel="time, s", ylabel="precession, rpm", title="precesses faster")
+    centre.legend()
+    right.plot(time, np.degrees(tilt) - 90, color=theme.colours[0], label="run")
+    right.plot(time, np.degrees(sunk), "--", color=theme.colours[1], label="to leading order")
+    right.set(xlabel="time, s", ylabel="axle below the horizontal, degrees", title="and sinks")
+    right.legend()
+    made.savefig("bearing_friction.png")
