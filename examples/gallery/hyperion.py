@@ -148,7 +148,9 @@ with figure("light", 10.0, 6.4) as (made, theme):
                            color=colour)  # fmt: skip
     for name, (p, at) in states.items():
         where = -90 if at else 0
-        panels["cut"].annotate(name, (where, state(p, at)), xytext=(where + 4, state(p, at) - 0.02), weight="bold")
+        panels["cut"].annotate(
+            name, (where, state(p, at)), xytext=(where + (26 if p == 2.5 else 4), state(p, at) - 0.02), weight="bold"
+        )
     panels["cut"].set(
         xlabel="angle of the long axis to Saturn at periapsis, degrees", ylabel="rate over mean motion",
         xlim=(-90, 90), ylim=(0, 3.2), xticks=(-90, -45, 0, 45, 90), title="planar rotation: section at periapsis",
