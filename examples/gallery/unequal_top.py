@@ -6,7 +6,7 @@ has the terms d dt^p1, d^2 dt^p2, d^3 dt^p3 for order (p1, p2, p3), so long step
 variational integrator and DOP853 know nothing of d.  Reference: the variational integrator of order 8, steps of 1/64.
 
 Left: error of the state at time 100 against the step, d = 0.01.  Centre: against d; (2, 2) falls like d, (8, 2) like
-d^2.  (8, 6, 4) does not fall: between two turns the Lagrange top moves by its map, 17 times in a composition of order 8,
+d^2.  (8, 6, 4) does not fall: between two turns the Lagrange top moves by its map, a composition of 17 of order 8,
 and with so long a step the error of that composition, which does not know d either, is the larger one.  Right: against
 evaluations of the perturbation (splitting), stages (variational) or evaluations of the right-hand side (DOP853, for
 tolerances 1e-4 to 1e-11).  Map steps are not counted there: with them the splitting is no cheaper than its peers, so it
