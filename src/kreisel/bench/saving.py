@@ -1,4 +1,4 @@
-"""What saving costs: kr.simulate's march with every = 1, 10, 100, 1000, all integrals computed, against no saving.
+"""What saving costs: kr.simulate with every = 1, 10, 100, 1000, all integrals computed, against no saving.
 
 Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
 turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.bench.cases import BenchCase, cases, machine
-from kreisel.runs.march import March
+from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
 
 STEPS = {1: 500_000, 10: 3_000_000, 100: 10_000_000, 1000: 10_000_000}
@@ -44,7 +44,7 @@ def without(plan: Plan) -> float:
 def saving(plan: Plan) -> float:
     """Seconds a step, rows and integrals with them."""
     begun = time.thread_time()
-    for _ in March(plan).blocks():
+    for _ in Integration(plan).blocks():
         pass
     return (time.thread_time() - begun) / plan.steps
 
