@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from kreisel.runs.drift import MACHINE_EPSILON, all_series
+from kreisel.kernels.layout import MACHINE_EPSILON
+from kreisel.runs.drift import all_series
 
 SUITE = 1e-6  # the probability that any comparison of the suite fails on a right program
 COMPARISONS = 20_000  # that the suite makes at most

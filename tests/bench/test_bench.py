@@ -54,9 +54,9 @@ def test_another_map_is_no_opponent(tmp_path, monkeypatch: pytest.MonkeyPatch) -
     """Kernel and C++ are compared before they are timed; the mutant takes another step."""
     (case,) = short.cases(generic=True)[:1]
     library = compiled.build("single", tmp_path)
-    start, march = single.contenders(case, library)
-    assert max(single.agreement(start, march, case.name).values()) < single.TOLERANCE
-    wrong = {**march, "cpp": lambda row, steps: march["cpp"](row, steps + 1)}
+    start, steppers = single.contenders(case, library)
+    assert max(single.agreement(start, steppers, case.name).values()) < single.TOLERANCE
+    wrong = {**steppers, "cpp": lambda row, steps: steppers["cpp"](row, steps + 1)}
     with pytest.raises(AssertionError, match="apart after"):
         single.agreement(start, wrong, case.name)
 

@@ -164,6 +164,19 @@ def test_formulas_in_docstrings_keep_their_letters() -> None:
         assert not capitalised(f'def made(name, v, s, values):\n    """{line}"""\n    X = v\n'), line
 
 
+HOUSE_WORDS = re.compile(r"\b(told|how still|marcher)\b", re.IGNORECASE)  # that no other house has
+
+
+def test_private_words_are_not_used() -> None:
+    pages = [*SOURCE.rglob("*.py"), *(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    used = [f"{page.name}: {word}" for page in pages for word in HOUSE_WORDS.findall(page.read_text(encoding="utf-8"))]
+    assert len(pages) > 200 and used == []
+
+
+def test_private_words_are_seen() -> None:
+    assert HOUSE_WORDS.findall("what it told, and how still; a Marcher, untold") == ["told", "how still", "Marcher"]
+
+
 def test_methods_and_systems_are_found_and_nothing_is_shadowed() -> None:
     import kreisel.method
     import kreisel.system

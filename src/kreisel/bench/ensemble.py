@@ -63,11 +63,11 @@ class Contest:
         self._constants, self._out = np.tile(one, (LANES, 1)), np.empty((1, *self.start.shape))
         self.rows = self.start.copy()
         symbol = case.name.replace("-", "_")
-        self.march: dict[str, InPlaceStepper] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
+        self.steppers: dict[str, InPlaceStepper] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
         if library is None:
             return
-        self.march |= {f"cpp {k}": self._by_hand(library[f"{symbol}_{k}"]) for k in CHAINS}
-        self.march["all cores, cpp"] = self._by_hand_on_all_cores(library[f"{symbol}_2"])
+        self.steppers |= {f"cpp {k}": self._by_hand(library[f"{symbol}_{k}"]) for k in CHAINS}
+        self.steppers["all cores, cpp"] = self._by_hand_on_all_cores(library[f"{symbol}_2"])
 
     def _on_one_core(self, steps: int) -> None:
         e = self.engine
@@ -82,7 +82,7 @@ class Contest:
         function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
         shares = np.array_split(np.arange(LANES), os.cpu_count() or 1)
 
-        def march(steps: int) -> None:
+        def advance(steps: int) -> None:
             with ThreadPoolExecutor(len(shares)) as pool:
                 work = [
                     pool.submit(function, self.rows[a:].ctypes.data, self._constants[a:].ctypes.data, len(share), steps)
@@ -92,7 +92,7 @@ class Contest:
             for done in work:
                 done.result()
 
-        return march
+        return advance
 
     def _by_hand(self, function: Any) -> InPlaceStepper:
         function.restype, function.argtypes = None, [ctypes.c_void_p] * 2 + [ctypes.c_long] * 2
@@ -102,9 +102,9 @@ class Contest:
         """Largest difference of any contender from the kernel after some steps; raises if they are different maps."""
         self._on_one_core(CHECKED)
         end, apart = self.engine.z.copy(), {}
-        for name, march in self.march.items():
+        for name, advance in self.steppers.items():
             self.engine.z[:], self.rows[:] = self.start, self.start
-            march(CHECKED)
+            advance(CHECKED)
             apart[name] = float(abs((self.engine.z if name == "all cores" else self.rows) - end).max())
         del apart["kernel"]
         if apart["all cores"] != 0 or not max(apart.values()) < TOLERANCE:
@@ -115,7 +115,10 @@ class Contest:
         """Nanoseconds a lane-step, one number for each turn: of the thread's processor time, and by the clock."""
         out: dict[str, list[float]] = {
             name: []
-            for name in (*self.march, *(name + BY_THE_CLOCK for name in ("kernel", "cpp 2") if name in self.march))
+            for name in (
+                *self.steppers,
+                *(name + BY_THE_CLOCK for name in ("kernel", "cpp 2") if name in self.steppers),
+            )
         }
         for turn in range(turns):
             names = [*out][turn % 3 :] + [*out][: turn % 3]
@@ -124,7 +127,7 @@ class Contest:
                 clock = time.perf_counter if alone != name or "all cores" in name else time.thread_time
                 count = steps * (LONGER if clock is time.perf_counter else 1)
                 begun = clock()
-                self.march[alone](count)
+                self.steppers[alone](count)
                 out[name].append((clock() - begun) / count / LANES * 1e9)
         return {name: np.array(values) for name, values in out.items()}
 

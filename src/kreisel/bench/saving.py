@@ -1,4 +1,4 @@
-"""What saving costs: a run with every = 1, 10, 100, 1000, all integrals computed, against no saving.
+"""What saving costs: kr.simulate with every = 1, 10, 100, 1000, all integrals computed, against no saving.
 
 Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
 turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.

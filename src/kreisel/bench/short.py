@@ -27,8 +27,8 @@ def bench(tell: Callable[[str], None] = lambda name: None) -> dict[str, Any]:
         alone, many = (build(name, Path(folder)) if compiler() else None for name in ("single", "ensemble"))
         for case in cases(generic=True):
             tell(case.name)
-            start, march = single.contenders(case, alone)
-            one = single.single_summary(single.timed(start, march, SINGLE_STEPS, TURNS))
+            start, steppers = single.contenders(case, alone)
+            one = single.single_summary(single.timed(start, steppers, SINGLE_STEPS, TURNS))
             lanes = ensemble.ensemble_summary(ensemble.Contest(case, many).timed(TURNS, ENSEMBLE_STEPS))
             saved = saving.ratios(case, "suris", 3, PART, (EVERY,))
             row = {"ns_a_step": one["kernel"]["ns"], "ns_a_lane_step": lanes["kernel"]["ns"]}

@@ -27,7 +27,7 @@ Stepper = Callable[[Array, int], Array]
 
 
 def contenders(case: BenchCase, library: ctypes.CDLL | None) -> tuple[Array, dict[str, Stepper]]:
-    """The start as a row, and ways to march from a row, without a library one: `march(row, steps) -> row`."""
+    """The start as a row, and ways to step from a row, without a library one: `advance(row, steps) -> row`."""
     model = case.model
     plan = make_plan(model, model.state(**case.states["standard"]), dt=DT, steps=1, every=1, method="suris", order=1,
                      orientation=None)  # fmt: skip
@@ -44,39 +44,39 @@ def contenders(case: BenchCase, library: ctypes.CDLL | None) -> tuple[Array, dic
         function.restype = None
         function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long]
 
-        def march(row: Array, steps: int) -> Array:
+        def advance(row: Array, steps: int) -> Array:
             out = row.copy()
             function(out.ctypes.data, constants.ctypes.data, steps)
             return out
 
-        return march
+        return advance
 
-    march: dict[str, Stepper] = {"kernel": compiled}
+    steppers: dict[str, Stepper] = {"kernel": compiled}
     if library is not None:
         symbol = case.name.replace("-", "_")
-        march["cpp"] = by_hand(library[symbol])
-    return start, march
+        steppers["cpp"] = by_hand(library[symbol])
+    return start, steppers
 
 
-def agreement(start: Array, march: dict[str, Stepper], case: str) -> dict[str, float]:
+def agreement(start: Array, steppers: dict[str, Stepper], case: str) -> dict[str, float]:
     """Largest difference of the states after some steps; raises if they are different maps."""
-    end = march["kernel"](start, CHECKED)
-    apart = {name: float(abs(march[name](start, CHECKED) - end).max()) for name in march if name != "kernel"}
+    end = steppers["kernel"](start, CHECKED)
+    apart = {name: float(abs(steppers[name](start, CHECKED) - end).max()) for name in steppers if name != "kernel"}
     if apart and not max(apart.values()) < TOLERANCE:
         raise AssertionError(f"{case}: kernel and C++ are {apart} apart after {CHECKED} steps, not within {TOLERANCE}")
     return apart
 
 
-def timed(start: Array, march: dict[str, Stepper], steps: int, turns: int) -> dict[str, Array]:
+def timed(start: Array, steppers: dict[str, Stepper], steps: int, turns: int) -> dict[str, Array]:
     """Nanoseconds a step, one number for each turn."""
-    out: dict[str, list[float]] = {name: [] for name in march}
-    for function in march.values():
+    out: dict[str, list[float]] = {name: [] for name in steppers}
+    for function in steppers.values():
         function(start, steps // 10)
     for turn in range(turns):
-        names = [*march][turn % len(march) :] + [*march][: turn % len(march)]
+        names = [*steppers][turn % len(steppers) :] + [*steppers][: turn % len(steppers)]
         for name in names:
             begun = time.perf_counter()
-            march[name](start, steps)
+            steppers[name](start, steps)
             out[name].append((time.perf_counter() - begun) / steps * 1e9)
     return {name: np.array(values) for name, values in out.items()}
 
@@ -106,9 +106,9 @@ def measure(steps: int = STEPS, turns: int = TURNS) -> dict[str, Any]:
         print(f"{turns} turns of {steps:,} steps each; nanoseconds a step, median [quartiles].\n")
         print(f"{'map, n = 3':<21}{'kernel':>22}{'C++':>22}{'kernel/C++':>12}")
         for case in cases(generic=True):
-            start, march = contenders(case, library)
-            apart = agreement(start, march, case.name)
-            rows[case.name] = {**single_summary(timed(start, march, steps, turns)), "apart_after_1000": apart}
+            start, steppers = contenders(case, library)
+            apart = agreement(start, steppers, case.name)
+            rows[case.name] = {**single_summary(timed(start, steppers, steps, turns)), "apart_after_1000": apart}
             print(_line(case.name, rows[case.name]), flush=True)
     return {**setting, "maps": rows}
 

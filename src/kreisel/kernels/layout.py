@@ -11,6 +11,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
+MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 LANES = 4  # doubles that kernels for rows take at once
 Look = Callable[[], None]
 

@@ -15,7 +15,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.kernels import layout
-from kreisel.kernels.layout import Floats
+from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.record.model import Model
 from kreisel.runs.drift import KINDS
 from kreisel.runs.integration import block_rows
@@ -32,7 +32,6 @@ MANY_SAMPLES_N = 16  # beyond, there are fewer
 MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
 SAMPLES = 16  # perturbations of a state that measure how an integral feels them
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
-MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 
 
 def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:

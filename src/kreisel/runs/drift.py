@@ -15,10 +15,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 from kreisel.errors import ConservationWarning, InputError
-from kreisel.kernels.layout import Floats
+from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.storage.reading import a_run
 
-MACHINE_EPSILON = float(np.finfo(np.float64).eps)
 KINDS = ("casimir", "integral", "relation")
 
 # What a method conserves counts as broken where it has changed by more than FAR widths of a random walk of rounding

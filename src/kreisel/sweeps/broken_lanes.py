@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kreisel.errors import ConservationWarning, InputError
-from kreisel.kernels.layout import Floats
-from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, MACHINE_EPSILON, far, lane_scales, read_values
+from kreisel.kernels.layout import MACHINE_EPSILON, Floats
+from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales, read_values
 from kreisel.runs.integration import Integration
 from kreisel.storage.reading import parsed
 from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel.errors import InputError, brief
+from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.runs.describing import is_own
-from kreisel.runs.drift import MACHINE_EPSILON, all_series, read_values
+from kreisel.runs.drift import all_series, read_values
 from kreisel.runs.geometry import carried_letter, kinds_of, model_for
 from kreisel.storage.reading import a_run
 from kreisel.viewer.style import Theme, theme_of

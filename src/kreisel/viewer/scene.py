@@ -20,11 +20,12 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, printable
+from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.describing import is_own
-from kreisel.runs.drift import MACHINE_EPSILON, all_series
+from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, model_for, orientation_of, to_third_axis
 from kreisel.runs.settings import within
 from kreisel.storage.reading import a_run

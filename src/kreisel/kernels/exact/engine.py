@@ -191,7 +191,7 @@ class ClosedForm:
             else:
                 shift = 128 - rows.orbit.bits + int(self._exponent)
                 steps = [v * self._dt << shift if shift >= 0 else v * self._dt >> -shift for v in rows.orbit.rates]
-                rows.march(out, lane, [self._done * s for s in steps], [every * s for s in steps])
+                rows.fill_evenly(out, lane, [self._done * s for s in steps], [every * s for s in steps])
         self._done += every * len(out)
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
@@ -264,7 +264,7 @@ class OrbitRows:
         self._one_at_a_time = Lock()  # numbers in many digits change their context
         self._kernel = kernel
 
-    def march(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
+    def fill_evenly(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
         """The states at the phases before + step, before + 2 step, ..., of 128 binary places, into out[:, lane]."""
         if not len(self._table):
             at = np.array([[b + k * s for b, s in zip(before, step, strict=True)] for k in range(1, len(out) + 1)])
