@@ -34,7 +34,7 @@ from kreisel.exact.turning import turn, turned
 
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
-LONGEST = 1.25  # h max(|m|, sqrt(|a||p|)) of a step that is used: off by rounding up to 0.75, at 1 by 5e-15, here by 5e-11
+LONGEST = 1.25  # h max(|m|, sqrt(|a||p|)) of a step that is used: there it is off by 5e-11
 LEAN = 0  # squarings of the turn about p, which is of third order in h: 0.04 at most
 
 
