@@ -240,6 +240,48 @@ STILL = (1.0, 0.0, 0.0, 0.0)
 MANY = np.array([(0.5, 0.25, 0.5), (0.3, -0.5, 0.7), (0.5 + 1e-15, 0.25, 0.5), (0, 1, 0), (0.2, 0, 2)])
 
 
+def beside(j: int, M: tuple[float, ...]) -> tuple[tuple[float, ...], Any, float]:
+    """J with k' of some 2^-j, k' in many digits and the time of a quarter of the period.
+
+    L^2 - 2T I_2 = 8 z^2 (M_1^2 + ...) for M_1 = M_3: first orders cancel.
+    """
+    z = 2.0**-j
+    J = (3.5 + z, 2.5 + z, 0.5 + 3 * z)
+    with mp.workdps(80):
+        I, squares = moments(J), [mp.mpf(v) ** 2 for v in M]  # noqa: E741
+        L2, T2 = sum(squares), sum(v / i for v, i in zip(squares, I, strict=True))
+        a, b, c = sorted(I, reverse=bool(L2 < T2 * sorted(I)[1]))
+        square = (c - a) * (L2 - T2 * b) / ((c - b) * (L2 - T2 * a))
+        rate = mp.sqrt((c - b) * (L2 - T2 * a) / (a * b * c))
+        return J, mp.sqrt(square), float(mp.log(4 / mp.sqrt(square)) / rate)
+
+
+@pytest.mark.parametrize("j", [8, 12, 20, 26, 33, 40, 45, 48])
+def test_jumps_beside_the_separatrix(j: int) -> None:
+    """k' from 4e-3 to 4e-18, from anywhere, also from beside the steady motion, over some periods."""
+    for M in ((0.5, 0.25, 0.5), (-0.5, 3.0, 0.5), (0.5, -700.0, 0.5), (0.3, 0.1, -0.3)):
+        J, small, quarter = beside(j, M)
+        times = np.array([0.1, -0.3, 0.5, 0.9, 1.3, -1.9, 2.5, -3.7]) * quarter
+        rows, turns, right = jumped(J, M, times)
+        assert right.all() and small < 0.01
+        state, turn = off((rows[:, 0], turns[:, 0]), J, M, times, lambda *given: closed_form(*given[:-1], 120))
+        assert state < STATE and turn < 1.5 * TURN  # 5.9 and 15.2 ulp measured
+
+
+def test_jumps_on_the_separatrix() -> None:
+    """For 18 e-foldings; later, and where it starts as near to the steady motion, many digits are asked for."""
+    J, M = WITHOUT_PERIOD["on the separatrix"]
+    times = np.array([0.37, -1.03, 40.0, 300.0, -300.0])
+    rows, turns, right = jumped(J, M, times)
+    assert right[:, 0].tolist() == [True] * 3 + [False] * 2
+    some = right[:, 0]
+    state, turn = off((rows[some, 0], turns[some, 0]), J, M, times[some], lambda *given: by_taylor(*given[:-1], 30))
+    assert state < 2 * ULP and turn < 4 * ULP
+    assert not jumped(J, (1e-9, 1.0, 1e-9), [0.37])[2].any()
+    rows, _, right = jumped((1, 2, 3), (0, 1.3, 0), [1e3])
+    assert right.all() and (rows[0, 0] == (0, 1.3, 0)).all()
+
+
 def test_first_rows_are_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
     """At the exact times k dt; where jumps are not right, and after them, by parts: the same numbers."""
     J = (3.5, 2.5, 0.5)

@@ -39,9 +39,9 @@ def at(
 
     No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  Up to
     10^4 times of the flow, without orientation for tops, are compiled jumps of some microseconds, set-up and all, off
-    by 3e-16, at most 3e-15; so are ensembles.  Motions near a separatrix, more times, orientations of tops and iterates
-    are set up in many digits, 0.1 to 0.2 s a motion, 0.05 s of a free body, beside the critical sleeping top 0.6 s,
-    then a microsecond a time.  Returns the `xarray.Dataset` of `kr.simulate`,
+    by 3e-16, at most 3e-15; so are ensembles.  Motions of tops near a separatrix, more times, orientations of tops and
+    iterates are set up in many digits, 0.1 to 0.2 s a motion, 0.05 s of a free body, beside the critical sleeping top
+    0.6 s, then a microsecond a time.  Returns the `xarray.Dataset` of `kr.simulate`,
     with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
     where numbers overflow.
     """

@@ -14,6 +14,7 @@ from numba import njit
 
 from kreisel.kernels._numba import double_double, fused
 
+largest: Any = fused.largest
 fma: Any = fused.fma  # called from compiled code, without the context that their definitions take first
 nearest: Any = fused.nearest
 size: Any = fused.size
@@ -23,6 +24,8 @@ upper: Any = double_double.upper
 
 PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
+DUPLICATIONS = 6  # of the arguments of R_J, whose ratios are at most 1e4
+BEYOND = 6  # more of them for ratios up to 1e24
 TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
 
 
@@ -51,13 +54,36 @@ def largest_root(u: Any, v: Any) -> Any:
 
 
 @inlined
+def either(test: Any, x: Any, y: Any) -> Any:
+    """The double-double x where test < 0, else y."""
+    first, second = upper(x), upper(y)
+    return pair(where_less(test, 0.0, first, second), where_less(test, 0.0, upper(x - first), upper(y - second)))
+
+
+@inlined
 def complete(a: Any, g: Any, p: Any) -> Any:
     """M(a, g), the sum S with R_J(0, a^2, g^2, p^2) = 3 pi S/(4 M p^2), and the relative error: double-doubles.
 
     By the arithmetic-geometric mean (Carlson); where a = g the rest of the sum is 2 p/(M + p).
     """
+    return _completed(a, g, p, MEANS)
+
+
+@inlined
+def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
+    """The same; where `beyond` > 0 for a/g up to 6e13."""
+    mean, total, error = _completed(a, g, p, MEANS)
+    if largest(beyond) > 0.0:
+        other, more, left = _completed(a, g, p, MEANS + 3)
+        mean, total = either(-beyond, other, mean), either(-beyond, more, total)
+        error = where_less(0.0, beyond, left, error)
+    return mean, total, error
+
+
+@inlined
+def _completed(a: Any, g: Any, p: Any, steps: Any) -> Any:
     term, total = a / a, 0 * a
-    for _ in range(MEANS):
+    for _ in range(steps):
         product, square = a * g, p * p
         both = square + product
         total = total + term
@@ -85,6 +111,26 @@ def cs(a: Any, g: Any, angle: Any) -> Any:
 @inlined
 def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
     """The same from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
+    return _level(a, g, cos, sin)[0]
+
+
+@inlined
+def cs_beyond(a: Any, g: Any, cos: Any, sin: Any, beyond: Any) -> Any:
+    """The same; where `beyond` > 0 for a/g up to 6e13."""
+    found = cs_of(a, g, cos, sin)
+    if largest(beyond) > 0.0:
+        a1, g1 = 0.5 * (a + g), sqrt(a * g)
+        a2, g2 = 0.5 * (a1 + g1), sqrt(a1 * g1)
+        a3, g3 = 0.5 * (a2 + g2), sqrt(a2 * g2)
+        level = _descended(_level(a3, g3, cos, sin), a2, a3, g2)
+        level = _descended(level, a1, a2, g1)
+        found = where_less(0.0, beyond, _descended(level, a, a1, g)[0], found)
+    return found
+
+
+@inlined
+def _level(a: Any, g: Any, cos: Any, sin: Any) -> Any:
+    """cs times a, and dn."""
     a1, g1 = 0.5 * (a + g), sqrt(a * g)
     a2, g2 = 0.5 * (a1 + g1), sqrt(a1 * g1)
     a3, g3 = 0.5 * (a2 + g2), sqrt(a2 * g2)
@@ -97,8 +143,7 @@ def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
     level = _descended(level, a3, a4, g3)
     level = _descended(level, a2, a3, g2)
     level = _descended(level, a1, a2, g1)
-    c, d = level
-    return c * d
+    return _descended(level, a, a1, g)
 
 
 @inlined
@@ -127,10 +172,25 @@ def arctan_ratio(e: Any) -> Any:
 @inlined
 def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     """R_J(x, y, z, p) by duplication (Carlson), delta = (p - x)(p - y)(p - z) >= 0."""
+    return _duplicated(x, y, z, p, delta, DUPLICATIONS)[0]
+
+
+@inlined
+def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any, beyond: Any) -> Any:
+    """The same; where `beyond` > 0 for arguments far apart, and there R_F(x, y, z) too."""
+    third, first = third_kind(x, y, z, p, delta), 0.0 * x
+    if largest(beyond) > 0.0:
+        other, first = _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
+        third = where_less(0.0, beyond, other, third)
+    return third, first
+
+
+@inlined
+def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     mean = 0.2 * (x + y + z + 2.0 * p)
     small_x, small_y, small_z = mean - x, mean - y, mean - z
     part, total = 1.0, 0.0 * x
-    for _ in range(6):
+    for _ in range(steps):
         rx, ry, rz, rp = sqrt(x), sqrt(y), sqrt(z), sqrt(p)
         step = rx * ry + rx * rz + ry * rz
         d = (rp + rx) * (rp + ry) * (rp + rz)
@@ -145,7 +205,11 @@ def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     E4 = (2.0 * X * Y * Z + E2 * P + 3.0 * P * P * P) * P
     E5 = X * Y * Z * P * P
     series = 1.0 - E2 * 3.0 / 14.0 + E3 / 6.0 + E2 * E2 * 9.0 / 88.0 - E4 * 3.0 / 22.0 - E2 * E3 * 9.0 / 52.0
-    return part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
+    third = part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
+    mean = (x + y + z) / 3.0
+    X, Y = (mean - x) / mean, (mean - y) / mean
+    E2, E3 = -(X * X + X * Y + Y * Y), -X * Y * (X + Y)
+    return third, (1.0 - E2 / 10.0 + E3 / 14.0 + E2 * E2 / 24.0 - E2 * E3 * 3.0 / 44.0) / sqrt(mean)
 
 
 @inlined

@@ -13,15 +13,16 @@ from typing import Any
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
-    complete,
-    cs_of,
+    complete_beyond,
+    cs_beyond,
+    either,
     fma,
     inlined,
     nearest,
     of_turns,
     pair,
     size,
-    third_kind,
+    third_kind_beyond,
     upper,
     where_less,
 )
@@ -29,14 +30,11 @@ from kreisel.kernels.exact.elliptic import (
 PLACE = 2.0**-102  # a rounding of double-doubles, some together
 SMALLEST, LARGEST = 1e-60, 1e60  # of momenta and moments: outside, products of them leave the range
 LEAST_PART = 1e-100  # of a turn, in place of 0
-LEAST_MODULUS = 1e-3  # of k': below, doubles lose more than a digit
-
-
-@inlined
-def either(test: Any, x: Any, y: Any) -> Any:
-    """The double-double x where test < 0, else y."""
-    first, second = upper(x), upper(y)
-    return pair(where_less(test, 0.0, first, second), where_less(test, 0.0, upper(x - first), upper(y - second)))
+SMALL_MODULUS = 1e-3  # k' below which means, Landen's transformations and duplications take more steps
+LEAST_MODULUS = 1e-23  # and below which a motion is one on the separatrix, for so many e-foldings from both ends:
+FOLDINGS, LEAST_START = 18.0, 1e-7  # k'^2 e^(2 u) is at most 1e-14 of cn and dn
+CLOSE = 1e-3  # of L^2 - 2T I_2 to its terms: nearer, it is a sum of triples of doubles
+TRIPLE = 2.0**-155  # a rounding of these, some together
 
 
 @inlined
@@ -54,6 +52,65 @@ def _sorted(test: Any, I: Any, J: Any, M: Any, N: Any) -> Any:  # noqa: E741
 def _double_double_square(x: Any) -> Any:
     wide = pair(x, 0.0 * x)
     return wide * wide
+
+
+@inlined
+def _two_sum(x: Any, y: Any) -> Any:
+    total = x + y
+    part = total - x
+    return total, (x - (total - part)) + (y - part)
+
+
+@inlined
+def _two_product(x: Any, y: Any) -> Any:
+    product = x * y
+    return product, fma(x, y, -product)
+
+
+@inlined
+def _halves(x: Any) -> Any:
+    """The two numbers of a double-double."""
+    first = upper(x)
+    return first, upper(x - first)
+
+
+@inlined
+def _apart(x: Any, y: Any) -> Any:
+    """x - y, double-doubles whose difference is one, exactly: two numbers."""
+    (x0, x1), (y0, y1) = _halves(x), _halves(y)
+    s, r = _two_sum(x0, -y0)
+    s1, r1 = _two_sum(x1, -y1)
+    a, b = _two_sum(r, s1)
+    c, d = _two_sum(s, a)
+    return _two_sum(c, d + (b + r1))
+
+
+@inlined
+def _triple(x: Any, y: Any) -> Any:
+    """The product of three and of two numbers that stand for their sums, as three: 159 bits but for some."""
+    (x0, x1, x2), (y0, y1) = x, y
+    p0, e0 = _two_product(x0, y0)
+    p1, e1 = _two_product(x0, y1)
+    p2, e2 = _two_product(x1, y0)
+    s1, t1 = _two_sum(p1, p2)
+    s2, t2 = _two_sum(e0, s1)
+    a, b = _two_sum(p0, s2)
+    b, c = _two_sum(b, (t1 + t2) + ((e1 + e2) + (x1 * y1 + x2 * y0)))
+    return a, b, c
+
+
+@inlined
+def _gap(I1: Any, I2: Any, I3: Any, N1: Any, N3: Any) -> Any:
+    """I_1 I_3 (L^2 - 2T I_2) = N_3^2 I_1 (I_3 - I_2) - N_1^2 I_3 (I_2 - I_1), where its terms nearly cancel."""
+    zero = 0.0 * N1
+    x0, x1, x2 = _triple(_triple((*_halves(I1), zero), _apart(I3, I2)), _two_product(N3, N3))
+    y0, y1, y2 = _triple(_triple((*_halves(I3), zero), _apart(I2, I1)), _two_product(N1, N1))
+    s0, r0 = _two_sum(x0, -y0)
+    s1, r1 = _two_sum(x1, -y1)
+    a, b = _two_sum(r0, s1)
+    c, d = _two_sum(s0, a)
+    first, second = _two_sum(c, d + (b + (r1 + (x2 - y2))))
+    return pair(first, second)
 
 
 @inlined
@@ -75,8 +132,13 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     ball = where_less(0.0, upper(width), 0.0, one)
     rho, kappa = (I3 - I2 + 0.5 * ball) / (width + ball), (I2 - I1 + 0.5 * ball) / (width + ball)
     f1, f2, f3 = _double_double_square(N1) / I1, _double_double_square(N2) / I2, _double_double_square(N3) / I3
-    gap = rho * f3 - kappa * f1
+    gap, terms = rho * f3 - kappa * f1, rho * f3 + kappa * f1
+    close = where_less(size(upper(gap)), CLOSE * upper(terms), one - ball, 0.0 * one)
+    gap = either(-close, _gap(I1, I2, I3, N1, N3) / (I1 * I3 * width + ball), gap)
     last = upper(gap)
+    still = where_less(0.0, size(N1) + size(N3), 0.0 * one, one)  # a turn about the second axis
+    middle = t * (pair(N2, 0.0 * N2) / I2) * (0.5 * pair(TURN[0], TURN[1]))
+    given = N2
     I1, I3, N1, N3 = _sorted(last, I1, I3, N1, N3)
     f1, f3, rho, kappa = either(last, f3, f1), either(last, f1, f3), either(last, kappa, rho), either(last, rho, kappa)
     s, side = where_less(last, 0.0, -one, one), where_less(N3, 0.0, -one, one)
@@ -84,9 +146,15 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     chi = s * flips * side
     gap = either(last, -gap, gap)
 
-    known = I1, I2, I3, N1, N2, side * N3, f1, f2, f3, rho, kappa, gap, width * s
-    N1, N2, N3, w, x, y, z, off = about_the_third(known, chi, t)
+    known = I1, I2, I3, N1, N2, side * N3, f1, f2, f3, rho, kappa, gap, terms, width * s
+    N1, N2, N3, w, x, y, z, off = about_the_third_kind(known, chi, t)
     x, y, N3, z = chi * x, chi * y, side * N3, chi * side * z
+    cos, sin = of_turns(upper(middle - nearest(upper(middle))))
+    zero = 0.0 * one
+    N1, N2, N3 = where_less(0.0, still, zero, N1), where_less(0.0, still, given, N2), where_less(0.0, still, zero, N3)
+    w, x = where_less(0.0, still, cos, w), where_less(0.0, still, zero, x)
+    y, z = where_less(0.0, still, sin, y), where_less(0.0, still, zero, z)
+    off = where_less(0.0, still, PLACE * (1.0 + size(upper(middle))), off)
     N1, N3 = in_order(last, N1, N3)
     x, z = in_order(last, x, z)
     N1, N2 = in_order(third, N1, N2)
@@ -99,9 +167,9 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
 
 
 @inlined
-def about_the_third(known: Any, chi: Any, t: Any) -> Any:
+def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     """The same for axes in the order of `kreisel.exact.rotor`, M_3 >= 0, whose formulas these are."""
-    I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, width = known
+    I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, terms, width = known
     zero = 0.0 * N1
     one = zero + 1.0
     d, e, volume = f1 + rho * f2, kappa * f2 + f3, I1 * I2 * I3  # D and E over I_3 - I_1
@@ -109,11 +177,15 @@ def about_the_third(known: Any, chi: Any, t: Any) -> Any:
     L = sqrt(I1 * f1 + I2 * f2 + I3 * f3)
     a3 = sqrt(squares[2])
     total = L + a3
+    least = rho * e * (LEAST_MODULUS * LEAST_MODULUS)
+    lost = where_less(upper(gap), upper(least), one, zero)
+    gap = either(-lost, least, gap)
     A, G = sqrt(rho * e / volume), sqrt(gap / volume)  # lambda and lambda k' over |I_3 - I_1|
+    beyond = where_less(upper(G), SMALL_MODULUS * upper(A), one, zero)
     a, g = (A + G) / 2, sqrt(A * G)
     k1 = kappa * d / (volume * (4 * a * a))
     both = 1 + k1 * squares[0] / (total * total)  # 1 + beta
-    mean, sum_, last = complete(a, g, a * sqrt(both))
+    mean, sum_, last = complete_beyond(a, g, a * sqrt(both), beyond)
     inverse_turn = pair(TURN[0], TURN[1])
     breadth = width * where_less(upper(width), 0.0, -one, one)
     halves = t * breadth * mean * (2 * inverse_turn)  # of lambda t, in 2 K
@@ -128,24 +200,28 @@ def about_the_third(known: Any, chi: Any, t: Any) -> Any:
     doubles = amplitudes, upper(a), upper(g), upper(G), upper(k1), upper(both)
     ratio = upper(A) / upper(a)  # 1 + k_1
     strength = upper(d) * ratio * 2.0 * upper(a3 * k1) / (upper(I3 * A) * upper(total) * upper(total))
-    third = PI[0] * upper(sum_) * upper(a) / (4.0 * upper(mean) * upper(both))
+    quarter = 0.5 * PI[0] * upper(a) / upper(mean)  # K of k_1
+    third = quarter * upper(sum_) / (2.0 * upper(both))
     direction = chi * where_less(upper(width), 0.0, -one, one)
     first = N1, N2, N3
-    cn, sn, dn, ripple = moved(doubles, first, part * direction, third)
+    cn, sn, dn, ripple = moved(doubles, first, part * direction, third, quarter, beyond)
     odd = whole - 2.0 * nearest(0.5 * whole)
     back = where_less(0.5, odd * odd, -one, one)
     N1, N2, N3 = _times(a1, cn * back), _times(a2, sn * back), _times(a3, dn)
     cos, sin = of_turns(_within(chi * turns + 0.5 * TURN[0] * strength * ripple))
     w, x, y, z = between(first, (N1, N2, N3), upper(L), cos, sin)
 
-    away = size(upper(halves)) + size(upper(t * L / I3))
-    close = upper(rho * f3 + kappa * f1) / upper(gap)
-    off = (1.0 + away) * (PLACE * (1.0 + close) + last)
+    periods = size(upper(halves))
+    close = upper(terms) / upper(gap)
+    rough = where_less(close, 1.0 / CLOSE, close, one)
+    off = (1.0 + periods + size(upper(t * L / I3))) * (PLACE * (1.0 + rough) + last)
+    off = off + (1.0 + periods) * TRIPLE * close * (1.0 - lost)
+    foldings = size(upper(t * breadth * A))
+    rest = where_less(size(first[0]), LEAST_START * amplitudes[0], one, where_less(FOLDINGS, foldings, one, zero))
     largest = max(upper(L), max(upper(I1), upper(I3)))
     least = 1.0 / max(1.0 / upper(L), max(1.0 / upper(I1), 1.0 / upper(I3)))
     far = where_less(LARGEST, largest, one, where_less(least, SMALLEST, one, zero))
-    near = where_less(LEAST_MODULUS * upper(A), upper(G), zero, one)
-    return N1, N2, N3, w, x, y, z, off + far + near
+    return N1, N2, N3, w, x, y, z, off + far + lost * rest
 
 
 @inlined
@@ -154,7 +230,7 @@ def _within(turns: Any) -> Any:
 
 
 @inlined
-def moved(known: Any, N: Any, part: Any, whole: Any) -> Any:
+def moved(known: Any, N: Any, part: Any, whole: Any, quarter: Any, beyond: Any) -> Any:
     """(cn, sn, dn) at u_0 + 2 K part, |part| <= 1/2, and Q there less Q at u_0 and the mean, in doubles.
 
     Up to the sign of cn and sn that u_0 has: N tells u_0.  By the addition theorems.
@@ -168,7 +244,7 @@ def moved(known: Any, N: Any, part: Any, whole: Any) -> Any:
 
     least = max(size(part), LEAST_PART)
     cos, sin = of_turns(0.5 * least)
-    ratio = cs_of(a, g, cos, sin) / a
+    ratio = cs_beyond(a, g, cos, sin, beyond) / a
     s2 = 1.0 / (1.0 + ratio * ratio)
     s = sqrt(s2)
     c = ratio * s
@@ -189,8 +265,10 @@ def moved(known: Any, N: Any, part: Any, whole: Any) -> Any:
     there = where_less(cn * here, 0.0, -one, one)  # -1 in the cell beside
     cell = 0.5 * (1.0 - there) * where_less(part, 0.0, -one, one)
     beta = both - 1.0
-    more = _third_kind(sn * here * there, cn, dn, k1, rest, beta) - _third_kind(sn0 * here, cn0, dn0, k1, rest, beta)
-    return cn, sn, dn, more + 2.0 * whole * (cell - part)
+    before, v0, _ = _third_kind(sn0 * here, cn0, dn0, k1, rest, beta, beyond)
+    after, v, slope = _third_kind(sn * here * there, cn, dn, k1, rest, beta, beyond)
+    slip = 2.0 * quarter * (part - cell) - (v - v0)  # where cn and dn are small their errors are errors of v
+    return cn, sn, dn, after - before + 2.0 * whole * (cell - part) + beyond * slope * slip
 
 
 @inlined
@@ -216,14 +294,16 @@ def _on_circle(cn: Any, sn: Any) -> Any:
 
 
 @inlined
-def _third_kind(sn: Any, cn: Any, dn: Any, k1: Any, rest: Any, beta: Any) -> Any:
-    """Q of (v, k_1) from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
+def _third_kind(sn: Any, cn: Any, dn: Any, k1: Any, rest: Any, beta: Any, beyond: Any) -> Any:
+    """Q of (v, k_1), v where `beyond` > 0, and Q', from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
     above = 1.0 + dn
     s = 2.0 * sn / ((1.0 + k1) * above)
     s2 = s * s
     d2 = (rest + dn * (1.0 + k1)) / above
     delta = s2 * s2 * s2 * beta * (1.0 + beta) * (k1 * k1 + beta)
-    return s * s2 * third_kind(4.0 * cn * cn / (above * above * d2), d2, 1.0 + 0.0 * s2, 1.0 + beta * s2, delta) / 3.0
+    c2 = 4.0 * cn * cn / (above * above * d2)
+    third, first = third_kind_beyond(c2, d2, 1.0 + 0.0 * s2, 1.0 + beta * s2, delta, beyond)
+    return s * s2 * third / 3.0, s * first, s2 / (1.0 + beta * s2)
 
 
 @inlined
