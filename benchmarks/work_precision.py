@@ -9,9 +9,8 @@ precision.  `error` is the largest error of a component of the state, relative t
 series in 24 digits (problems.py).  Peers that are not installed are left out, and the result says so.
 
     kreisel    suris 1, 2; baecklund 2 ... 24; variational 2 ... 8; exact, n = 3: steps of the flow, of the tops at
-               each of them the closed form, of Clebsch's case copies of a conjugate pair; set-up of a motion (some
-               tenths of a second) not counted; exact jump: the end state alone, from the initial state, parameters
-               and T each time, set-up and all;
+               each of them the closed form, of Clebsch's case copies of a conjugate pair; exact jump: the end state
+               alone; each run as a user calls it, by kr.propagator's `steps` and `at`, with its set-up and checks;
                of the free body veselov 2 ... 8 in the place of the first two
     heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
     diffrax    Dopri8 and Tsit5 with a PID controller, compiled by JAX
@@ -39,12 +38,9 @@ from problems import Problem, problems
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rate
-from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.recording import flat_constants
 from kreisel.method import scheme
-from kreisel.runs.plan import make_plan, plan_of_times
 
 TIMES = (100.0, 1000.0)
 TOLERANCES = tuple(float(f"1e-{k}") for k in range(6, 16))
@@ -91,78 +87,38 @@ class Run:
 
 
 def kernel(problem: Problem, method: str, order: int | None, end: float, steps: int, lanes: int = 1) -> Run:
-    """A compiled map of kreisel, `steps` steps to the end; no order for the exact flow."""
-    state = {k: np.repeat(v[None], lanes, 0) for k, v in problem.state.items()} if lanes > 1 else problem.state
-    plan = make_plan(
-        problem.model,
-        problem.model.state(**state),
-        dt=end / steps,
-        steps=steps,
-        every=steps,
-        method=method,
-        order=order,
-        orientation=None,
-    )
-    engine, start = plan.engine, plan.engine.z.copy()
-    out = np.empty((1, *start.shape))
-    letters = problem.model.system.space.letters
-
-    def go() -> np.ndarray:
-        engine.z[:] = start
-        engine.advance(out, steps)
-        return out
-
-    def end_state() -> np.ndarray:
-        seen = plan.scheme.observe(layout.restore(go(), plan.kinds, problem.n))
-        return layout.flatten([seen[k] for k in letters], problem.model.system.space.kinds)[0, 0]
-
-    run = Run(method if order is None else f"{method} {order}", end / steps, go, lanes)
-    run.error = off(end_state(), problem.end(end))
-    return run
+    """A map of kreisel, `steps` steps to the end as a user calls them; no order for the exact flow."""
+    p = kr.propagator(problem.model, method=method, order=order, dt=end / steps)
+    x = row_of(problem, lanes)
+    return _own(Run(method if order is None else f"{method} {order}", end / steps, lambda: p.steps(x, steps), lanes),
+                problem, end)  # fmt: skip
 
 
 def rows(problem: Problem, end: float, steps: int) -> Run:
-    """The closed form at every one of the steps, all of them stored."""
-    plan = make_plan(
-        problem.model,
-        problem.model.state(**problem.state),
-        dt=end / steps,
-        steps=steps,
-        every=1,
-        method="exact",
-        order=None,
-        orientation=None,
-    )
-    begin = {k: np.copy(v) for k, v in plan.engine.snapshot().items()}
-    out = np.empty((steps, *plan.engine.z.shape))
-
-    def go() -> np.ndarray:
-        plan.engine.restore(begin)
-        plan.engine.advance(out, 1)
-        return out[-1, 0]
-
-    return _with_error(Run("exact", end / steps, go), problem, end)
+    """The closed form at every one of the steps, all of them returned; set up anew in each run."""
+    p, x = kr.propagator(problem.model, method="exact"), row_of(problem)
+    times = end / steps * np.arange(1, steps + 1)
+    return _own(Run("exact", end / steps, lambda: p.at(x, times)[-1]), problem, end)
 
 
 def jump(problem: Problem, end: float, lanes: int = 1) -> Run:
-    """The end state from the closed form, which is set up anew in each run: of a Lagrange top by a compiled jump."""
-    state = {k: np.repeat(v[None], lanes, 0) for k, v in problem.state.items()}
-    given, when = {"reach": end, "method": "exact", "dt": 1.0, "order": None, "orientation": None}, np.array([end])
-    if problem.kind == "lagrange-top":
-        plan, engine = plan_of_times(problem.model, state, **given)
-        jumps = Jumps(plan.scheme, lanes)
-        if not jumps.at(engine.z, when)[1].all():
-            raise RuntimeError(f"a jump of {problem.name} needs more digits than it has")
+    """The end state from the closed form, which is set up anew in each run."""
+    p, x = kr.propagator(problem.model, method="exact"), row_of(problem, lanes)
+    return _own(Run("exact jump" + " batch" * (lanes > 1), end, lambda: p.at(x, end), lanes), problem, end)
 
-        def go() -> np.ndarray:
-            return jumps.at(engine.z, when)[0][0, 0]
 
-    else:
+def row_of(problem: Problem, lanes: int = 1) -> np.ndarray:
+    """The start as `kr.propagator` takes it, (size,) or (lanes, size)."""
+    x = np.concatenate([algebra.axial(problem.skew), problem.vector]) if problem.n == 3 else problem.start
+    return np.tile(x, (lanes, 1)) if lanes > 1 else x
 
-        def go() -> np.ndarray:
-            return plan_of_times(problem.model, state, **given)[1].at(when)[0, 0]
 
-    return _with_error(Run("exact jump" + " batch" * (lanes > 1), end, go, lanes), problem, end)
+def _own(run: Run, problem: Problem, end: float) -> Run:
+    """With the error of a run that returns a state of the propagator."""
+    x = run.go().reshape(run.lanes, -1)[0]
+    entries = np.concatenate([algebra.coordinates(algebra.hat(x[:3])), x[3:]]) if problem.n == 3 else x
+    run.error = off(entries, problem.end(end))
+    return run
 
 
 def heyoka_field(problem: Problem) -> tuple[Any, Any]:
@@ -353,7 +309,7 @@ def contenders(problem: Problem, end: float, limit: float) -> Iterator[Run]:
             run.prime()
             yield run
     if problem.kind != "clebsch" and problem.n == 3:
-        for lanes in (1, LANES) if problem.kind == "lagrange-top" else (1,):
+        for lanes in (1, LANES):
             run = jump(problem, end, lanes)
             run.prime()
             yield run

@@ -1,10 +1,10 @@
-"""Ensembles of n = 3 trajectories without saving: kernels against C++ by hand, in one run, and two cores against one.
+"""Ensembles of n = 3 trajectories without saving: kr.propagator's `steps` against C++ by hand, all cores against one.
 
-Each map is timed in turn as kernel on one core, as C++ with one to four chains of vectors (the fastest counts), as
-C++ of the paper's formula without correction, and as kernel on all cores; ratios are medians over the turns. One core
-is timed by the processor time of the thread, all cores against one by the clock, which says something on an idle
-machine only: the load average is written beside it. Where llvm-mca works, the kernel's loop is set against the
-cycles that its instructions need at least.
+Each map is timed in turn as a user calls it, on one core ("kernel"), as C++ with one to four chains of vectors (the
+fastest counts), as C++ of the paper's formula without correction, and so called on all cores; ratios are medians over
+the turns.  One core is timed by the processor time of the thread, all cores against one by the clock, which says
+something on an idle machine only: the load average is written beside it.  Where llvm-mca works, the kernel's loop is
+set against the cycles that its instructions need at least.
 """
 
 from __future__ import annotations
@@ -22,11 +22,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 
+import kreisel as kr
 from kreisel.algebra import Array
 from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build
+from kreisel.bench.single import entries, row_of
 from kreisel.runs.plan import make_plan
 
 DT, LANES, STEPS, TURNS = 0.05, 64 * 96, 5_000, 9  # lanes: whole blocks for every number of chains
@@ -54,14 +57,11 @@ class Contest:
     """The contenders for one map, each on rows of its own from the same start."""
 
     def __init__(self, case: BenchCase, library: ctypes.CDLL | None):
-        state = {k: _tiled(v) for k, v in case.states["standard"].items()}
-        plan = make_plan(case.model, case.model.state(**state), dt=DT, steps=1, every=1, method="suris", order=1,
-                         orientation=None)  # fmt: skip
-        self.engine: Any = plan.engine
-        self.start = self.engine.z.copy()
-        one = np.concatenate([np.ravel(plan.scheme.constants[k]) for k in (*case.model.params, "eps")])
-        self._constants, self._out = np.tile(one, (LANES, 1)), np.empty((1, *self.start.shape))
-        self.rows = self.start.copy()
+        self._propagator = kr.propagator(case.model, method="suris", order=1, dt=DT)
+        self.start, self._entries = np.tile(row_of(case), (LANES, 1)), entries(case)
+        one = np.concatenate([np.ravel(v) for v in (*case.model.params.values(), DT)])
+        self._constants = np.tile(one, (LANES, 1))
+        self.end, self.rows = self.start, self.start @ self._entries
         symbol = case.name.replace("-", "_")
         self.steppers: dict[str, InPlaceStepper] = {"kernel": self._on_one_core, "all cores": self._on_all_cores}
         if library is None:
@@ -70,12 +70,15 @@ class Contest:
         self.steppers["all cores, cpp"] = self._by_hand_on_all_cores(library[f"{symbol}_2"])
 
     def _on_one_core(self, steps: int) -> None:
-        e = self.engine
-        project = e.projection.arguments if e.projection else ()
-        e._kernel(e.z, e.constants, e.stages, self._out, steps, 0, LANES, *project)
+        all_cores = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+        numba.config.NUMBA_NUM_THREADS = 1  # type: ignore[attr-defined]
+        try:
+            self._on_all_cores(steps)
+        finally:
+            numba.config.NUMBA_NUM_THREADS = all_cores  # type: ignore[attr-defined]
 
     def _on_all_cores(self, steps: int) -> None:
-        self.engine.advance(self._out, steps)
+        self.end = self._propagator.steps(self.start, steps)
 
     def _by_hand_on_all_cores(self, function: Any) -> InPlaceStepper:
         """What the machine gives: C++ on so many threads, each with its share of the lanes."""
@@ -101,11 +104,12 @@ class Contest:
     def agreement(self) -> float:
         """Largest difference of any contender from the kernel after some steps; raises if they are different maps."""
         self._on_one_core(CHECKED)
-        end, apart = self.engine.z.copy(), {}
+        end, apart = self.end, {}
         for name, advance in self.steppers.items():
-            self.engine.z[:], self.rows[:] = self.start, self.start
+            self.rows[:] = self.start @ self._entries
             advance(CHECKED)
-            apart[name] = float(abs((self.engine.z if name == "all cores" else self.rows) - end).max())
+            found = self.end if name in ("kernel", "all cores") else self.rows @ self._entries.T
+            apart[name] = float(abs(found - end).max())
         del apart["kernel"]
         if apart["all cores"] != 0 or not max(apart.values()) < TOLERANCE:
             raise AssertionError(f"after {CHECKED} steps the contenders are {apart} from the kernel")
@@ -132,8 +136,12 @@ class Contest:
         return {name: np.array(values) for name, values in out.items()}
 
 
-def _tiled(v: Any) -> Array:
-    return np.tile(np.asarray(v, dtype=float), (LANES, 1))
+def kernel_of(case: BenchCase) -> Any:
+    """The kernel of such an ensemble, for its machine code."""
+    state = {k: np.tile(np.asarray(v, dtype=float), (LANES, 1)) for k, v in case.states["standard"].items()}
+    asked = {"dt": DT, "steps": 1, "every": 1, "method": "suris", "order": 1}
+    engine: Any = make_plan(case.model, case.model.state(**state), **asked).engine
+    return engine._kernel
 
 
 def bound(kernel: Any) -> dict[str, Any] | None:
@@ -222,7 +230,7 @@ def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
         print(f"{'map, n = 3':<21}{'kernel':>10}{'C++':>8}{'all cores':>10}{'kernel/C++':>12}{'cores':>7}")
         for case in cases(generic=True):
             contest = Contest(case, library)
-            apart, least = contest.agreement(), bound(contest.engine._kernel)
+            apart, least = contest.agreement(), bound(kernel_of(case))
             cycles = gigahertz(library)
             row = {**ensemble_summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
             if least:

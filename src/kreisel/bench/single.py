@@ -1,7 +1,8 @@
-"""Time of one n = 3 trajectory without saving: kreisel's kernels against C++ by hand, in one run.
+"""Time of one n = 3 trajectory without saving: kr.propagator's `steps` against C++ by hand, in one run.
 
-Each map is timed in turn as kernel, projections included, and as C++ of the same formula without them, many times
-over; ratios are medians over the turns.  Parameters are known to neither side before the run.
+Each map is timed in turn as a user calls it, projections and the call included ("kernel"), and as C++ of the same
+formula without them, many times over; ratios are medians over the turns.  Parameters are known to neither side before
+the run.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
+import kreisel as kr
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build, version
-from kreisel.runs.plan import make_plan
+from kreisel.kernels import layout
 
 DT, STEPS, TURNS = 0.05, 2_000_000, 9
 CHECKED, TOLERANCE, GOAL = 1000, 1e-12, 1.05
@@ -27,35 +30,45 @@ Stepper = Callable[[Array, int], Array]
 
 
 def contenders(case: BenchCase, library: ctypes.CDLL | None) -> tuple[Array, dict[str, Stepper]]:
-    """The start as a row, and ways to step from a row, without a library one: `advance(row, steps) -> row`."""
-    model = case.model
-    plan = make_plan(model, model.state(**case.states["standard"]), dt=DT, steps=1, every=1, method="suris", order=1,
-                     orientation=None)  # fmt: skip
-    kernel: Any = plan.engine
-    start = kernel.z.copy()
-    constants = np.concatenate([np.ravel(plan.scheme.constants[k]) for k in (*model.params, "eps")])
+    """The start as a row, and ways to step from a row, without a library one: `advance(row, steps) -> row`.
 
-    def compiled(row: Array, steps: int) -> Array:
-        kernel.z[:] = row
-        kernel.advance(np.empty((1, *row.shape)), steps)
-        return kernel.z.copy()
+    A row is a state of the propagator; that of C++ has the entries of skew matrices above the diagonal.
+    """
+    p = kr.propagator(case.model, method="suris", order=1, dt=DT)
+    start = row_of(case)
+    constants = np.concatenate([np.ravel(v) for v in (*case.model.params.values(), DT)])
+    turned = entries(case)
 
     def by_hand(function: Any) -> Stepper:
         function.restype = None
         function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long]
 
         def advance(row: Array, steps: int) -> Array:
-            out = row.copy()
+            out = row @ turned
             function(out.ctypes.data, constants.ctypes.data, steps)
-            return out
+            return np.asarray(out @ turned.T)
 
         return advance
 
-    steppers: dict[str, Stepper] = {"kernel": compiled}
+    steppers: dict[str, Stepper] = {"kernel": p.steps}
     if library is not None:
         symbol = case.name.replace("-", "_")
         steppers["cpp"] = by_hand(library[symbol])
     return start, steppers
+
+
+def row_of(case: BenchCase) -> Array:
+    """The standard start as `kr.propagator` takes it."""
+    state = case.model.state(**case.states["standard"]).axial
+    return np.concatenate([state[letter] for letter in case.model.system.space.letters])
+
+
+def entries(case: BenchCase) -> Array:
+    """The matrix Q with row Q the row in entries (0, 1), (0, 2), (1, 2) of skew matrices, n = 3."""
+    kinds = ["vector" if kind == "skew" else kind for kind in case.model.system.space.kinds]
+    rows = layout.restore(np.eye(sum(layout.coordinate_count(kind, 3) for kind in kinds)), kinds, 3)
+    own = [algebra.hat(v) if k == "skew" else v for k, v in zip(case.model.system.space.kinds, rows, strict=True)]
+    return np.asarray(layout.flatten(own, case.model.system.space.kinds))
 
 
 def agreement(start: Array, steppers: dict[str, Stepper], case: str) -> dict[str, float]:
