@@ -43,6 +43,12 @@ def test_rational_functions_are_exact() -> None:
     assert slope.tolist() == [4 * S - S**2 / a**2, 4 * S * b / a + 6 / b**3, 4 * S * c / a]
 
 
+def test_half_powers_have_their_derivative_at_zero() -> None:
+    x = np.array([0.0, 4.0])
+    value, (slope,) = gradient(lambda a: a[0] ** 1.5 + (a[1] ** 2) ** 1.5 + a[1] ** -0.5 + a[1] ** 0.5, [(x, 1)])
+    assert value == 64 + 0.5 + 2 and slope.tolist() == pytest.approx([0, 48 - 1 / 16 + 1 / 4])
+
+
 def test_recorded_numbers_are_recorded() -> None:
     tape = Tape()
     x = np.array([Scalar(tape, f"z{i}") for i in range(2)], dtype=object)

@@ -112,7 +112,7 @@ def test_the_flows_begin_as_the_rates(name: str) -> None:
         if record.functions:
             state, work = kicks.kicked(system, body, time, consts, model.axes)
         if record.damping:
-            state, gained = kicks.decayed(system, state, time, consts)
+            state, gained = kicks.decayed(system, state, time, consts, model.axes)
             work = work + gained
         for axis in range(3) if record.inertia else ():
             state, _ = kicks.turned_about_axis(system, state, (), axis, time, consts)
@@ -162,6 +162,21 @@ def test_what_survives(body: Model, stays: set[str]) -> None:
     assert set(conserved(body)) == stays
 
 
+def test_what_survives_in_some_lanes_alone_does_not() -> None:
+    k = np.zeros(100)
+    k[7] = 1e-9
+    top = kr.LagrangeTop(p=(0, 0, 1), alpha=0.5)
+    assert conserved(kr.perturbed(top, potential=lambda a, *, k: k * a[0], params={"k": k})) == ("casimir",)
+    tilted = kr.LagrangeTop(p=np.array([[0, 0, 1.0], [0, 0, 2], [0.1, 0, 1]]))
+    assert conserved(kr.perturbed(tilted, potential=lambda a: a[2] ** 2)) == ("casimir",)
+
+
+def test_a_small_asymmetry_beside_a_large_force_is_seen() -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    assert conserved(kr.perturbed(top, potential=lambda a, t: 1e3 * np.cos(3 * t) * a[2] + 3e-7 * a[0])) == ("casimir",)
+    assert conserved(kr.perturbed(top, potential=lambda a: np.exp(a[2]) + 1e-10 * a[0])) == ("casimir",)
+
+
 def test_casimirs_that_a_torque_changes_are_left_out() -> None:
     body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), torque=lambda a: 0.1 * a)
     state = body.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
@@ -192,6 +207,23 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "a taken name": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params={"p": 1}), "other than"),
     "an own name": (lambda: kr.perturbed(REST, damping=0.1, name=""), "a name"),
     "axes": (lambda: kr.perturbed(kr.LagrangeTopMoving(A=(0, 1, 1), alpha=0.5), inertia=I), "principal axes"),
+    "a name of the record": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params={"eps": 1}), "other than"),
+    "a name of another record": (
+        lambda: kr.perturbed(kr.SymmetricTop(A=(0, 0, 1)), potential=lambda P: P[0], params={"alpha": 0.5}),
+        "other than",
+    ),
+    "a name of ours": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params={"_dt": 1}), "begin with a letter"),
+    "a name that Python takes": (
+        lambda: kr.perturbed(REST, potential=lambda a: a[0], params={"self": 1}),
+        "other than",
+    ),
+    "a system's name": (lambda: kr.perturbed(REST, damping=0.1, name="clebsch"), "no system of Kreisel"),
+    "a matrix that is not skew": (lambda: kr.perturbed(FREE, torque=lambda g: g), "not skew"),
+    "damping across the axis": (lambda: kr.perturbed(REST, damping=(0.1, 0.2, 0.3)), "are alike"),
+    "an equality": (lambda: kr.perturbed(REST, potential=lambda a: a[0] if a[0] == 0.5 else a[1]), "without branches"),
+    "nothing": (lambda: kr.perturbed(REST, potential=lambda a: None), "expected one number"),
+    "a complex potential": (lambda: kr.perturbed(REST, potential=lambda a: 1j * a[0]), "real numbers"),
+    "a complex torque": (lambda: kr.perturbed(FREE, torque=lambda M: 1j * M), "real numbers"),
     "no momentum": (lambda: kr.perturbed(kr.Neumann(b=(1, 2, 3)), damping=0.1), "a potential alone"),
 }
 

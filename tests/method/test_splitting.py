@@ -190,6 +190,36 @@ def test_an_archive_of_a_body_from_a_toml_file(tmp_path: Path, monkeypatch: pyte
         assert "laskar2001" in kr.cite(saved)
 
 
+def test_a_run_goes_on_with_the_system_that_it_was_made_of(tmp_path: Path) -> None:
+    def body(k: float) -> Any:
+        return kr.perturbed(TOP, potential=lambda a, t, *, k: k * a[0] * np.sin(t), params={"k": k})
+
+    start = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}
+    kr.simulate(body(0.1), start, dt=0.2, steps=50, every=10, path=tmp_path / "short.zarr").close()
+    with pytest.raises(kr.InputError, match="system="):
+        kr.resume(tmp_path / "short.zarr", extend=100)
+    with pytest.raises(kr.InputError, match="with the parameters"):
+        kr.resume(tmp_path / "short.zarr", extend=100, system=body(0.2))
+    longer = kr.simulate(body(0.1), start, dt=0.2, steps=100, every=10)
+    with kr.resume(tmp_path / "short.zarr", extend=100, system=body(0.1)) as run:
+        for name in ("m", "a", "work"):
+            assert (run[name].values == longer[name].values).all()
+
+
+@pytest.mark.parametrize("method", ["splitting", "dop853"])
+def test_a_propagator_goes_on_at_the_time_it_is_given(method: str) -> None:
+    body = kr.perturbed(TOP, potential=lambda a, t, *, k: k * a[0] * np.sin(t), params={"k": 0.3})
+    p = kr.propagator(body, method=method, dt=0.1)
+    x = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8])
+    at_once = p.steps(x, 30, time=0.0)
+    assert abs(p.steps(p.steps(x, 10, time=0.0), 20, time=1.0) - at_once).max() < 1e-8  # 1e-14 of the splitting
+    assert abs(p.steps(p.steps(x, 10, time=0.0), 20, time=0.0) - at_once).max() > 1e-4
+    with pytest.raises(kr.InputError, match="the time at the start"):
+        p.steps(x, 10)
+    with pytest.raises(kr.InputError, match="expected none"):
+        kr.propagator(TOP, dt=0.1).steps(x, 10, time=0.0)
+
+
 def test_a_force_that_becomes_nan_ends_the_run_at_its_step() -> None:
     body = kr.perturbed(TOP, potential=lambda a, t: a[0] * np.sqrt(1 - t))
     with pytest.raises(RunError, match="no longer finite at or before step 1"):
@@ -200,6 +230,26 @@ def test_a_step_too_long_for_the_closed_form_is_refused() -> None:
     body = kr.perturbed(FREE, potential=weight, params={"k": 0.1})
     with pytest.raises(RunError, match="A part of the step is longer"):
         kr.simulate(body, {"M": M0}, dt=20.0, steps=5, orientation=Q)
+
+
+def test_a_thin_top_spins_no_further_than_the_step_is_precise() -> None:
+    thin = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.003), potential=lambda P: 0 * P[0])
+    with pytest.raises(RunError, match="A part of the step is longer"):
+        kr.simulate(thin, {"M": (0.2, 0.1, 0.8), "P": P0}, dt=1.0, steps=1)
+
+
+def test_a_torque_of_the_momentum_has_order_four() -> None:
+    body = kr.perturbed(FREE, torque=lambda M: -0.1 * M * (M @ M))
+    with pytest.raises(kr.InputError, match="to order 4"):
+        kr.simulate(body, {"M": M0}, dt=0.1, steps=1, order=8)
+
+
+def test_damping_of_four_dimensions_by_lanes() -> None:
+    body = kr.perturbed(kr.EulerTop(J=(1.0, 2.0, 3.0, 4.0)), damping=(0.1, 0.2, 0.3))
+    start = np.zeros((4, 4))
+    start[0, 1], start[1, 0] = 1.0, -1.0
+    run = kr.simulate(body, {"M": start}, dt=0.1, steps=4, every=4)
+    assert abs(run.M.values[-1, :, 0, 1] - np.exp(-0.4 * np.array([0.1, 0.2, 0.3]))).max() < 1e-14
 
 
 @pytest.mark.parametrize(

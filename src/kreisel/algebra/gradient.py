@@ -7,6 +7,7 @@ lanes, fractions or recorded numbers, so that a gradient can be compiled like an
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
@@ -75,8 +76,14 @@ class Traced:
         return self._of(out, (self, -out / self.value))
 
     def __pow__(self, exponent: Any) -> Any:
-        if isinstance(exponent, Traced) or not _is_whole(exponent):
+        if isinstance(exponent, Traced) or not _is_whole(2 * exponent):
             return (exponent * self.log()).exp()
+        if not _is_whole(exponent):  # so that x^1.5 has a derivative at 0
+            count = round(exponent - 0.5)
+            if count < 1:
+                return self.sqrt() * self**count
+            low = sqrt(self.value) if count == 1 else sqrt(self.value) * _power(self.value, count - 1)
+            return self._of(low * self.value, (self, exponent * low))
         count = int(exponent)
         if count < 0:
             return 1 / self**-count
@@ -126,7 +133,10 @@ class Traced:
             "float, math.sin). It is run once, on numbers that record it. Use np.sin, np.sqrt(x * x), or a smooth form."
         )
 
-    __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __float__ = __int__ = __abs__ = __round__ = __index__ = _branch
+    __hash__ = object.__hash__
+    __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __float__ = __int__ = __abs__ = __round__ = (
+        __index__
+    ) = _branch
     __complex__ = __floordiv__ = __mod__ = __floor__ = __ceil__ = _branch
 
 
@@ -144,6 +154,8 @@ def _is_whole(x: Any) -> bool:
 
 
 def _value(x: Any) -> Any:
+    if isinstance(x, complex | np.complexfloating):
+        raise InputError(f"expected real numbers, got {x}")
     return x.value if isinstance(x, Traced) else x
 
 
@@ -167,7 +179,7 @@ def gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]
     given = [traced(tape, x, axes) for x, axes in arguments]
     out = function(*given)
     out = out.item() if isinstance(out, np.ndarray) and out.size == 1 else out
-    if isinstance(out, np.ndarray | Sequence) or not (isinstance(out, Traced) or np.isreal(out)):
+    if not isinstance(out, Traced | Real):
         raise InputError(f"expected one number, got {type(out).__name__} of shape {np.shape(out)}")
     if not isinstance(out, Traced):
         return out, [0 * x for x, _ in arguments]

@@ -35,6 +35,7 @@ from kreisel.exact.turning import turn, turned
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
 LONGEST = 1.25  # h max(|m|, sqrt(|a||p|)) of a step that is used: there it is off by 5e-11
+MOST_SPIN, TINY = 8.0, 1e-140  # radians of the turn about a in a step; a = 0: no 0/0
 LEAN = 0  # squarings of the turn about p, which is of third order in h: 0.04 at most
 
 
@@ -87,10 +88,12 @@ def step_inside(M: Array, P: Array, *g: Array, A: Array, alpha: Array, h: Array)
     return *state, algebra.unit(algebra.quaternion_product(g[0], q))
 
 
-def reach(m: Array, a: Array, *, p: Array, h: Array) -> Array:
-    """A measure of the length of a step, at most 1 up to h max(|m|, sqrt(|a||p|)) = LONGEST."""
-    square = (h / LONGEST) ** 2
-    return algebra.maximum(square * algebra.dot(m, m), square * square * algebra.dot(a, a) * algebra.dot(p, p))
+def reach(m: Array, a: Array, *, p: Array, alpha: Array, h: Array) -> Array:
+    """A measure of the length of a step: at most 1 up to h max(|m|, sqrt(|a||p|)) = LONGEST and spins by MOST_SPIN."""
+    square, A, J = (h / LONGEST) ** 2, algebra.dot(a, a), algebra.dot(m, a)
+    spin = (1 / alpha - 1) * J * h / MOST_SPIN
+    length = algebra.maximum(square * algebra.dot(m, m), square * square * A * algebra.dot(p, p))
+    return algebra.maximum(length, spin * spin / (A + TINY))
 
 
 def _known(m: Array, a: Array, f: Array, h: Array) -> Known:

@@ -15,9 +15,10 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
-from kreisel.record.contract import Frame, Parameter, System, call
+from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Force, Perturbation
+from kreisel.system import REGISTRY
 
 PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
@@ -121,17 +122,25 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
     """The parameters of the user's functions, with their values as defaults.  Raises `InputError`."""
     if not isinstance(params, Mapping):
         raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
-    taken = {*(p.letter for p in model.system.parameters), *model.system.space.letters, ORIENTATION, TIME}
-    taken |= {DAMPING, INERTIA, *model.constants}
+    taken = {*model.system.space.letters, ORIENTATION, TIME, DAMPING, INERTIA, *model.constants, *_keywords(model)}
     out = {}
     for letter, value in params.items():
-        if not isinstance(letter, str) or not letter.isidentifier() or letter in taken:
+        if not isinstance(letter, str) or not letter.isidentifier() or letter[0] == "_" or letter in taken:
             raise InputError(
-                f"params: expected names of parameters other than {', '.join(sorted(taken))}, got {shown(letter)}."
+                "params: expected names that begin with a letter, other than "
+                f"{', '.join(sorted(taken))}, got {shown(letter)}."
             )
         kind = "scalar" if np.ndim(value) <= 1 else "array"
         out[letter] = Parameter(letter, kind, "of the forces", default=value)
     return out
+
+
+def _keywords(model: Model) -> set[str]:
+    """What functions of the record take by keyword, whatever they mean by it."""
+    system = model.system
+    records = [r for r in (system, system.map, system.baecklund) if r is not None]
+    values = [value for record in records for value in vars(record).values()] + [*system.integrals.values()]
+    return {"self", "state", "alpha", *(name for f in values if inspect.isfunction(f) for name in keywords(f))}
 
 
 def _damping_and_inertia(model: Model, damping: Any, inertia: Any) -> dict[str, Parameter]:
@@ -139,10 +148,19 @@ def _damping_and_inertia(model: Model, damping: Any, inertia: Any) -> dict[str, 
     if damping is not None:
         kind = "vector" if np.shape(damping)[-1:] == (3,) and model.n == 3 else "scalar"
         meaning = "rate of linear damping, M' = -damping M, of all axes or of each"
-        out[DAMPING] = Parameter(DAMPING, kind, meaning, default=damping)
+        check = _alike if kind == "vector" and model.system.frame is Frame.REST else None
+        out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping)
     if inertia is not None:
         out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", _moments, inertia)
     return out
+
+
+def _alike(value: Array, name: str) -> None:
+    if (value[..., 0] != value[..., 1]).any():
+        raise InputError(
+            f"{name}: in the rest frame expected three rates of which the first two, across the axis of the body, are "
+            f"alike, got {shown(value.tolist())}. For a body without that symmetry use the moving frame."
+        )
 
 
 def _moments(value: Array, name: str) -> None:
@@ -197,6 +215,8 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
     base = model.system
     if name is not None and (not isinstance(name, str) or not name.isprintable() or not name.strip()):
         raise InputError(f"name: expected a name, got {shown(name)}.")
+    if name in REGISTRY:
+        raise InputError(f"name: expected a name that no system of Kreisel has, got {shown(name)}.")
     made = replace(
         base,
         name=name or f"perturbed-{base.name}",
@@ -297,7 +317,9 @@ def _try(model: Model) -> None:
     known = {letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()}
     try:
         with np.errstate(all="ignore"):
-            kicks.rates(model.system, Body(state, g, np.float64(0.5)), known, model.axes)
+            body = Body(state, g, np.float64(0.5))
+            kicks.rates(model.system, body, known, model.axes)
+            tau = kicks.torque(model.system, body, known, model.axes)
     except InputError:
         raise
     except Exception as error:
@@ -305,6 +327,10 @@ def _try(model: Model) -> None:
             f"{model.system.name}: a force cannot be computed: {type(error).__name__}: {error}. Usual cause: a "
             "function that does not take numbers of every kind; use NumPy's operations, no math, no branches."
         ) from error
+    if tau is not None and algebra.magnitude(tau + tau.mT) > SKEW_TOLERANCE * max(1.0, algebra.magnitude(tau)):
+        raise InputError(
+            "torque: expected a skew matrix or, for n = 3, an axial vector, got a matrix that is not skew."
+        )
 
 
 def _random(kind: str, n: int, draw: Callable[..., Array]) -> Array:

@@ -1,7 +1,7 @@
 """What survives a perturbation: the Casimirs and integrals whose derivative along it vanishes.
 
 Tested at random points, in rational numbers where the functions take them, else in doubles; with the parameters as they
-are, for up to some lanes.
+are, in all lanes.
 """
 
 from __future__ import annotations
@@ -23,29 +23,37 @@ from kreisel.record.contract import Function, PhaseSpace, call
 from kreisel.record.model import Model
 
 POINTS = 3
-MOST_LANES = 16
-ZERO = 1e-9  # of the terms, in doubles
+ZERO = 1e-13  # of the slope times the rate, in doubles
 
 
 def conserved(model: Model) -> tuple[str, ...]:
     """The names of the Casimirs ("casimir") and integrals that no force of a perturbed system changes."""
-    return reused((conserved, model.key), lambda: _conserved(model))
-
-
-def _conserved(model: Model) -> tuple[str, ...]:
-    lanes = [model]
-    if model.batch:
-        count = model.batch[0]
-        chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_LANES)).astype(int))
-        lanes = [_one(model, lane) for lane in chosen.tolist()]
-    return tuple(
-        name for name, function in candidates(model).items() if all(all(_survives(lane, function)) for lane in lanes)
+    return reused(
+        (conserved, model.key),
+        lambda: tuple(name for name, function in candidates(model).items() if all(surviving_parts(model, function))),
     )
 
 
 def surviving_parts(model: Model, function: Function) -> list[bool]:
-    """Which parts of a function of the state no force changes, in the first lane."""
-    return _survives(_one(model, 0) if model.batch else model, function)
+    """Which parts of a function of the state no force changes, in any lane."""
+    each = [_survives(one, function) for one in _representatives(model)]
+    return [all(part) for part in zip(*each, strict=True)]
+
+
+def _representatives(model: Model) -> list[Model]:
+    """The model itself; of lanes the first one, and one with a random mean of the parameters over all lanes.
+
+    What holds for that mean holds for all lanes: the derivatives are analytic functions of the parameters.
+    """
+    if not model.batch:
+        return [model]
+    drawn = np.random.default_rng(2).random(model.batch)
+    weights = drawn / drawn.sum()
+    varied = {k for k, v in model.params.items() if v.ndim > model.axes[k]}
+    means = {k: np.tensordot(weights, v, 1) if k in varied else v for k, v in model.params.items()}
+    first = {k: v[0] if k in varied else v for k, v in model.params.items()}
+    same = {k for k in varied if (model.params[k] == model.params[k][0]).all()}
+    return [Model(model.system, first), Model(model.system, {**means, **{k: first[k] for k in same}})]
 
 
 def candidates(model: Model) -> dict[str, Function]:
@@ -55,14 +63,8 @@ def candidates(model: Model) -> dict[str, Function]:
     return {**out, **model.system.integrals}
 
 
-def _one(model: Model, lane: int) -> Model:
-    """The model of one lane, without a batch axis."""
-    chosen = model.lanes(np.array([lane]))
-    return Model(chosen.system, {k: v[0] if v.ndim > model.axes[k] else v for k, v in chosen.params.items()})
-
-
 def _survives(model: Model, function: Function) -> list[bool]:
-    """Which parts of a function do, in rational numbers if possible."""
+    """Which parts of a function do in one lane: in rational numbers if possible, else in doubles."""
     try:
         exactly = Model(model.system, {k: _rationals(v) for k, v in model.params.items()})
         return _all_of_parts(exactly, function, _fraction, lambda slope, scale: _is_zero(slope))
@@ -111,9 +113,9 @@ def _slopes(model: Model, function: Function, number: Callable[[float], Any]) ->
             def of_part(*parts: Any, part: int = part) -> Any:
                 return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
 
-            slope = np.concatenate([np.ravel(v) for v in _derivative(space, n, of_part, state)])
+            slope = np.concatenate(_derivative(space, n, of_part, state))
             along = [algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rates, strict=True)]
-            rate = np.concatenate([np.ravel(v) for v in along])
+            rate = np.concatenate(along)
             parts.append((sum(slope * rate), max(abs(slope)) * max(abs(rate))))
         yield parts
 

@@ -163,13 +163,13 @@ def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Arra
     return out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0])) if record.inertia else out
 
 
-def damped(system: System, state: tuple[Array, ...], factors: Array) -> Array:
+def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bool) -> Array:
     """The momentum with each part multiplied: a number for all, or one for each axis (..., 3), n = 3.
 
     In the rest frame the last axis is that of the carried vector a, and the first two are alike.
     """
     M = state[0]
-    if factors.shape[-1:] != (3,):
+    if not by_axis:
         return algebra.mat(factors) * M
     m = algebra.axial(M)
     if system.frame is Frame.MOVING:
@@ -189,7 +189,7 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
     tau = torque(system, body, known, axes)
     losses = [] if tau is None else [tau]
     if record.damping:
-        losses.append(-damped(system, body.state, np.asarray(known[DAMPING])))
+        losses.append(-damped(system, body.state, known[DAMPING], axes[DAMPING] > 0))
     for rate in losses:
         out[0] = out[0] + rate
         work = work + algebra.pairing(Omega, rate)
@@ -243,10 +243,13 @@ def _by_runge_kutta(
     return (start + scale * total, *rest), work + h * gain
 
 
-def decayed(system: System, state: tuple[Array, ...], h: Any, known: Constants) -> tuple[tuple[Array, ...], Any]:
+def decayed(
+    system: System, state: tuple[Array, ...], h: Any, known: Constants, axes: Mapping[str, int]
+) -> tuple[tuple[Array, ...], Any]:
     """The state after linear damping for the time h, exactly, and the work."""
-    lost = expm1(-(algebra.vec(h) if np.ndim(known[DAMPING]) > np.ndim(h) else h) * known[DAMPING])
-    new = (state[0] + damped(system, state, np.asarray(lost)), *state[1:])
+    by_axis = axes[DAMPING] > 0
+    lost = expm1(-(algebra.vec(h) if by_axis else h) * known[DAMPING])
+    new = (state[0] + damped(system, state, lost, by_axis), *state[1:])
     return new, kinetic(system, new, known) - kinetic(system, state, known)
 
 

@@ -14,7 +14,7 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
-WORK, BALANCE = "work", "balance"
+COUNT, WORK, BALANCE = "count", "work", "balance"  # count: of whole steps
 
 
 def require_orientation(model: Model, oriented: bool) -> None:

@@ -65,11 +65,11 @@ def _free_body(base: System) -> Integrable:
 
 def _top(base: System) -> Integrable:
     """In the rest frame (m, a, p), in the moving frame (M, A, P) of the record."""
-    rest = base.frame is Frame.REST
+    rest, unequal = base.frame is Frame.REST, any(p.letter == "alpha" for p in base.parameters)
 
     def of(own: State, known: Constants) -> tuple[Array, Array, Array, Array]:
         m, a, p = call(base.top, own, known)
-        return algebra.axial(m), a, p, known.get("alpha", 1.0)
+        return algebra.axial(m), a, p, known["alpha"] if unequal else 1.0
 
     def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
         m, a, p, alpha = of(own, known)
@@ -80,8 +80,8 @@ def _top(base: System) -> Integrable:
         return (algebra.hat(m), b), tuple(turned)
 
     def reach(own: State, h: Any, known: Constants) -> Any:
-        m, a, p, _ = of(own, known)
-        return top_step.reach(m, a, p=p, h=h)
+        m, a, p, alpha = of(own, known)
+        return top_step.reach(m, a, p=p, alpha=alpha, h=h)
 
     return Integrable("the closed form of a Lagrange top", move, reach)
 

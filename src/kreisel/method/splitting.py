@@ -23,10 +23,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import INERTIA, ORIENTATION, Body, perturbation_of
-from kreisel.method.driven import WORK, outcomes_of_work, require_orientation, with_work, zero
+from kreisel.method.driven import COUNT, WORK, outcomes_of_work, require_orientation, with_work, zero
 from kreisel.method.integrable import Integrable, integrable
 from kreisel.method.observing import observer, orientation_outcome, with_orientation
 from kreisel.method.record import Method
@@ -38,7 +39,7 @@ from kreisel.record.perturbation import TIME
 DEFAULT = (8, 6, 4)
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 SAME = 4e-16  # relative: inverse moments that differ by rounding
-COUNT, REACH = "count", "reach"
+REACH = "reach"
 
 State = tuple[Array, ...]
 Constants = Mapping[str, Array]
@@ -56,6 +57,7 @@ class Splitting:
         self.fractions = splitting(order)
         self.part: Integrable = integrable(model)
         self.axes = _changed_axes(model) if self.record.inertia else []
+        _require_a_symmetric_kick(model, order)
         kinds = len(self.axes) + bool(self.record.functions) + self.record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
 
@@ -123,11 +125,21 @@ class Splitting:
         return own, g
 
     def _damped(self, own: State, h: Array, known: Constants) -> tuple[State, Any]:
-        return kicks.decayed(self.model.system, own, h, known) if self.record.damping else (own, 0)
+        return kicks.decayed(self.model.system, own, h, known, self.model.axes) if self.record.damping else (own, 0)
 
     def begin(self, x: State) -> State:
         """The state and the orientation with the other numbers at time 0."""
         return (*x, *(zero(self.model.system, x) for _ in self.extra))
+
+
+def _require_a_symmetric_kick(model: Model, order: Any) -> None:
+    """Raises `InputError` for orders that the kick by a torque of the momentum, of order 4, does not have."""
+    torque = perturbation_of(model.system).torque
+    if torque is not None and torque.names(model.system.space.letters[0]) and order in (6, 8):
+        raise InputError(
+            f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque of the momentum is "
+            f"integrated to order 4, got order={order}. Damping has an exact flow: give it as damping=..."
+        )
 
 
 def _changed_axes(model: Model) -> list[int]:

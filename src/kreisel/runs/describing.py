@@ -234,6 +234,6 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
     if is_own(attrs):
         raise InputError(
             f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
-            "run its TOML file or kr.simulate again with more steps."
+            "give it as kr.resume(path, system=...), or run its TOML file or kr.simulate again with more steps."
         )
     return find(attrs["system"])(**an_object(attrs, "parameters"))

@@ -20,9 +20,11 @@ from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
+from kreisel.method.driven import COUNT
 from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 from kreisel.runs.at import wanted_times
 from kreisel.runs.plan import LARGE, Plan, planned
 from kreisel.runs.settings import (
@@ -30,6 +32,7 @@ from kreisel.runs.settings import (
     Settings,
     _orientation,
     check_model,
+    finite_number,
     flag,
     named,
     observed,
@@ -105,8 +108,10 @@ class Propagator:
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
 
-    def steps(self, state: Any, n: int, every: int | None = None) -> Any:
+    def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None) -> Any:
         """The state after n steps of dt; with `every`, rows along a first axis: the steps 0, every, 2 every, ... and n.
+
+        `time` at the start, of bodies with forces that depend on it (`kr.perturbed`); `work` counts from the start.
 
         Raises `InputError` for what is no state or no number of steps, `RunError` where the state is no longer finite
         or something that the method conserves is lost.
@@ -118,11 +123,28 @@ class Propagator:
             found = self._by_a_plan(x, count, between)
         else:
             into, out_of = self._conversions(len(x))
-            z = into(x[None])[0]
+            z = self._at_time(into(x[None])[0], time)
             engine = self._begun(z, count, between)
             found = out_of(self._rows(engine, x, z, count, between))
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
+
+    def _at_time(self, z: Floats, time: float | None) -> Floats:
+        """The start with its time.  Raises `InputError` where forces depend on it and none is given, or the reverse."""
+        record = self.model.system.perturbation
+        timed = record is not None and record.names(TIME)
+        if timed != (time is not None):
+            raise InputError(
+                f"time: expected {'the time at the start' if timed else 'none'}, since the forces of "
+                f"{self.model.system.name} {'' if timed else 'do not '}depend on it, got {shown(time)}."
+            )
+        if not timed:
+            return z
+        flow = self._scheme.rate is not None
+        place = [letter for letter, _ in self._scheme.components].index(TIME if flow else COUNT)
+        column = sum(layout.coordinate_count(kind, self.model.n) for kind in self._own_kinds[:place])
+        z[:, column] = finite_number(time, "time") / (1 if flow else self.settings.dt)
+        return z
 
     def _states(self, z: Floats, when: Floats) -> Floats:
         """By compiled jumps where all of them are right, else by orbits that are set up for this state."""

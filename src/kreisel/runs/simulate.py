@@ -95,12 +95,15 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
         return _write(Archive(where, plan, overwrite), integration, progress)
 
 
-def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None) -> xr.Dataset:
+def resume(
+    path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None, system: Any = None
+) -> xr.Dataset:
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen one that is finished.
 
     path      the archive, NAME or NAME.part
     extend    the run's new number of steps, more than it has: a finished run goes on to it
     progress  as in `simulate`
+    system    of a system of your own (`kr.perturbed`), which no archive holds: the same as in the run
 
     The parameters, the start, the method and the state of its engine come from the archive.  The same bits are
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
@@ -114,7 +117,7 @@ def resume(path: str | os.PathLike[str], *, extend: int | None = None, progress:
     with Lock(where):
         if settle(where) and extend is None:  # all that was left to do
             return open_archive(where)
-        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"))
+        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system)
         return watched(_write(archive, integration, progress))
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 from kreisel.kernels.layout import Floats
+from kreisel.record.model import Model
 from kreisel.runs.describing import (
     CORRECTION,
     TIME,
@@ -204,7 +205,7 @@ class Archive:
                 remove(self.part)
 
 
-def reopen(path: Path, extend: int | None) -> tuple[Archive, Integration]:
+def reopen(path: Path, extend: int | None, system: Model | None = None) -> tuple[Archive, Integration]:
     """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
     part = part_of(path)
     store = part if stands(part) else path
@@ -218,7 +219,7 @@ def reopen(path: Path, extend: int | None) -> tuple[Archive, Integration]:
     if extend is not None and extend < attrs["steps"]:
         raise InputError(f"{path} has {attrs['steps']:,} steps: expected more for --extend, got {extend:,}.")
     snapshot, start, known = _checkpoint(store, attrs)
-    plan = _plan_of_run(attrs, start, steps)
+    plan = _plan_of_run(attrs, start, steps, system)
     block = attrs["rows_in_block"] if snapshot.flushed else block_rows(plan)
     integration = _integration(plan, block)
     integration.restore(snapshot)

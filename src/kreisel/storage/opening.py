@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import stat
@@ -10,37 +11,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from kreisel.errors import InputError
+from kreisel.kernels.layout import Floats
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.model import Model
+from kreisel.runs.describing import FORMAT, in_memory, is_own, model_of, saved_times
 from kreisel.runs.drift import KINDS
-from kreisel.storage import manifest
-from kreisel.storage.reading import parsed, place
-from kreisel.storage.replacing import (
-    LARGEST_METADATA,
-    part_of,
-    settled,
-    stands,
-)
+from kreisel.runs.integration import Integration, Snapshot
+from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.settings import Settings, check_model
+from kreisel.storage import checkpoint, manifest
+from kreisel.storage.reading import observe_of, order_of, parsed, place
+from kreisel.storage.replacing import LARGEST_METADATA, part_of, settled, stands
 
 if TYPE_CHECKING:
     import xarray as xr
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from kreisel.kernels.layout import Floats
-from kreisel.method.observing import ORIENTATION
-from kreisel.runs.describing import (
-    FORMAT,
-    in_memory,
-    is_own,
-    model_of,
-    saved_times,
-)
-from kreisel.runs.integration import Integration, Snapshot
-from kreisel.runs.plan import Plan, plan_of
-from kreisel.runs.settings import Settings
-from kreisel.storage import checkpoint
-from kreisel.storage.reading import observe_of, order_of
 
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
@@ -317,8 +304,10 @@ READING: dict[str, Any] = {
 }
 
 
-def _plan_of_run(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int) -> Plan:
-    """The plan of a run from its attributes and its start."""
+def _plan_of_run(
+    attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int, system: Model | None = None
+) -> Plan:
+    """The plan of a run from its attributes and its start; `system`: of a system of the user's own."""
     asked = Settings.checked(
         dt=attrs["dt"],
         steps=steps,
@@ -330,4 +319,16 @@ def _plan_of_run(attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: i
         observe=observe_of(attrs),
     )
     state = {letter: value for letter, value in start.items() if letter != ORIENTATION}
-    return plan_of(model_of(attrs), state, asked, start.get(ORIENTATION))
+    model = model_of(attrs) if system is None else _same(system, attrs)
+    return plan_of(model, state, asked, start.get(ORIENTATION))
+
+
+def _same(model: Model, attrs: Mapping[str, Any]) -> Model:
+    """The model, if a run was made from one of its name and parameters.  Raises `InputError`."""
+    check_model(model)
+    given = json.dumps({k: v.tolist() for k, v in model.params.items()})
+    if model.system.name != attrs["system"] or given != attrs["parameters"]:
+        raise InputError(
+            f"system: expected {attrs['system']} with the parameters {attrs['parameters']} of the run, got {model!r}."
+        )
+    return model

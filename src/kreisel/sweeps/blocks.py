@@ -194,7 +194,7 @@ class Sweep:
         for summary in summaries:
             out |= summary.result()
         options = plan.scheme.options or {}
-        if "order" in options:
+        if isinstance(options.get("order"), int):
             chosen = (options["order"], plan.dt)
             out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, chosen, strict=True)}
         for value in out.values():
