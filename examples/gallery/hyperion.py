@@ -10,10 +10,8 @@ neighbouring motions separate by a factor e in one to three orbits of 21.28 days
 
 The planar motion agrees with C theta'' = -(3/2) (B - A) sin(2 (theta - f))/r^3, integrated by SciPy.
 
-Whether the moon of today tumbles as this model does is open (Goldberg and Batygin find it near a resonance).
-
 Source: J. Wisdom, S. J. Peale, F. Mignard, Icarus 58 (1984) 137: e = 0.1, half axes 190, 145, 114 km, (B - A)/C =
-0.264; states and their stability in its abstract.  M. Goldberg, K. Batygin, Astron. Astrophys. 692 (2024) A9.
+0.264; states and their stability in its abstract.
 """
 
 import os
