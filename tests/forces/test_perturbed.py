@@ -154,7 +154,7 @@ def test_a_free_body_with_a_weight_is_a_heavy_top() -> None:
         (kr.perturbed(FREE, potential=lambda g: g[2, 2]), set()),
         (kr.perturbed(FREE, inertia=2 * I), {"casimir", "spectrum"}),
         (kr.perturbed(FREE, inertia=I[::-1]), {"casimir"}),
-        (kr.perturbed(MOVING, potential=lambda P, *, k: k * P[0], params={"k": [0.0, 0.1, 0.2]}), {"casimir"}),
+        (kr.perturbed(MOVING, potential=lambda P, *, k: k * P[0], params={"k": [[0.0], [0.1], [0.2]]}), {"casimir"}),
         (kr.perturbed(kr.LagrangeTop(p=(0, 0, 0, 1)), potential=lambda a: a[3] ** 2), {"casimir", "noether"}),
     ],
 )

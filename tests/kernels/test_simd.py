@@ -114,16 +114,18 @@ def test_a_sign_is_folded() -> None:
     assert new == [kept[0].names[0]]
 
 
-@pytest.fixture
-def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Compiled anew: a kernel from the cache has no assembly."""
     if register_width() == 2:
         pytest.skip("the loop is looked for in registers of AVX")
-    monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
-    monkeypatch.setattr(ensemble, "LANES", 64)
-    (case,) = [case for case in short.cases(generic=True) if case.name == "clebsch"]
-    monkeypatch.setattr(cpu, "_operations", lambda: str(tmp_path).encode())
-    return ensemble.Contest(case, None).engine._kernel
+    folder = str(tmp_path_factory.mktemp("cache"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("KREISEL_CACHE", folder)
+        patch.setattr(ensemble, "LANES", 64)
+        patch.setattr(cpu, "_operations", folder.encode)
+        (case,) = [case for case in short.cases(generic=True) if case.name == "clebsch"]
+        return ensemble.kernel_of(case)
 
 
 def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) -> None:

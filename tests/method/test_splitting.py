@@ -61,7 +61,7 @@ def test_order_in_the_step(order: Any, counts: tuple[int, int]) -> None:
 def errors_by_powers(order: Any, count: int) -> tuple[float, float]:
     """The error in M by the first and by the second power of eps, over eps and eps^2."""
     time, eps = 4.0, 1e-4
-    body = kr.perturbed(FREE, potential=shaken, params={"k": np.array([eps, -eps, 0.0])})
+    body = kr.perturbed(FREE, potential=shaken, params={"k": [[eps], [-eps], [0.0]]})
     runs = [
         kr.simulate(body, {"M": M0}, dt=time / n, steps=n, every=n, orientation=Q, order=how).M.values[-1]
         for n, how in ((count, order), (64, (8, 6, 4)))

@@ -47,8 +47,8 @@ def perturbed(
                frame the last is that of its axis).  Exact
     inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
                moving frame, n = 3
-    params     the parameters that the functions name after `*`, by name: a number, numbers that vary by lane (one
-               axis), or an array of more axes, which is the same in all lanes
+    params     the parameters that the functions name after `*`, by name: a number, a vector (n numbers), or either
+               with an axis of lanes in front; a number in just n lanes as (n, 1)
     name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
 
     Functions are run once, on numbers that record what is done to them: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
@@ -130,9 +130,17 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
                 "params: expected names that begin with a letter, other than "
                 f"{', '.join(sorted(taken))}, got {shown(letter)}."
             )
-        kind = "scalar" if np.ndim(value) <= 1 else "array"
+        kind, value = _kind(value, model.n)
         out[letter] = Parameter(letter, kind, "of the forces", default=value)
     return out
+
+
+def _kind(value: Any, n: int) -> tuple[str, Any]:
+    """What kind of parameter a value is, and the value with a single axis of lanes."""
+    shape = np.shape(value)
+    if shape[-1:] == (n,) and len(shape) <= 2:
+        return "vector", value
+    return "scalar", np.reshape(value, shape[:1]) if len(shape) == 2 and shape[1] == 1 else value
 
 
 def _keywords(model: Model) -> set[str]:
