@@ -86,15 +86,17 @@ def off(got: Any, truth: Any) -> float:
 
 def stepped(system: Any, problem: Problem, method: str, order: Any, evaluations: int) -> list[dict[str, float]]:
     """Error, evaluations and time for each number of steps."""
-    out = []
+    out, more = [], {"time": 0.0} if "g" in problem.start else {}
     for n in STEPS:
         p = kr.propagator(system, method=method, order=order, dt=TIME / n, orientation="g" in problem.start)
         try:
-            error = off(p.steps(problem.start, n), truth(problem))
+            error = off(p.steps(problem.start, n, **more), truth(problem))
         except kr.RunError:  # a step that is too long
             continue
         x = np.concatenate([np.ravel(v) for v in problem.start.values()]).astype(float)
-        out.append({"error": error, "evaluations": n * evaluations, "us": took(lambda p=p, x=x, n=n: p.steps(x, n))})
+        out.append(
+            {"error": error, "evaluations": n * evaluations, "us": took(lambda p=p, x=x, n=n: p.steps(x, n, **more))}
+        )
     return out
 
 

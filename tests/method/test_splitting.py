@@ -275,3 +275,26 @@ def test_fractions_are_symmetric() -> None:
         assert isinstance(found, Splitting)
         assert found.a == found.a[::-1] and found.b == found.b[::-1]
         assert abs(sum(found.a) - 1) < 1e-15 * 8 and abs(sum(found.b) - 1) < 1e-15 * 8
+
+
+def test_a_sweep_over_a_parameter_of_a_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from kreisel.cli import app
+
+    (tmp_path / "my.py").write_text(
+        "import kreisel as kr\n"
+        "body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a, *, k: k * a[0] ** 2, params=dict(k=1))"
+    )
+    (tmp_path / "sweep.toml").write_text(
+        '[system]\nfile = "my.py"\nname = "body"\n[state]\nm = [0.1, 0.2, 1.5]\na = [0.6, 0, 0.8]\n'
+        '[run]\ndt = 0.3\nsteps = 20\n[sweep]\nsave = ["drift"]\n[sweep.grid]\n"system.k" = [0.0, 0.02]\n'
+        '[output]\npath = "sweep.zarr"\n'
+    )
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["sweep", "sweep.toml"])
+    assert done.exit_code == 0, done.output
+    body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a, *, k: k * a[0] ** 2, params={"k": 0.02})
+    run = kr.simulate(body, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.3, steps=20)
+    with kr.open_run(tmp_path / "sweep.zarr") as saved:
+        assert float(saved.energy_drift[1]) == float(abs(run.energy - run.energy[0]).max())

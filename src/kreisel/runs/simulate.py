@@ -33,7 +33,7 @@ def simulate(
     steps: int,
     every: int = 1,
     method: str | None = None,
-    order: int | str | None = None,
+    order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
     orientation: Any = None,
     engine: str | None = None,
@@ -51,9 +51,11 @@ def simulate(
     dt           step in the system's unit of time, > 0
     method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
                  bodies, n = 3, where neither an order nor an engine for maps is asked for
-    order        one of those that the method has.  "auto" (baecklund): the order and the number of steps between two
-                 saved states that reach `tol` at the least cost, chosen before the run (attributes dt, steps, options)
-    tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry
+    order        one of those that the method has; of splittings a tuple, (8, 2).  "auto" (baecklund): the order and the
+                 number of steps between two saved states that reach `tol` at the least cost, chosen before the run
+                 (attributes dt, steps, options)
+    tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry; with
+                 method="dop853" the relative tolerance
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
                  it is then carried along as the variable g
     engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for

@@ -63,7 +63,7 @@ def sweep(
     path: str | os.PathLike[str],
     every: int = 1,
     method: str | None = None,
-    order: int | str | None = None,
+    order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
     orientation: Any = None,
     project: bool = True,
