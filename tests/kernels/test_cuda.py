@@ -65,6 +65,38 @@ assert (more.a.values == whole.a.values).all()
 """
 
 
+FORCED = """
+import numpy as np
+import kreisel as kr
+
+draw = np.random.default_rng(3)
+body = kr.perturbed(
+    kr.EulerTop(J=(1, 2, 2.5)),
+    potential=lambda g, t, *, k: k * np.exp(-np.sin(t)) * g[2, 2] ** 2 + np.log(2 + g[0, 1]),
+    damping=0.01,
+    params={"k": draw.normal(size=5)},
+)
+x0 = body.state(M=draw.normal(size=(5, 3)))
+runs = [kr.simulate(body, x0, dt=0.1, steps=6, every=2, method="splitting", order=(4, 2), engine=engine,
+                    orientation=(1, 0, 0, 0), progress=False) for engine in ("cuda", "cpu")]
+assert runs[0].attrs["engine"] == "cuda"
+for name in ("M", "g", "work"):
+    print(name, abs(runs[0][name].values - runs[1][name].values).max(), abs(np.ptp(runs[1][name].values, 0)).max())
+"""
+
+
+def test_forces_on_the_gpu(tmp_path: Path) -> None:
+    """sin, exp and log of forces, time, damping, orientation, parameters by lane: the same numbers as on the CPU."""
+    env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
+    run = [sys.executable, "-c", FORCED]
+    out = subprocess.run(run, capture_output=True, text=True, env=env, check=False, cwd=tmp_path, timeout=300)
+    assert out.returncode == 0, out.stderr
+    for line in out.stdout.splitlines():
+        _, apart, change = line.split()
+        assert float(apart) < 1e-13 < 1e-4 < float(change)
+    assert len(out.stdout.splitlines()) == 3
+
+
 def test_the_kernel_of_the_gpu_is_the_definition(tmp_path: Path) -> None:
     """Per-lane parameters, orientation, stages and `close`, a recorded loop; the simulator does not fuse products."""
     env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}

@@ -282,6 +282,17 @@ def test_extended_equals_longer(first: int, top: object, x0: object, tmp_path: P
     assert checking.check_archive(tmp_path / "run.zarr")[1] == []
 
 
+def test_extended_with_the_tolerance_of_the_run(top: object, x0: object, tmp_path: Path) -> None:
+    asked = {"dt": 0.25, "every": 4, "method": "dop853", "tol": 1e-4, "progress": False}
+    kr.simulate(top, x0, path=tmp_path / "long.zarr", steps=60, **asked)
+    kr.simulate(top, x0, path=tmp_path / "run.zarr", steps=30, **asked)
+    kr.resume(tmp_path / "run.zarr", extend=60)
+    assert contents(tmp_path / "run.zarr") == contents(tmp_path / "long.zarr")
+    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+    tight = kr.simulate(top, x0, steps=60, **{**asked, "tol": 1e-9})
+    assert abs(tight.a.values - kr.open_run(tmp_path / "run.zarr").a.values).max() > 1e-6  # tol makes a difference
+
+
 def test_extension_that_is_none(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)

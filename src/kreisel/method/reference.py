@@ -75,7 +75,9 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
 
 
 def with_tolerance(scheme: Scheme, tol: float) -> Scheme:
-    """The same with rtol = tol and atol = tol/1000."""
+    """The same with rtol = tol and atol = tol/1000; itself for the rtol that it has."""
+    if tol == RTOL:
+        return scheme
     return replace(scheme, options={**(scheme.options or {}), "rtol": tol, "atol": tol * ATOL / RTOL}, key=None)
 
 

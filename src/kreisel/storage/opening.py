@@ -23,7 +23,7 @@ from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.settings import Settings, check_model
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.reading import observe_of, order_of, parsed, place
+from kreisel.storage.reading import observe_of, order_of, parsed, place, tolerance_of
 from kreisel.storage.replacing import LARGEST_METADATA, part_of, settled, stands
 
 if TYPE_CHECKING:
@@ -314,6 +314,7 @@ def _plan_of_run(
         every=attrs["every"],
         method=attrs["method"],
         order=order_of(attrs),
+        tol=tolerance_of(attrs),
         engine=attrs.get("engine", "cpu"),
         project=attrs["projection"] > 0,
         observe=observe_of(attrs),

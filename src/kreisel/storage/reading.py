@@ -106,6 +106,14 @@ def order_of(attrs: Mapping[str, Any]) -> int | tuple[int, ...] | None:
     return order
 
 
+def tolerance_of(attrs: Mapping[str, Any]) -> float | None:
+    """The tolerance of an adaptive method, among the options of a run; None of a fixed step.  Raises `InputError`."""
+    tol = an_object(attrs, "options").get("rtol")
+    if not isinstance(tol, float | None):
+        raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
+    return tol
+
+
 def observe_of(attrs: Mapping[str, Any]) -> list[str] | None:
     """What a run observes beside its state, or None for all.  Raises `InputError`."""
     if "observe" not in attrs:

@@ -15,7 +15,7 @@ from kreisel.runs.describing import is_own, model_of, versions
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.settings import Settings
-from kreisel.storage.reading import order_of, parsed
+from kreisel.storage.reading import order_of, parsed, tolerance_of
 from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of
 
 if TYPE_CHECKING:
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 SAMPLES = 8
 MOST_STEPS = 200_000  # lane-steps in all samples together; below a second for most maps
 NUDGE = 1e-10  # relative change of a start, which measures how sensitive a row is to the one before
-CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps
+CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps (at least)
 
 
 def steps_again(run: xr.Dataset) -> list[str]:
     """Compute the row after each of some rows, state and orientation, and compare it with the saved one.
 
-    A row may differ by `CLOSE`, and by a hundredth of the effect of a relative change of the start by 1e-10.  Nothing
-    is compared where a row takes too long.
+    A row may differ by `CLOSE` (dop853: `LOOSE`, or 100 times its tolerance), and by a hundredth of the effect of a
+    relative change of the start by 1e-10.  Nothing is compared where a row takes too long.
     """
     attrs, rows = run.attrs, run.sizes["time"]
     each = attrs["every"] * run.sizes.get("lane", 1)
@@ -39,6 +39,8 @@ def steps_again(run: xr.Dataset) -> list[str]:
     if is_own(attrs) or count < 1 or "recovered" in attrs:
         return []
     names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") in ("state", "orientation")]
+    tol = tolerance_of(attrs)
+    close = CLOSE if tol is None else max(LOOSE, 100 * tol)
     for row in np.unique(np.linspace(0, rows - 2, count).astype(int)).tolist():
         steps = min((row + 1) * attrs["every"], attrs["steps"]) - row * attrs["every"]
         saved = run[names].isel(time=slice(row, row + 2)).load()
@@ -51,7 +53,7 @@ def steps_again(run: xr.Dataset) -> list[str]:
             off = _difference_of_rows(here[name], value, name)
             feels = _difference_of_rows(here[name], nudged[name], name)
             size = abs(value).max()
-            if off > (LOOSE if attrs["method"] == "dop853" else CLOSE) * size + feels / 100:
+            if off > close * size + feels / 100:
                 return [f"{name} of row {row + 1} does not follow from row {row}: it is off by {off:.2g}"]
     return []
 
@@ -73,6 +75,7 @@ def _plan_from_row(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> P
         every=steps,
         method=attrs["method"],
         order=order_of(attrs),
+        tol=tolerance_of(attrs),
         engine="cpu",
         project=False,
     )
