@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.algebra.gradient import Traced, gradient
+from kreisel.algebra.gradient import TracedNumber, value_and_gradient
 from kreisel.kernels.tape import Scalar, Tape
 
 
@@ -26,17 +26,17 @@ def test_differences_say_the_same(batch: tuple[int, ...]) -> None:
     rng = np.random.default_rng(1)
     a, g, t = rng.random((*batch, 3)), rng.random((*batch, 3, 3)), rng.random(batch)
     da, dg, dt = rng.normal(size=a.shape), rng.normal(size=g.shape), rng.normal(size=t.shape)
-    value, (A, G, T) = gradient(everything, [(a, 1), (g, 2), (t, 0)])
+    value, (A, G, T) = value_and_gradient(everything, [(a, 1), (g, 2), (t, 0)])
     assert np.shape(value) == batch and A.shape == a.shape and G.shape == g.shape
     h = 1e-6
-    up, down = (gradient(everything, [(a + s * da, 1), (g + s * dg, 2), (t + s * dt, 0)])[0] for s in (h, -h))
+    up, down = (value_and_gradient(everything, [(a + s * da, 1), (g + s * dg, 2), (t + s * dt, 0)])[0] for s in (h, -h))
     along = (A * da).sum(-1) + (G * dg).sum((-1, -2)) + T * dt
     assert abs((up - down) / (2 * h) - along).max() < 1e-7  # 2e-9
 
 
 def test_rational_functions_are_exact() -> None:
     x = np.array([Fraction(1, 2), Fraction(2, 3), Fraction(3)], dtype=object)
-    value, (slope,) = gradient(lambda a: (a @ a) ** 2 / a[0] - 3 * a[1] ** -2, [(x, 1)])
+    value, (slope,) = value_and_gradient(lambda a: (a @ a) ** 2 / a[0] - 3 * a[1] ** -2, [(x, 1)])
     a, b, c = x
     S = a * a + b * b + c * c
     assert value == S**2 / a - 3 / b**2
@@ -45,14 +45,16 @@ def test_rational_functions_are_exact() -> None:
 
 def test_half_powers_have_their_derivative_at_zero() -> None:
     x = np.array([0.0, 4.0])
-    value, (slope,) = gradient(lambda a: a[0] ** 1.5 + (a[1] ** 2) ** 1.5 + a[1] ** -0.5 + a[1] ** 0.5, [(x, 1)])
+    value, (slope,) = value_and_gradient(
+        lambda a: a[0] ** 1.5 + (a[1] ** 2) ** 1.5 + a[1] ** -0.5 + a[1] ** 0.5, [(x, 1)]
+    )
     assert value == 64 + 0.5 + 2 and slope.tolist() == pytest.approx([0, 48 - 1 / 16 + 1 / 4])
 
 
 def test_recorded_numbers_are_recorded() -> None:
     tape = Tape()
     x = np.array([Scalar(tape, f"z{i}") for i in range(2)], dtype=object)
-    _, (slope,) = gradient(lambda a: np.sin(a[0]) * a[1], [(x, 1)])
+    _, (slope,) = value_and_gradient(lambda a: np.sin(a[0]) * a[1], [(x, 1)])
     found: dict[str, Any] = {"z0": 0.3, "z1": 0.7, "sin": math.sin, "cos": math.cos}
     for line in tape.lines:
         exec(line.text, found)
@@ -60,15 +62,15 @@ def test_recorded_numbers_are_recorded() -> None:
 
 
 def test_a_wrong_derivative_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = Traced.__truediv__
+    right = TracedNumber.__truediv__
 
-    def wrong(self: Traced, other: Any) -> Any:
+    def wrong(self: TracedNumber, other: Any) -> Any:
         out = right(self, other)
-        return Traced(out.tape, out.value, tuple((x, abs(slope)) for x, slope in out.parents))
+        return TracedNumber(out.tape, out.value, tuple((x, abs(slope)) for x, slope in out.parents))
 
-    monkeypatch.setattr(Traced, "__truediv__", wrong)
+    monkeypatch.setattr(TracedNumber, "__truediv__", wrong)
     x = np.array([Fraction(1, 2), Fraction(2, 3)], dtype=object)
-    _, (slope,) = gradient(lambda a: a[0] / a[1], [(x, 1)])
+    _, (slope,) = value_and_gradient(lambda a: a[0] / a[1], [(x, 1)])
     assert slope.tolist() != [Fraction(3, 2), Fraction(-9, 8)]
 
 
@@ -78,4 +80,4 @@ def test_a_wrong_derivative_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_what_cannot_be_recorded_is_refused(branch: Callable[..., Any]) -> None:
     with pytest.raises(kr.InputError, match="expected"):
-        gradient(branch, [(np.array([0.1, 0.2, 0.3]), 1)])
+        value_and_gradient(branch, [(np.array([0.1, 0.2, 0.3]), 1)])

@@ -24,23 +24,23 @@ def _function(name: str) -> Callable[[Any], Any]:
 sin, cos, exp, log = (_function(name) for name in ("sin", "cos", "exp", "log"))
 
 
-class Traced:
+class TracedNumber:
     """A number that remembers the numbers it was made of, and its derivatives by them."""
 
     __slots__ = ("parents", "place", "tape", "value")
     inexact: ClassVar[bool] = True
 
-    def __init__(self, tape: list[Traced], value: Any, parents: tuple[tuple[Traced, Any], ...] = ()):
+    def __init__(self, tape: list[TracedNumber], value: Any, parents: tuple[tuple[TracedNumber, Any], ...] = ()):
         self.tape, self.value, self.parents, self.place = tape, value, parents, len(tape)
         tape.append(self)
 
-    def _of(self, value: Any, *parents: tuple[Any, Any]) -> Traced:
-        return Traced(self.tape, value, tuple((x, slope) for x, slope in parents if isinstance(x, Traced)))
+    def _of(self, value: Any, *parents: tuple[Any, Any]) -> TracedNumber:
+        return TracedNumber(self.tape, value, tuple((x, slope) for x, slope in parents if isinstance(x, TracedNumber)))
 
-    def __neg__(self) -> Traced:
+    def __neg__(self) -> TracedNumber:
         return self._of(-self.value, (self, -1))
 
-    def __pos__(self) -> Traced:
+    def __pos__(self) -> TracedNumber:
         return self
 
     def __add__(self, other: Any) -> Any:
@@ -76,7 +76,7 @@ class Traced:
         return self._of(out, (self, -out / self.value))
 
     def __pow__(self, exponent: Any) -> Any:
-        if isinstance(exponent, Traced) or not _is_whole(2 * exponent):
+        if isinstance(exponent, TracedNumber) or not _is_whole(2 * exponent):
             return (exponent * self.log()).exp()
         if not _is_whole(exponent):  # so that x^1.5 has a derivative at 0
             count = round(exponent - 0.5)
@@ -92,39 +92,39 @@ class Traced:
     def __rpow__(self, base: Any) -> Any:
         return (self * np.log(base)).exp()
 
-    def sqrt(self) -> Traced:
+    def sqrt(self) -> TracedNumber:
         out = sqrt(self.value)
         return self._of(out, (self, 1 / (2 * out)))
 
-    def sin(self) -> Traced:
+    def sin(self) -> TracedNumber:
         return self._of(sin(self.value), (self, cos(self.value)))
 
-    def cos(self) -> Traced:
+    def cos(self) -> TracedNumber:
         return self._of(cos(self.value), (self, -sin(self.value)))
 
-    def tan(self) -> Traced:
+    def tan(self) -> TracedNumber:
         return self.sin() / self.cos()
 
-    def exp(self) -> Traced:
+    def exp(self) -> TracedNumber:
         out = exp(self.value)
         return self._of(out, (self, out))
 
-    def log(self) -> Traced:
+    def log(self) -> TracedNumber:
         return self._of(log(self.value), (self, 1 / self.value))
 
-    def sinh(self) -> Traced:
+    def sinh(self) -> TracedNumber:
         return (self.exp() - (-self).exp()) / 2
 
-    def cosh(self) -> Traced:
+    def cosh(self) -> TracedNumber:
         return (self.exp() + (-self).exp()) / 2
 
-    def tanh(self) -> Traced:
+    def tanh(self) -> TracedNumber:
         return 1 - 2 / ((2 * self).exp() + 1)
 
-    def conjugate(self) -> Traced:
+    def conjugate(self) -> TracedNumber:
         return self
 
-    def square(self) -> Traced:
+    def square(self) -> TracedNumber:
         return self * self
 
     def _branch(self, *_: Any) -> Any:
@@ -156,32 +156,32 @@ def _is_whole(x: Any) -> bool:
 def _value(x: Any) -> Any:
     if isinstance(x, complex | np.complexfloating):
         raise InputError(f"expected real numbers, got {x}")
-    return x.value if isinstance(x, Traced) else x
+    return x.value if isinstance(x, TracedNumber) else x
 
 
-def traced(tape: list[Traced], x: Array, axes: int) -> Any:
+def traced(tape: list[TracedNumber], x: Array, axes: int) -> Any:
     """x (..., *shape) with `axes` axes of its own as an array of that shape, or a number, each with its batch."""
     if axes == 0:
-        return Traced(tape, x)
+        return TracedNumber(tape, x)
     shape = np.shape(x)[np.ndim(x) - axes :]
     out = np.empty(shape, dtype=object)
     for place in np.ndindex(*shape):
-        out[place] = Traced(tape, x[(..., *place)])
+        out[place] = TracedNumber(tape, x[(..., *place)])
     return out
 
 
-def gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]]) -> tuple[Any, list[Any]]:
+def value_and_gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]]) -> tuple[Any, list[Any]]:
     """The value of a scalar function and its derivatives by each of the arguments (x, axes), in the shape of x.
 
     Raises `InputError` for what is no scalar.
     """
-    tape: list[Traced] = []
+    tape: list[TracedNumber] = []
     given = [traced(tape, x, axes) for x, axes in arguments]
     out = function(*given)
     out = out.item() if isinstance(out, np.ndarray) and out.size == 1 else out
-    if not isinstance(out, Traced | Real):
+    if not isinstance(out, TracedNumber | Real):
         raise InputError(f"expected one number, got {type(out).__name__} of shape {np.shape(out)}")
-    if not isinstance(out, Traced):
+    if not isinstance(out, TracedNumber):
         return out, [0 * x for x, _ in arguments]
     slopes: list[Any] = [0] * (out.place + 1)
     slopes[out.place] = 1

@@ -15,7 +15,7 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
-from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
+from kreisel.record.contract import PARAMETER_AXES, SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Force, Perturbation
 from kreisel.system import REGISTRY
@@ -231,7 +231,6 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         title=f"{base.title}, perturbed",
         equations=f"{base.equations}; perturbed by {_in_words(record)}",
         parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *own),
-        integrals=dict(base.integrals),
         invariant={},
         commuting=(),
         lax=None,
@@ -245,7 +244,7 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         notes="",
         perturbation=record,
     )
-    axes = {**model.axes, **{p.letter: {"scalar": 0, "vector": 1}.get(p.kind, np.ndim(p.default)) for p in own}}
+    axes = {**model.axes, **{p.letter: PARAMETER_AXES[p.kind] for p in own}}
     return _with_functions(made, axes)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.gradient import gradient
+from kreisel.algebra.gradient import value_and_gradient
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.forces import kicks
@@ -131,7 +131,7 @@ def _derivative(space: PhaseSpace, n: int, function: Callable[..., Any], state: 
         ]
         return function(*made)
 
-    return gradient(of_coordinates, [(x, 1) for x in flat])[1]
+    return value_and_gradient(of_coordinates, [(x, 1) for x in flat])[1]
 
 
 def _point(space: PhaseSpace, n: int, draw: Callable[..., Array]) -> tuple[Array, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.gradient import cos, gradient, sin, traced
+from kreisel.algebra.gradient import cos, sin, traced, value_and_gradient
 from kreisel.errors import InputError
 from kreisel.record.contract import Frame, System, call, component_axes
 from kreisel.record.perturbation import TIME, Force, Perturbation
@@ -53,19 +53,17 @@ def potential(system: System, body: Body, known: Constants, axes: Mapping[str, i
     force = perturbation_of(system).potential
     if force is None:
         return 0, {}
-    given, places = _arguments(system, force, body)
+    given = _arguments(system, force, body)
     more = [(known[name], axes[name]) for name in force.parameters]
 
     def of_numbers(*numbers: Any) -> Any:
         return _called(force, numbers)
 
     try:
-        value, slopes = gradient(of_numbers, [*given, *more])
+        value, slopes = value_and_gradient(of_numbers, [*given, *more])
     except InputError as error:
         raise InputError(f"potential: {error}") from None
-    return value, {
-        name: _back(system, name, slope, body) for name, slope in zip(places, slopes[: len(places)], strict=True)
-    }
+    return value, {name: _back(system, name, slope, body) for name, slope in zip(force.arguments, slopes, strict=False)}
 
 
 def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
@@ -73,7 +71,7 @@ def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]
     force = perturbation_of(system).torque
     if force is None:
         return None
-    given, _ = _arguments(system, force, body)
+    given = _arguments(system, force, body)
     tape: list[Any] = []
     more = [(known[name], axes[name]) for name in force.parameters]
     found = np.asarray(_called(force, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
@@ -84,14 +82,14 @@ def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]
     return algebra.hat(_values(found, body)) if found.shape == (3,) else _values(found, body)
 
 
-def _arguments(system: System, force: Force, body: Body) -> tuple[list[tuple[Any, int]], list[str]]:
-    """What a force takes of the body, with the axes of each, and the names."""
+def _arguments(system: System, force: Force, body: Body) -> list[tuple[Any, int]]:
+    """What a force takes of the body, with the axes of each."""
     known: dict[str, tuple[Any, int]] = {}
     for (letter, kind), z in zip(system.space.components, body.state, strict=True):
         axial = kind == "skew" and z.shape[-1] == 3
         known[letter] = (algebra.axial(z), 1) if axial else (z, component_axes(kind))
     known |= {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
-    return [known[name] for name in force.arguments], list(force.arguments)
+    return [known[name] for name in force.arguments]
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
@@ -211,36 +209,33 @@ def kicked(
     _, slopes = potential(system, body, known, axes)
     forces = force_of_potential(system, body, slopes)
     scale = [algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h) for k in system.space.kinds]
+    M, *rest = (z + s * f for z, s, f in zip(body.state, scale, forces, strict=True))
     work = h * slopes[TIME] if TIME in slopes else 0
     if record.torque is None:
-        return tuple(z + s * f for z, s, f in zip(body.state, scale, forces, strict=True)), work
-    if not record.torque.names(system.space.letters[0]):
-        tau = torque(system, body, known, axes)
-        M = body.state[0] + scale[0] * (forces[0] + tau)
-        middle = velocity(system, ((body.state[0] + M) / 2, *body.state[1:]), known)
-        work = work + h * algebra.pairing(middle, tau)
-        rest = (z + s * f for z, s, f in zip(body.state[1:], scale[1:], forces[1:], strict=True))
         return (M, *rest), work
-    return _by_runge_kutta(system, body, h, forces, known, axes, work)
+    if record.torque.names(system.space.letters[0]):
+        M, done = _by_runge_kutta(system, body, h, forces[0], known, axes)
+    else:
+        tau = torque(system, body, known, axes)
+        M = M + scale[0] * tau
+        middle = velocity(system, ((body.state[0] + M) / 2, *body.state[1:]), known)
+        done = h * algebra.pairing(middle, tau)
+    return (M, *rest), work + done
 
 
 def _by_runge_kutta(
-    system: System, body: Body, h: Any, forces: tuple[Array, ...], known: Constants, axes: Mapping[str, int], work: Any
-) -> tuple[tuple[Array, ...], Any]:
-    """The same with a torque that depends on M: the classical method of order 4 in M alone."""
+    system: System, body: Body, h: Any, force: Array, known: Constants, axes: Mapping[str, int]
+) -> tuple[Array, Any]:
+    """The momentum after a torque that depends on it, by the classical method of order 4, and its work."""
     start, scale = body.state[0], algebra.mat(h)
     total, gain, M = 0 * start, 0, start
     for weight, ahead in ((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 0.0)):
         state = (M, *body.state[1:])
         tau = torque(system, body._replace(state=state), known, axes)
-        slope = forces[0] + tau
+        slope = force + tau
         total, M = total + weight * slope, start + ahead * scale * slope
         gain = gain + weight * algebra.pairing(velocity(system, state, known), tau)
-    rest = (
-        z + (algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h)) * f
-        for z, f, k in zip(body.state[1:], forces[1:], system.space.kinds[1:], strict=True)
-    )
-    return (start + scale * total, *rest), work + h * gain
+    return start + scale * total, h * gain
 
 
 def decayed(
