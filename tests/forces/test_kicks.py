@@ -8,7 +8,7 @@ import pytest
 from kreisel.forces.kicks import expm1
 
 
-@pytest.mark.parametrize("x", [0.0, 1e-300, -1e-12, 3e-5, -0.01, 0.7, -1.0, 5.0, -20.0, 50.0])
+@pytest.mark.parametrize("x", [0.0, 1e-300, -1e-12, 3e-5, -0.01, 0.7, -1.0, 8.0, -20.0, -200.0])
 def test_expm1_is_right_to_rounding(x: float) -> None:
     """32 roundings, each of which the doublings may carry on by a small factor."""
     with mpmath.workdps(60):

@@ -25,7 +25,7 @@ from kreisel.record.perturbation import TIME, Force, Perturbation
 
 ORIENTATION = "g"
 DAMPING, INERTIA = "damping", "inertia"
-DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for |x| up to 50
+DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
 Constants = Mapping[str, Any]
 
