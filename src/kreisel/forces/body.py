@@ -15,9 +15,10 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
-from kreisel.record.contract import PARAMETER_AXES, SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
-from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, Force, Perturbation
+from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
+from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
+from kreisel.record.model import Model, axes_of
+from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.system import REGISTRY
 
 PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -31,6 +32,8 @@ def perturbed(
     torque: Callable[..., Any] | None = None,
     damping: Any = None,
     inertia: Any = None,
+    pair_potential: Callable[..., Any] | None = None,
+    pairs: Any = None,
     params: Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> Model:
@@ -47,8 +50,11 @@ def perturbed(
                frame the last is that of its axis).  Exact
     inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
                moving frame, n = 3
+    pair_potential  V of two bodies that act on each other, of letters and g with 1 or 2 behind: a1, g1 of the first,
+               a2, g2 of the second, and t.  The lanes of a run are then the bodies, each with its parameters
+    pairs      which bodies: pairs (i, j), as [(0, 1), (1, 2)] for a chain of three
     params     the parameters that the functions name after `*`, by name: a number, a vector (n numbers), or either
-               with an axis of lanes in front; a number in just n lanes as (n, 1)
+               with an axis of lanes in front, of `pair_potential` one of pairs; a number in just n lanes as (n, 1)
     name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
 
     Functions are run once, on numbers that record what is done to them: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
@@ -60,20 +66,24 @@ def perturbed(
             f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
             f"{shown(system)}."
         )
-    given = {"potential": potential, "torque": torque, DAMPING: damping, INERTIA: inertia}
-    if all(value is None for value in given.values()):
+    given = {"potential": potential, "torque": torque, DAMPING: damping, INERTIA: inertia, PAIRS: pairs}
+    if all(value is None for value in (*given.values(), pair_potential)):
         return system
     _require_base(system)
     own = _parameters(system, params or {})
+    letters = (*system.system.space.letters, ORIENTATION)
+    of_two = (*(letter + mark for letter in letters for mark in (FIRST, SECOND)), TIME)
     record = Perturbation(
         base=system.system,
-        potential=None if potential is None else _force(potential, "potential", system, own),
-        torque=None if torque is None else _force(torque, "torque", system, own),
+        potential=None if potential is None else _force(potential, "potential", (*letters, TIME), system, own),
+        torque=None if torque is None else _force(torque, "torque", (*letters, TIME), system, own),
         damping=damping is not None,
         inertia=inertia is not None,
+        pair=None if pair_potential is None else _force(pair_potential, "pair_potential", of_two, system, own),
     )
     _require_suitable(system, record)
     own |= _damping_and_inertia(system, damping, inertia)
+    own |= parameters_of_pairs(record, pairs, own)
     model = Model(_system(system, record, list(own.values()), name), {})
     _try(model)
     return Model(_with_own_casimirs(model), {})
@@ -92,7 +102,7 @@ def _require_base(model: Model) -> None:
         )
 
 
-def _force(function: Any, what: str, model: Model, params: Mapping[str, Parameter]) -> Force:
+def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, params: Mapping[str, Parameter]) -> Force:
     """A function with the names that it takes.  Raises `InputError`."""
     if not callable(function):
         raise InputError(f"{what}: expected a function, such as lambda a, t, *, k: ..., got {shown(function)}.")
@@ -102,7 +112,6 @@ def _force(function: Any, what: str, model: Model, params: Mapping[str, Paramete
         raise InputError(
             f"{what}: expected a Python function that says its arguments, got {shown(function)}."
         ) from None
-    letters = (*model.system.space.letters, ORIENTATION, TIME)
     known = (*params, *(p.letter for p in model.system.parameters))
     arguments: list[str] = []
     parameters: list[str] = []
@@ -122,7 +131,16 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
     """The parameters of the user's functions, with their values as defaults.  Raises `InputError`."""
     if not isinstance(params, Mapping):
         raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
-    taken = {*model.system.space.letters, ORIENTATION, TIME, DAMPING, INERTIA, *model.constants, *_keywords(model)}
+    taken = {
+        *model.system.space.letters,
+        ORIENTATION,
+        TIME,
+        DAMPING,
+        INERTIA,
+        PAIRS,
+        *model.constants,
+        *_keywords(model),
+    }
     out = {}
     for letter, value in params.items():
         if not isinstance(letter, str) or not letter.isidentifier() or letter[0] == "_" or letter in taken:
@@ -180,7 +198,10 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
     """Raises `InputError` for forces that this system cannot have."""
     system, space = model.system, model.system.space
     momenta = [letter for i, letter in enumerate(space.letters) if i not in space.carried]
-    if record.potential is not None and any(record.potential.names(letter) for letter in momenta):
+    of_momenta = any(record.potential.names(letter) for letter in momenta) if record.potential else False
+    if record.pair is not None:
+        of_momenta |= any(record.pair.names(letter + mark) for letter in momenta for mark in (FIRST, SECOND))
+    if of_momenta:
         raise InputError(
             f"potential: expected a function of {', '.join((*_carried(system), ORIENTATION, TIME))}, got one of the "
             f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
@@ -244,7 +265,7 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         notes="",
         perturbation=record,
     )
-    axes = {**model.axes, **{p.letter: PARAMETER_AXES[p.kind] for p in own}}
+    axes = {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in own}}
     return _with_functions(made, axes)
 
 
@@ -270,6 +291,7 @@ def _with_own_casimirs(model: Model) -> System:
 
 def _in_words(record: Perturbation) -> str:
     parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
+    parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
     parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
     return ", ".join(parts)
 
@@ -313,7 +335,7 @@ def _naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..
 
 def _try(model: Model) -> None:
     """Run the functions once.  Raises `InputError` for whatever they raise."""
-    space, n = model.system.space, model.n
+    space, n, record = model.system.space, model.n, kicks.perturbation_of(model.system)
     rng = np.random.default_rng(0)
 
     def draw(shape: tuple[int, ...]) -> Array:
@@ -325,6 +347,9 @@ def _try(model: Model) -> None:
     try:
         with np.errstate(all="ignore"):
             body = Body(state, g, np.float64(0.5))
+            if record.pair is not None:
+                of_pairs, axes = constants_of_pairs(model)
+                kicks.pulls(model.system, (body, body), {name: v[0] for name, v in of_pairs.items()}, axes)
             kicks.rates(model.system, body, known, model.axes)
             tau = kicks.torque(model.system, body, known, model.axes)
     except InputError:

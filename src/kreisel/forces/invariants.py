@@ -19,6 +19,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.kicks import Body
+from kreisel.forces.pairs import constants_of_pairs, pairs_of
 from kreisel.record.contract import Function, PhaseSpace, call
 from kreisel.record.model import Model
 
@@ -34,9 +35,25 @@ def conserved(model: Model) -> tuple[str, ...]:
     )
 
 
+def conserved_totals(model: Model) -> tuple[str, ...]:
+    """The names of integrals of bodies in pairs that are conserved in sum, but not for each body."""
+    if pairs_of(model) is None:
+        return ()
+    each = conserved(model)
+
+    def found() -> tuple[str, ...]:
+        return tuple(
+            name
+            for name, function in model.system.integrals.items()
+            if name not in each and all(_survives(_representatives(model), function, _in_sum))
+        )
+
+    return reused((conserved_totals, model.key), found)
+
+
 def surviving_parts(model: Model, function: Function) -> list[bool]:
     """Which parts of a function of the state no force changes, in any lane."""
-    each = [_survives(one, function) for one in _representatives(model)]
+    each = [_survives([one], function, _apart) for one in _representatives(model)]
     return [all(part) for part in zip(*each, strict=True)]
 
 
@@ -63,20 +80,39 @@ def candidates(model: Model) -> dict[str, Function]:
     return {**out, **model.system.integrals}
 
 
-def _survives(model: Model, function: Function) -> list[bool]:
-    """Which parts of a function do in one lane: in rational numbers if possible, else in doubles."""
+Slopes = list[tuple[Any, Any]]  # (the derivative along the perturbation, its scale) of each part of a function
+
+
+def _apart(bodies: list[Slopes]) -> list[Slopes]:
+    """The slopes of each body by itself."""
+    return bodies
+
+
+def _in_sum(bodies: list[Slopes]) -> list[Slopes]:
+    """Those of the sum over two bodies."""
+    return [[(x + y, max(s, t)) for (x, s), (y, t) in zip(*bodies, strict=True)]]
+
+
+def _survives(models: list[Model], function: Function, of: Callable[[list[Slopes]], list[Slopes]]) -> list[bool]:
+    """Which parts of a function do: in rational numbers if possible, else in doubles; models of one body or of two."""
     try:
-        exactly = Model(model.system, {k: _rationals(v) for k, v in model.params.items()})
-        return _all_of_parts(exactly, function, _fraction, lambda slope, scale: _is_zero(slope))
+        exactly = [Model(model.system, {k: _rationals(v) for k, v in model.params.items()}) for model in models]
+        return _all_of_parts(exactly, function, of, _fraction, lambda slope, scale: _is_zero(slope))
     except (TypeError, AttributeError, ValueError, ZeroDivisionError, InputError):
         with np.errstate(all="ignore"):
-            return _all_of_parts(model, function, float, lambda slope, scale: abs(slope) <= ZERO * scale)
+            return _all_of_parts(models, function, of, float, lambda slope, scale: abs(slope) <= ZERO * scale)
 
 
 def _all_of_parts(
-    model: Model, function: Function, number: Callable[[float], Any], still: Callable[[Any, Any], bool]
+    models: list[Model],
+    function: Function,
+    of: Callable[[list[Slopes]], list[Slopes]],
+    number: Callable[[float], Any],
+    still: Callable[[Any, Any], bool],
 ) -> list[bool]:
-    points = [[bool(still(*slope)) for slope in point] for point in _slopes(model, function, number)]
+    points = [
+        [bool(still(*slope)) for slope in body] for point in _slopes(models, function, number) for body in of(point)
+    ]
     return [all(part) for part in zip(*points, strict=True)]
 
 
@@ -94,9 +130,10 @@ def _fraction(x: float) -> Fraction:
     return Fraction(round(8 * x), 8)
 
 
-def _slopes(model: Model, function: Function, number: Callable[[float], Any]) -> Iterator[list[tuple[Any, Any]]]:
-    """(the derivative along the perturbation, its scale) of each part of a function, at random points."""
+def _slopes(models: list[Model], function: Function, number: Callable[[float], Any]) -> Iterator[list[Slopes]]:
+    """Of one body, or of the two of a pair, at random points."""
     rng = np.random.default_rng(1)
+    model, in_pairs = models[0], pairs_of(models[0]) is not None
     space, n = model.system.space, model.n
 
     def draw(shape: tuple[int, ...]) -> Array:
@@ -104,20 +141,43 @@ def _slopes(model: Model, function: Function, number: Callable[[float], Any]) ->
         return found.reshape(shape)
 
     for _ in range(POINTS):
-        state = _point(space, n, draw)
-        g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
-        rates, _ = kicks.rates(model.system, Body(state, g, draw((1,))[0]), model.constants, model.axes)
-        parts = []
-        for part in range(np.size(call(function, state, model.constants))):
+        t = draw((1,))[0]
+        bodies, rates = [], []
+        for one in (models[0], models[-1])[: 1 + in_pairs]:
+            state = _point(space, n, draw)
+            bodies.append(Body(state, algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n)), t))
+            rates.append(kicks.rates(one.system, bodies[-1], one.constants, one.axes)[0])
+        if in_pairs:
+            of_pairs, axes = constants_of_pairs(model)
+            mean = {
+                k: sum(number(w) * x for w, x in zip(rng.random(len(v)), v, strict=True)) for k, v in of_pairs.items()
+            }
+            pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
+            rates = [tuple(x + y for x, y in zip(*both, strict=True)) for both in zip(rates, pulled, strict=True)]
+        yield [
+            _along(one, function, body.state, rate)
+            for one, body, rate in zip((models[0], models[-1]), bodies, rates, strict=False)
+        ]
 
-            def of_part(*parts: Any, part: int = part) -> Any:
-                return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
 
-            slope = np.concatenate(_derivative(space, n, of_part, state))
-            along = [algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rates, strict=True)]
-            rate = np.concatenate(along)
-            parts.append((sum(slope * rate), max(abs(slope)) * max(abs(rate))))
-        yield parts
+def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
+    """A combination of the values of all pairs: what holds for it holds for each, as functions are analytic in them."""
+    return sum(number(w) * x for w, x in zip(weights, values, strict=True))
+
+
+def _along(model: Model, function: Function, state: tuple[Array, ...], rates: tuple[Array, ...]) -> Slopes:
+    """The derivative of each part of a function along rates, and its scale."""
+    space = model.system.space
+    rate = np.concatenate([algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rates, strict=True)])
+    parts = []
+    for part in range(np.size(call(function, state, model.constants))):
+
+        def of_part(*parts: Any, part: int = part) -> Any:
+            return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
+
+        slope = np.concatenate(_derivative(space, model.n, of_part, state))
+        parts.append((sum(slope * rate), max(abs(slope)) * max(abs(rate))))
+    return parts
 
 
 def _derivative(space: PhaseSpace, n: int, function: Callable[..., Any], state: tuple[Array, ...]) -> list[Array]:

@@ -21,7 +21,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.gradient import cos, sin, traced, value_and_gradient
 from kreisel.errors import InputError
 from kreisel.record.contract import Frame, System, call, component_axes
-from kreisel.record.perturbation import TIME, Force, Perturbation
+from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
 DAMPING, INERTIA = "damping", "inertia"
@@ -53,17 +53,51 @@ def potential(system: System, body: Body, known: Constants, axes: Mapping[str, i
     force = perturbation_of(system).potential
     if force is None:
         return 0, {}
-    given = _arguments(system, force, body)
+    value, slopes = _value_and_slopes(force, "potential", seen(system, body), known, axes)
+    return value, {name: _back(system, name, slope, body) for name, slope in slopes.items()}
+
+
+def potential_of_pair(
+    system: System, pair: tuple[Body, Body], known: Constants, axes: Mapping[str, int]
+) -> tuple[Any, tuple[dict[str, Array], dict[str, Array]], Any]:
+    """V of two bodies, its derivatives by the letters and g of each, and by t."""
+    force = perturbation_of(system).pair
+    if force is None:
+        raise TypeError(f"{system.name} has no pair potential")
+    there = {TIME: (pair[0].t, 0)}
+    for body, mark in zip(pair, (FIRST, SECOND), strict=True):
+        there |= {name + mark: value for name, value in seen(system, body).items() if name != TIME}
+    value, slopes = _value_and_slopes(force, "pair_potential", there, known, axes)
+    first, second = (
+        {name[:-1]: _back(system, name[:-1], slope, body) for name, slope in slopes.items() if name[-1] == mark}
+        for body, mark in zip(pair, (FIRST, SECOND), strict=True)
+    )
+    return value, (first, second), slopes.get(TIME, 0)
+
+
+def pulls(
+    system: System, pair: tuple[Body, Body], known: Constants, axes: Mapping[str, int]
+) -> tuple[tuple[Array, ...], tuple[Array, ...], Any]:
+    """The rates of the states of two bodies by what they do to each other, and of the work."""
+    _, slopes, power = potential_of_pair(system, pair, known, axes)
+    first, second = (force_of_potential(system, body, by) for body, by in zip(pair, slopes, strict=True))
+    return first, second, power
+
+
+def _value_and_slopes(
+    force: Force, what: str, there: Mapping[str, tuple[Any, int]], known: Constants, axes: Mapping[str, int]
+) -> tuple[Any, dict[str, Any]]:
+    """The value of a potential and its derivatives by its arguments; `there` has (value, axes) of each."""
     more = [(known[name], axes[name]) for name in force.parameters]
 
     def of_numbers(*numbers: Any) -> Any:
         return _called(force, numbers)
 
     try:
-        value, slopes = value_and_gradient(of_numbers, [*given, *more])
+        value, slopes = value_and_gradient(of_numbers, [*(there[name] for name in force.arguments), *more])
     except InputError as error:
-        raise InputError(f"potential: {error}") from None
-    return value, {name: _back(system, name, slope, body) for name, slope in zip(force.arguments, slopes, strict=False)}
+        raise InputError(f"{what}: {error}") from None
+    return value, dict(zip(force.arguments, slopes, strict=False))
 
 
 def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
@@ -71,7 +105,8 @@ def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]
     force = perturbation_of(system).torque
     if force is None:
         return None
-    given = _arguments(system, force, body)
+    there = seen(system, body)
+    given = [there[name] for name in force.arguments]
     tape: list[Any] = []
     more = [(known[name], axes[name]) for name in force.parameters]
     found = np.asarray(_called(force, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
@@ -82,14 +117,13 @@ def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]
     return algebra.hat(_values(found, body)) if found.shape == (3,) else _values(found, body)
 
 
-def _arguments(system: System, force: Force, body: Body) -> list[tuple[Any, int]]:
-    """What a force takes of the body, with the axes of each."""
+def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
+    """What a force may take of a body, by name: (value, its axes)."""
     known: dict[str, tuple[Any, int]] = {}
     for (letter, kind), z in zip(system.space.components, body.state, strict=True):
         axial = kind == "skew" and z.shape[-1] == 3
         known[letter] = (algebra.axial(z), 1) if axial else (z, component_axes(kind))
-    known |= {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
-    return [known[name] for name in force.arguments]
+    return known | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
@@ -202,15 +236,26 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
 
 
 def kicked(
-    system: System, body: Body, h: Any, known: Constants, axes: Mapping[str, int]
+    system: System,
+    body: Body,
+    h: Any,
+    known: Constants,
+    axes: Mapping[str, int],
+    pulled: tuple[tuple[Array, ...], Any] | None = None,
 ) -> tuple[tuple[Array, ...], Any]:
-    """The state after the kick for the time h, and the work."""
+    """The state after the kick for the time h, and the work.
+
+    `pulled`: what other bodies do to this one, the rates of its state and of the work.
+    """
     record = perturbation_of(system)
     _, slopes = potential(system, body, known, axes)
     forces = force_of_potential(system, body, slopes)
+    power = slopes.get(TIME, 0)
+    if pulled is not None:
+        forces, power = tuple(f + more for f, more in zip(forces, pulled[0], strict=True)), power + pulled[1]
     scale = [algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h) for k in system.space.kinds]
     M, *rest = (z + s * f for z, s, f in zip(body.state, scale, forces, strict=True))
-    work = h * slopes[TIME] if TIME in slopes else 0
+    work = h * power
     if record.torque is None:
         return (M, *rest), work
     if record.torque.names(system.space.letters[0]):

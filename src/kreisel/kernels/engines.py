@@ -71,6 +71,10 @@ def engine_of(
         from kreisel.kernels.jax import JaxEngine
 
         return JaxEngine(scheme, z, dt, project)
+    if scheme.coupling is not None and scheme.coupling.drift is not None:
+        from kreisel.kernels.coupled import CoupledEngine
+
+        return CoupledEngine(scheme, z, project)
     if scheme.step is not None:
         from kreisel.kernels.cpu import CpuEngine
 

@@ -11,6 +11,7 @@ from kreisel.errors import RunError
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.recording import flat_constants
+from kreisel.method.driven import WORK
 from kreisel.method.scheme import Scheme
 
 # all that the next step and the dense output of scipy.integrate.DOP853 depend on
@@ -26,6 +27,24 @@ def _bound(rate: Rate, constants: Floats) -> Callable[[float, Floats], Floats]:
     return lambda t, y: rate(t, y, constants)
 
 
+def _together(scheme: Scheme, rate: Rate, constants: Floats) -> Callable[[float, Floats], Floats]:
+    """The rates of lanes that act on each other, one after the other in one array."""
+    from kreisel.kernels.coupled import compiled_pulls
+
+    pulls, lanes = compiled_pulls(scheme, len(constants)), len(constants)
+
+    def rates(t: float, y: Floats) -> Floats:
+        z = y.reshape(lanes, -1)
+        out = np.array([rate(t, row, known) for row, known in zip(z, constants, strict=True)])
+        forces = pulls(z)
+        of_state = forces.shape[1] - (scheme.components[-1][0] == WORK)
+        out[:, :of_state] += forces[:, :of_state]
+        out[:, out.shape[1] - (forces.shape[1] - of_state) :] += forces[:, of_state:]
+        return out.ravel()
+
+    return rates
+
+
 def _compiled(scheme: Scheme, lanes: int) -> Rate:
     if scheme.numbers == "jax":
         from kreisel.kernels.jax import compiled_rate as by_jax
@@ -35,7 +54,10 @@ def _compiled(scheme: Scheme, lanes: int) -> Rate:
 
 
 class ReferenceEngine:
-    """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output."""
+    """SciPy's DOP853, one solver a lane, stopped at each saved time by its dense output.
+
+    Lanes that act on each other have one solver together.
+    """
 
     projection = None
 
@@ -44,23 +66,28 @@ class ReferenceEngine:
 
         self.z = np.array(z0, dtype=np.float64)
         self._dt, self._steps = dt, 0
-        self._counts = [(0.0, 0)] * len(self.z)  # for each lane a number of dt and the solver's steps within it
         constants, _ = flat_constants(scheme, len(self.z))
         rate = _compiled(scheme, len(self.z))
+        if scheme.coupling is None:
+            rates, starts = [_bound(rate, row) for row in constants], self.z.copy()
+        else:
+            rates, starts = [_together(scheme, rate, constants)], self.z.reshape(1, -1).copy()
+        self._counts = [(0.0, 0)] * len(starts)  # for each solver a number of dt and its steps within it
         options = scheme.options or {}
         tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
         with np.errstate(all="ignore"):
             self._solvers = [
-                DOP853(_bound(rate, row), 0.0, start, np.inf, **tolerances)
-                for start, row in zip(self.z.copy(), constants, strict=True)  # it keeps the array that it is given
+                DOP853(f, 0.0, start, np.inf, **tolerances)  # it keeps the array that it is given
+                for f, start in zip(rates, starts, strict=True)
             ]
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         with np.errstate(all="ignore"):
             for row in out:
                 self._steps += every
+                parts = row.reshape(len(self._solvers), -1)
                 for lane, solver in enumerate(self._solvers):
-                    row[lane] = self._to(solver, lane, self._steps * self._dt, look)
+                    parts[lane] = self._to(solver, lane, self._steps * self._dt, look)
                 self.z[:] = row
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
@@ -116,4 +143,4 @@ class ReferenceEngine:
             )
 
     def _of(self, lane: int) -> str:
-        return f" of lane {lane}" if len(self.z) > 1 else ""
+        return f" of lane {lane}" if len(self._solvers) > 1 else ""

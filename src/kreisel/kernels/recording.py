@@ -29,9 +29,27 @@ STORERS = {
 }
 
 
-class RecordedFunction(NamedTuple):
-    """A recorded function: its lines, and the names of the new state."""
+class Part(NamedTuple):
+    """A function to be recorded: its name in a kernel, and the kinds of what it takes behind the state.
 
+    `staged`: whether it takes the constants of a stage too.
+    """
+
+    name: str
+    function: Callable[..., tuple[Array, ...]]
+    more: tuple[str, ...] = ()
+    staged: bool = True
+
+    @property
+    def letters(self) -> str:
+        """The constants that it takes."""
+        return "cs" if self.staged else "c"
+
+
+class RecordedFunction(NamedTuple):
+    """A recorded function: its part, its lines, and the names of the new state."""
+
+    part: Part
     lines: list[Line]
     new: list[str]
 
@@ -79,16 +97,21 @@ class Recording:
         self.kinds = [kind for _, kind in scheme.components]
         self.places: list[tuple[str, slice, str]] = []
         self.work = 0  # about how many operations a step is, whatever the numbers
-        functions = [_step_or_rate(scheme), *([] if scheme.close is None else [scheme.close])]
+        parts = _parts(scheme)
         straight = scheme.n <= STRAIGHT_LINE_N
         if straight:
-            self._straight_line(functions, constants)
+            self._straight_line(parts, constants)
             straight = scheme.n == 3 or self._length() <= STRAIGHT_LINES
         if not straight:
-            self._array_code(functions)
+            self._array_code(parts)
 
     def _length(self) -> int:
         return sum(len(line.text.splitlines()) for piece in self.pieces for line in piece.lines)
+
+    def names(self, part: Part) -> list[str]:
+        """The names of the state, and of what a part takes behind it, in straight-line code."""
+        more = sum(layout.coordinate_count(kind, self.n) for kind in part.more)
+        return [*self.state, *(f"z{len(self.state) + i}" for i in range(more))]
 
     @property
     def straight(self) -> bool:
@@ -108,51 +131,47 @@ class Recording:
         of_stage, pieces = _without(pieces, {*early, *late, *names_of(fixed)})
         return Varying(by_stage, early, fixed, late, of_stage, pieces)
 
-    def _letters(self, k: int) -> str:
-        """The constants that function k takes: the step those of the stages too."""
-        return "cs" if k == 0 else "c"
-
-    def _straight_line(self, functions: list[Callable[..., Any]], constants: Floats) -> None:
+    def _straight_line(self, parts: list[Part], constants: Floats) -> None:
         """Record scalar code."""
         count = sum(layout.coordinate_count(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
         self.pieces: list[RecordedFunction] = []
         self.words: set[str] = set()
         numbers = special_constants(constants)
-        for k, function in enumerate(functions):
+        for k, part in enumerate(parts):
             mark = "e" * k
             tape = Tape(mark)
-            letters = {letter: self.columns[letter] for letter in self._letters(k)}
-            parts, known = recorded_arguments(self.scheme, tape, letters)
-            values = list(layout.flatten(function(*parts, **known), self.kinds))
-            lines, new = _printed(tape, values)
+            letters = {letter: self.columns[letter] for letter in part.letters}
+            given, known = recorded_arguments(self.scheme, tape, letters, part.more)
+            values = list(layout.flatten(part.function(*given, **known), self.kinds))
+            lines, new = recorded_values(tape, values)
             self.work += sum(len(line.text.splitlines()) for line in lines)
             if numbers:
                 lines, new = folded(lines, new, numbers, f"f{mark}")
-            self.pieces.append(RecordedFunction(lines, new))
+            self.pieces.append(RecordedFunction(part, lines, new))
             self.words |= self.pieces[-1].words
 
-    def _array_code(self, functions: list[Callable[..., Any]]) -> None:
+    def _array_code(self, parts: list[Part]) -> None:
         square = (self.n, self.n)
         shapes = {"skew": square, "symmetric": square, "matrix": square, "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
         self.pieces, self.work = [], 0
-        for k, function in enumerate(functions):
+        for k, part in enumerate(parts):
             tape = Tape("e" * k)
-            parts = [
+            given = [
                 RecordedMatrix(tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)
             ]
             known = {
                 name: RecordedMatrix(tape, f"{letter}_{name}", (self.n,) * self.scheme.axes[name])
-                for letter in self._letters(k)
+                for letter in part.letters
                 for name in self.columns[letter]
             }
-            new = function(*parts, **known)
+            new = part.function(*given, **known)
             names = [
                 f"{MIRRORS[kind]}({v.name})" if kind in MIRRORS else v.name
                 for v, kind in zip(new, self.kinds, strict=True)
             ]
-            self.pieces.append(RecordedFunction(tape.needed([v.name for v in new]), names))
+            self.pieces.append(RecordedFunction(part, tape.needed([v.name for v in new]), names))
             self.work += len(self.pieces[-1].lines) * self.n**2
         edges = np.cumsum([0, *(layout.coordinate_count(kind, self.n) for kind in self.kinds)])
         self.places = [
@@ -218,20 +237,26 @@ def indented(lines: list[str], indent: int) -> str:
 
 
 def recorded_arguments(
-    scheme: Scheme, tape: Tape, columns: Mapping[str, Mapping[str, slice]]
+    scheme: Scheme, tape: Tape, columns: Mapping[str, Mapping[str, slice]], more: tuple[str, ...] = ()
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
-    """Recorded numbers in place of the state and of the constants, which are called by their letter."""
-    kinds = [kind for _, kind in scheme.components]
+    """Recorded numbers in place of the state and of the constants, which are called by their letter.
+
+    `more`: the kinds of what stands behind the state.
+    """
+    kinds = [*(kind for _, kind in scheme.components), *more]
     count = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
     flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
     known = {
-        name: _shaped(
-            [Scalar(tape, f"{letter}{j}") for j in range(place.start, place.stop)], _shape(scheme, letter, name)
-        )
+        name: recorded_numbers(tape, letter, place, _shape(scheme, letter, name))
         for letter, places in columns.items()
         for name, place in places.items()
     }
     return layout.restore(flat, kinds, scheme.n), known
+
+
+def recorded_numbers(tape: Tape, letter: str, place: slice, shape: tuple[int, ...]) -> Any:
+    """The numbers of a letter at a place, as an array of that shape."""
+    return _shaped([Scalar(tape, f"{letter}{j}") for j in range(place.start, place.stop)], shape)
 
 
 def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
@@ -240,7 +265,8 @@ def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
     return shape[len(shape) - scheme.axes[name] :]
 
 
-def _printed(tape: Tape, values: list[Any]) -> tuple[list[Line], list[str]]:
+def recorded_values(tape: Tape, values: list[Any]) -> tuple[list[Line], list[str]]:
+    """The lines that these numbers depend on, and the source of each."""
     outputs = [v.name for v in values if isinstance(v, Scalar)]
     return arranged(tape.needed(outputs), outputs), [source_of(v) for v in values]
 
@@ -265,7 +291,7 @@ def recorded_outputs(
         array = np.asarray(value, dtype=object)
         places[name] = slice(len(values), len(values) + array.size), array.shape
         values += list(array.flat)
-    return Outputs(*_printed(tape, values), places)
+    return Outputs(*recorded_values(tape, values), places)
 
 
 def recorded_function(
@@ -286,7 +312,7 @@ def recorded_function(
         return out, start
 
     (given, count), (known, _) = recorded("z", inputs), recorded("c", constants)
-    return *_printed(tape, list(function(**given, **known))), count
+    return *recorded_values(tape, list(function(**given, **known))), count
 
 
 def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:
@@ -304,26 +330,33 @@ def special_constants(constants: Floats) -> dict[str, float]:
     }
 
 
-def _step_or_rate(scheme: Scheme) -> Callable[..., tuple[Array, ...]]:
-    function = scheme.step if scheme.step is not None else scheme.rate
-    if function is None:
-        raise TypeError(f"the scheme {scheme.name} states neither a step nor a rate")
-    return function
+def _parts(scheme: Scheme) -> list[Part]:
+    """The functions of a scheme that a kernel calls in turn."""
+    coupling = scheme.coupling
+    if coupling is not None and coupling.drift is not None and coupling.kick is not None:
+        parts = [Part("drift", coupling.drift), Part("kick", coupling.kick, coupling.forces)]
+    else:
+        function = scheme.step if scheme.step is not None else scheme.rate
+        if function is None:
+            raise TypeError(f"the scheme {scheme.name} states neither a step nor a rate")
+        parts = [Part("step", function)]
+    return [*parts, *([] if scheme.close is None else [Part("close", scheme.close, staged=False)])]
 
 
 def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
     """All constants as rows (lanes, count), and where each stands."""
-    return _columns_of(scheme.constants, scheme.axes, (lanes,))
+    return columns_of(scheme.constants, scheme.axes, (lanes,))
 
 
 def flat_stages(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
     """The constants of the stages as rows (lanes, stages, count), and where each stands."""
-    return _columns_of(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
+    return columns_of(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
 
 
-def _columns_of(
+def columns_of(
     values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
 ) -> tuple[Floats, dict[str, slice]]:
+    """Values with these axes of their own as rows (*lead, count), and where each stands."""
     pieces, columns, start = [np.empty((*lead, 0))], {}, 0
     for name, value in values.items():
         array = np.asarray(value, dtype=np.float64)

@@ -64,6 +64,7 @@ class Functions(NamedTuple):
     """The functions of a step.
 
     text     their source
+    known    what is computed before the first step
     staged   what of the stages is computed before the first step
     by_stage whether a step has several stages
     closes   whether there is something at the end of a step
@@ -71,6 +72,7 @@ class Functions(NamedTuple):
     """
 
     text: str
+    known: list[str]
     staged: list[str]
     by_stage: bool
     closes: bool
@@ -95,12 +97,11 @@ class Functions(NamedTuple):
         text = _function_of_tuples("known", {"c": constants, "s": [] if by_stage else varying}, fixed, known)
         if staged:
             text += _function_of_tuples("staged", {"k": known, "s": varying}, of_stage, staged)
-        takes = ({"z": record.state, "k": known, "v": staged}, {"z": record.state, "k": known})
-        for name, given, piece in zip(("step", "close"), takes, pieces, strict=False):
-            text += _function_of_tuples(
-                name, given, latest(piece.lines) if lines <= TWO_VECTORS else piece.lines, piece.new
-            )
-        return cls(text, staged, by_stage, len(pieces) > 1, lines)
+        for piece in pieces:
+            given = {"z": record.names(piece.part), "k": known, **({"v": staged} if piece.part.staged else {})}
+            ordered = latest(piece.lines) if lines <= TWO_VECTORS else piece.lines
+            text += _function_of_tuples(piece.part.name, given, ordered, piece.new)
+        return cls(text, known, staged, by_stage, pieces[-1].part.name == "close", lines)
 
 
 def _kernel_source(

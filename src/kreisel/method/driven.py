@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
+
+import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces import kicks
+from kreisel.forces.invariants import conserved_totals
 from kreisel.forces.kicks import ORIENTATION, Body
-from kreisel.method.scheme import Outcome
+from kreisel.forces.pairs import constants_of_pairs, pairs_of
+from kreisel.method.scheme import Coupling, Outcome
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
 COUNT, WORK, BALANCE = "count", "work", "balance"  # count: of whole steps
+TOTAL = "total_"  # before the name of what bodies in pairs have together
 
 
 def require_orientation(model: Model, oriented: bool) -> None:
@@ -49,3 +54,81 @@ def outcomes_of_work(meaning: str) -> dict[str, Outcome]:
 def with_work(outputs: dict[str, Array], work: Array) -> dict[str, Array]:
     """The outputs with the work and the balance of the energy."""
     return {**outputs, WORK: work, **({BALANCE: outputs["energy"] - work} if "energy" in outputs else {})}
+
+
+def outcomes_of_totals(model: Model, meaning: str) -> dict[str, Outcome]:
+    """The variables of bodies in pairs that are of all together, each the same in all lanes."""
+    if pairs_of(model) is None:
+        return {}
+    changes = kicks.perturbation_of(model.system).driven
+    said = "which changes by the work of all bodies" if changes else meaning
+    out = {f"{TOTAL}energy": Outcome("integral", f"energy of all bodies together, {said}")}
+    return out | {
+        TOTAL + name: Outcome("integral", f"sum of {name} over all bodies", conserved=True)
+        for name in conserved_totals(model)
+    }
+
+
+def coupling_of(
+    model: Model,
+    where: Callable[[tuple[Array, ...], Mapping[str, Any]], Body],
+    driven: bool,
+    drift: Callable[..., tuple[Array, ...]] | None = None,
+    kick: Callable[..., tuple[Array, ...]] | None = None,
+    at_rows: Mapping[str, Any] | None = None,
+) -> Coupling | None:
+    """What the bodies of pairs do to each other; None without pairs.
+
+    where(z, known) -> the body, from what a method steps; `at_rows`: what it takes of `known` at saved rows.  What acts
+    on a body are the rates of its state and, if `driven`, of the work.
+    """
+    pairs = pairs_of(model)
+    if pairs is None:
+        return None
+    constants, axes = constants_of_pairs(model)
+
+    def pull(*z: Array, **known: Array) -> tuple[Array, ...]:
+        both = where(z[: len(z) // 2], known), where(z[len(z) // 2 :], known)
+        first, second, gain = kicks.pulls(model.system, both, known, axes)
+        return (*first, *(gain,) * driven, *second, *(0.0,) * driven)
+
+    return Coupling(
+        pairs=pairs,
+        constants=constants,
+        axes=axes,
+        forces=(*model.system.space.kinds, *("scalar",) * driven),
+        pull=pull,
+        together=lambda outputs, z: with_totals(model, outputs, where(z, at_rows or {})),
+        drift=drift,
+        kick=kick,
+    )
+
+
+def with_totals(model: Model, outputs: Mapping[str, Array], bodies: Body) -> dict[str, Array]:
+    """Outputs of rows (rows, lanes, ...) with those of all bodies together; of V a half goes to each body of a pair."""
+    pairs = pairs_of(model)
+    if pairs is None:
+        return dict(outputs)
+    known, axes = constants_of_pairs(model)
+    first, second = (
+        Body(
+            tuple(z[:, of] for z in bodies.state),
+            None if bodies.g is None else bodies.g[:, of],
+            None if bodies.t is None else bodies.t[:, of],
+        )
+        for of in pairs.T
+    )
+    V, _, _ = kicks.potential_of_pair(model.system, (first, second), known, axes)
+    out = dict(outputs)
+    energy = out["energy"].copy()
+    shares = np.broadcast_to(np.asarray(V) / 2, (len(energy), len(pairs)))
+    for of in pairs.T:
+        np.add.at(energy.T, of, shares.T)
+    out |= {"energy": energy, f"{TOTAL}energy": _of_all(energy)}
+    out |= {TOTAL + name: _of_all(outputs[name]) for name in conserved_totals(model)}
+    return out | ({BALANCE: out[f"{TOTAL}energy"] - _of_all(out[WORK])} if WORK in out else {})
+
+
+def _of_all(values: Array) -> Array:
+    """The sum over the lanes, in each lane."""
+    return np.broadcast_to(values.sum(1, keepdims=True), values.shape)

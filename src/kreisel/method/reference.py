@@ -6,7 +6,18 @@ from dataclasses import replace
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.method.driven import WORK, outcomes_of_work, power, require_orientation, with_work, zero
+from kreisel.forces.kicks import Body
+from kreisel.forces.pairs import of_bodies
+from kreisel.method.driven import (
+    WORK,
+    coupling_of,
+    outcomes_of_totals,
+    outcomes_of_work,
+    power,
+    require_orientation,
+    with_work,
+    zero,
+)
 from kreisel.method.observing import ORIENTATION, observer, orientation_outcome
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme
@@ -58,10 +69,11 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         outcomes[ORIENTATION] = orientation_outcome(model)
     if driven:
         outcomes |= outcomes_of_work("not conserved by this method")
+    outcomes |= outcomes_of_totals(model, "not conserved by this method")
     return Scheme(
         name="dop853",
         components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()) + beside,
-        constants=dict(model.constants),
+        constants=of_bodies(model),
         axes=model.axes,
         n=model.n,
         prepare=prepare,
@@ -71,6 +83,9 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         outcomes=outcomes,
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
         numbers=model.system.numbers,
+        coupling=coupling_of(
+            model, lambda z, known: Body(z[:count], z[count] if oriented else None, where(z).get(TIME)), driven
+        ),
     )
 
 

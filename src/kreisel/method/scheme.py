@@ -93,6 +93,29 @@ class Guard:
 
 
 @dataclass(frozen=True)
+class Coupling:
+    """Lanes that act on each other in pairs: a stage is `drift` of each lane, the sum of `pull` over pairs, `kick`.
+
+    pairs      (count, 2), lanes
+    constants  of the pairs (count, ...), and `axes` of each without that of pairs
+    forces     the components of what acts on a lane
+    pull(*z1, *z2, **known)    -> forces on the first, forces on the second; known: those of the pair, and scalars
+    drift(*z, **known)         -> z; None for a flow, to whose `rate` forces add: to its first numbers, in order
+    kick(*z, *forces, **known) -> z
+    together(outputs, z)       -> outputs of rows (rows, lanes, ...), with what is of all lanes together
+    """
+
+    pairs: Array
+    constants: Mapping[str, Array]
+    axes: Mapping[str, int]
+    forces: tuple[str, ...]
+    pull: Callable[..., tuple[Array, ...]]
+    together: Callable[[Mapping[str, Array], tuple[Array, ...]], dict[str, Array]]
+    drift: Callable[..., tuple[Array, ...]] | None = None
+    kick: Callable[..., tuple[Array, ...]] | None = None
+
+
+@dataclass(frozen=True)
 class Scheme:
     """A method for one model.
 
@@ -111,6 +134,7 @@ class Scheme:
     reopen(x)              -> z         from an observed state back to the method's own variables
     held(z)                -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
+    coupling                            what lanes do to each other, in place of `step`; None for lanes on their own
 
     A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
     constants that vary with the stage, along an axis of their own.
@@ -139,6 +163,7 @@ class Scheme:
     conserved: Callable[..., dict[str, Array]] | None = None
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
+    coupling: Coupling | None = None
     key: tuple[Any, ...] | None = None  # schemes with the same one differ in constants of the trajectory alone
 
     @property

@@ -27,7 +27,17 @@ from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import INERTIA, ORIENTATION, Body, perturbation_of
-from kreisel.method.driven import COUNT, WORK, outcomes_of_work, require_orientation, with_work, zero
+from kreisel.forces.pairs import of_bodies
+from kreisel.method.driven import (
+    COUNT,
+    WORK,
+    coupling_of,
+    outcomes_of_totals,
+    outcomes_of_work,
+    require_orientation,
+    with_work,
+    zero,
+)
 from kreisel.method.integrable import Integrable, integrable
 from kreisel.method.observing import observer, orientation_outcome, with_orientation
 from kreisel.method.record import Method
@@ -58,7 +68,8 @@ class Splitting:
         self.part: Integrable = integrable(model)
         self.axes = _changed_axes(model) if self.record.inertia else []
         _require_a_symmetric_kick(model, order)
-        kinds = len(self.axes) + bool(self.record.functions) + self.record.damping
+        kicked = bool(self.record.functions) or self.record.pair is not None
+        kinds = len(self.axes) + kicked + self.record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
 
     @property
@@ -74,13 +85,36 @@ class Splitting:
 
     def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **known: Array) -> State:
         """A, then B."""
-        own, g, more = self.apart(z)
-        own, g, more = self.moved(own, g, more, _drift, known)
-        time = (more[COUNT] + _node) * known["_dt"] if self.timed else None
-        own, g, work = self.perturbed(own, g, time, _kick, known)
+        return self.kick(*self.drift(*z, _drift=_drift, **known), _kick=_kick, _node=_node, **known)
+
+    def drift(self, *z: Array, _drift: Array, **known: Array) -> State:
+        """A."""
+        own, g, more = self.moved(*self.apart(z), _drift, known)
+        return (*own, *g, *more.values())
+
+    def kick(self, *z: Array, _kick: Array, _node: Array, **known: Array) -> State:
+        """B, with what other bodies do to this one behind its state."""
+        size = self.count + self.oriented + len(self.extra)
+        own, g, more = self.apart(z[:size])
+        pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
+        body = Body(own, None, self.time(more, _node, known))
+        own, g, work = self.perturbed(body, g, _kick, known, pulled)
         if self.driven:
             more[WORK] = more[WORK] + work
         return (*own, *g, *more.values())
+
+    def where(self, z: State, known: Constants) -> Body:
+        """The body at a node of the step."""
+        own, g, more = self.apart(z)
+        return Body(own, self.turn(g), self.time(more, known["_node"], known) if self.timed else None)
+
+    def turn(self, g: State) -> Array | None:
+        """The orientation as a matrix."""
+        return None if not g else algebra.rotation_matrix(g[0]) if self.model.n == 3 else g[0]
+
+    def time(self, more: Mapping[str, Array], node: Array, known: Constants) -> Any:
+        """The time at a node of the step."""
+        return (more[COUNT] + node) * known["_dt"] if self.timed else None
 
     def close(self, *z: Array, _last: Array, **known: Array) -> State:
         """The last A, and the count of steps."""
@@ -99,22 +133,26 @@ class Splitting:
         own, g = self.part.move(own, g, h, known)
         return own, g, more
 
-    def perturbed(self, own: State, g: State, t: Any, h: Array, known: Constants) -> tuple[State, State, Any]:
+    def perturbed(
+        self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
+    ) -> tuple[State, State, Any]:
         """The flow of the perturbation, and its work."""
-        work: Any = 0
+        own, work = body.state, 0.0
         for fraction in self.parts:
-            own, g, gained = self._once(own, g, t, fraction * h, known)
+            own, g, gained = self._once(body._replace(state=own), g, fraction * h, known, pulled)
             work = work + gained
         return own, g, work
 
-    def _once(self, own: State, g: State, t: Any, h: Array, known: Constants) -> tuple[State, State, Any]:
+    def _once(
+        self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
+    ) -> tuple[State, State, Any]:
         """The same to order 2."""
-        own, before = self._damped(own, h / 2, known)
+        own, before = self._damped(body.state, h / 2, known)
         own, g = self._turned(own, g, self.axes, h / 2, known)
         gained: Any = 0
-        if self.record.functions:
-            turn = algebra.rotation_matrix(g[0]) if g and self.model.n == 3 else g[0] if g else None
-            own, gained = kicks.kicked(self.model.system, Body(own, turn, t), h, known, self.model.axes)
+        if self.record.functions or pulled is not None:
+            there = Body(own, self.turn(g), body.t)
+            own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, pulled)
         own, g = self._turned(own, g, self.axes[::-1], h / 2, known)
         own, after = self._damped(own, h / 2, known)
         return own, g, before + gained + after
@@ -158,18 +196,21 @@ def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
     return Scheme(
         name="splitting",
         components=(*with_orientation(model, oriented), *((name, "scalar") for name in body.extra)),
-        constants={**model.constants, **constants},
+        constants={**of_bodies(model), **constants},
         axes={**model.axes, **dict.fromkeys((*stages, *constants), 0)},
         stages=stages,
         n=model.n,
         prepare=body.begin,
-        step=body.step,
+        step=body.step if body.record.pair is None else None,
         close=body.close,
         observe=observe,
         reopen=body.begin,
         outcomes=outcomes,
         options={"order": order},
         guard=None if body.part.reach is None else _guard(body.part),
+        coupling=coupling_of(
+            model, body.where, body.driven, body.drift, body.kick, {"_node": np.zeros(()), "_dt": np.array(dt)}
+        ),
     )
 
 
@@ -197,6 +238,7 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
         outcomes[ORIENTATION] = orientation_outcome(model, continuous=True)
     if body.driven:
         outcomes |= outcomes_of_work(oscillates)
+    outcomes |= outcomes_of_totals(model, oscillates)
 
     def observe(z: State, /, **constants: Array) -> dict[str, Array]:
         own, g, more = body.apart(z)

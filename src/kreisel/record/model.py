@@ -105,7 +105,7 @@ class Model:
                 with np.errstate(all="ignore"):
                     p.check(self.params[p.letter], p.letter)
         batches = [
-            v.shape[: v.ndim - _axes(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
+            v.shape[: v.ndim - axes_of(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
         ]
         try:
             self.batch = np.broadcast_shapes(*batches)
@@ -146,7 +146,7 @@ class Model:
         """The model of some lanes of a batch; itself where it has no batch axes."""
         if not self.batch:
             return self
-        own = {p.letter: _axes(p, self.params[p.letter]) for p in self.system.parameters}
+        own = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
         return Model(self.system, {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()})
 
     def _dimension(self) -> int:
@@ -161,7 +161,11 @@ class Model:
         stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
         if stated:
             return _whole_dimension(self.params[stated[0]], stated[0], self.system.name)
-        sizes = {p.letter: self.params[p.letter].shape[-1] for p in self.system.parameters if p.kind != "scalar"}
+        sizes = {
+            p.letter: self.params[p.letter].shape[-1]
+            for p in self.system.parameters
+            if p.kind in ("vector", "symmetric")
+        }
         if len(set(sizes.values())) != 1:
             given = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
             raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {given}.")
@@ -200,6 +204,12 @@ class Model:
         state.__dict__["__signature__"] = inspect.Signature(letters)
         return state
 
+    @property
+    def _in_pairs(self) -> bool:
+        """Whether lanes are bodies that act on each other."""
+        record = self.system.perturbation
+        return record is not None and record.pair is not None
+
     def _state(self, components: Mapping[str, Any]) -> State:
         space = self.system.space
         for letter in components:
@@ -212,7 +222,7 @@ class Model:
         for letter, kind in space.components:
             if letter not in components:
                 raise InputError(f"The state of {self.system.name} needs {letter} ({kind}), got none.")
-            parts[letter] = _component(letter, kind, components[letter], self.n)
+            parts[letter] = _component(letter, kind, components[letter], self.n, self._in_pairs)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
             _on_phase_space(space, parts)
             if self.system.check_state is not None:
@@ -292,7 +302,8 @@ def _array(value: Any, name: str) -> Array:
     return array
 
 
-def _axes(p: Parameter, value: Array) -> int:
+def axes_of(p: Parameter, value: Array) -> int:
+    """The axes of a parameter, without those of lanes."""
     return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
 
 
@@ -301,7 +312,7 @@ def _parameter(p: Parameter, value: Any, system: str) -> Array:
     array = _array(value, name)
     if not array.size:
         raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
-    axes = _axes(p, array)
+    axes = axes_of(p, array)
     if p.kind in ("vector", "symmetric") and array.ndim:
         check_dimension(array.shape[-1], name)
     if p.kind == "symmetric" and array.ndim == 1:
@@ -327,9 +338,12 @@ def _check_symmetric(array: Array, name: str) -> None:
         raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
 
 
-def _component(letter: str, kind: str, value: Any, n: int) -> Array:
+def _component(letter: str, kind: str, value: Any, n: int, of_bodies: bool) -> Array:
+    """A component of a state; `of_bodies`: with an axis of bodies, so that 3 x 3 numbers are three axial vectors."""
     name = f"state component {letter}"
     array = _array(value, name)
+    if of_bodies and kind == "skew" and array.shape in ((3,), (3, 3)):
+        return algebra.hat(np.atleast_2d(array))
     if kind == "symmetric":
         if array.ndim < 2 or array.shape[-2:] != (n, n):
             raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}), got shape {array.shape}.")

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from kreisel.record.contract import System
 
 TIME = "t"
+PAIRS = "pairs"
+FIRST, SECOND = "1", "2"  # behind the letters of the two bodies of a pair
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Perturbation:
     torque      the rate tau of the momentum beside, in the frame of the state; an axial vector for n = 3
     damping     whether there is a parameter `damping`: M' = -damping M beside, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
+    pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
+                Letters of body i end in 1, those of body j in 2
     """
 
     base: System
@@ -40,16 +44,20 @@ class Perturbation:
     torque: Force | None = None
     damping: bool = False
     inertia: bool = False
+    pair: Force | None = None
 
     @property
     def functions(self) -> dict[str, Force]:
-        """The forces that are functions."""
+        """The forces on one body that are functions."""
         named = {"potential": self.potential, "torque": self.torque}
         return {what: force for what, force in named.items() if force is not None}
 
     def names(self, letter: str) -> bool:
         """Whether a force takes this letter."""
-        return any(force.names(letter) for force in self.functions.values())
+        alone = any(force.names(letter) for force in self.functions.values())
+        if self.pair is None:
+            return alone
+        return alone or any(self.pair.names(letter + mark) for mark in ("", FIRST, SECOND))
 
     @property
     def driven(self) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
+from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
@@ -143,13 +144,20 @@ class Plan:
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
-        return self._shaped(z, self._plainly(z) if self._compiled is None else self._compiled(z))
+        return self._shaped(z, self._together(z, self._plainly(z) if self._compiled is None else self._compiled(z)))
 
     @cached_property
     def example(self) -> dict[str, Array]:
         """The outputs of the start, as `observe` shapes those of one row; nothing is compiled for them."""
         with np.errstate(all="ignore"):
-            return self._shaped(self.first[None], self._plainly(self.first[None]))
+            return self._shaped(self.first[None], self._together(self.first[None], self._plainly(self.first[None])))
+
+    def _together(self, z: Floats, outputs: Mapping[str, Array]) -> Mapping[str, Array]:
+        """The outputs with those of all lanes together, where lanes act on each other."""
+        if self.scheme.coupling is None:
+            return outputs
+        found = self.scheme.coupling.together(outputs, layout.restore(z, self.kinds, self.model.n))
+        return {name: found[name] for name in self.outcomes}
 
     def _plainly(self, z: Floats) -> dict[str, Array]:
         known = {**self.scheme.constants, **self.scheme.basis}
@@ -165,9 +173,11 @@ class Plan:
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         """What is observed of a state in the method's own variables."""
         outputs = self.scheme.observe(parts, **constants)
+        chosen = self.outcomes if self.scheme.coupling is None else self.scheme.outcomes
         return {
             name: algebra.axial(outputs[name]) if outcome.axes == "skew" and self.model.n == 3 else outputs[name]
-            for name, outcome in self.outcomes.items()
+            for name, outcome in chosen.items()
+            if name in outputs
         }
 
     @cached_property
@@ -324,6 +334,7 @@ def _lanes(
         raise InputError("At least one lane was expected, got a batch of none. Check how the batch was made.")
     if len(batch) > 1:
         raise InputError(f"One batch axis (lanes) was expected, got axes {batch}. Reshape the batch to one axis.")
+    require_bodies(model, batch)
     spread = tuple(
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)

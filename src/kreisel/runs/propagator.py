@@ -73,6 +73,11 @@ def propagator(
     flag(project, "project")
     step = 1.0 if dt is None else positive_number(dt, "dt")
     made = scheme(system, named(method, "method"), step, whole_order(order), bool(orientation))
+    if made.coupling is not None:
+        raise InputError(
+            f"{system.system.name}: expected a system whose lanes are independent, got bodies that act on each other in "
+            "pairs. Use kr.simulate."
+        )
     if dt is None and (made.step is not None or made.orbit is None):
         raise InputError(f"method={made.name!r} needs a step dt, got none.")
     made = replace(made, held=held_by_orientation(system, made.components))

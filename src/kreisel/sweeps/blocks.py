@@ -51,6 +51,11 @@ class Sweep:
         self.description, spec = description, description["sweep"]
         base = dict(description["system"])
         self.system: System = load_system(base.pop("name"), file)
+        if self.system.perturbation is not None and self.system.perturbation.pair is not None:
+            raise InputError(
+                f"{self.system.name}: expected a system whose lanes are independent, got bodies that act on each other in "
+                "pairs, which are the lanes of one run. Call kr.simulate for each set of parameters."
+            )
         self.lanes = Lanes({**description, "system": base}, spec)
         self.save: tuple[str, ...] = tuple(spec["save"])
         self._kinds = {p.letter: p.kind for p in self.system.parameters}

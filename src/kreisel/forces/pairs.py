@@ -1,0 +1,110 @@
+"""Bodies that act on each other in pairs: which pairs, and their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.forces.kicks import perturbation_of
+from kreisel.record.contract import Parameter
+from kreisel.record.model import Model
+from kreisel.record.perturbation import PAIRS, Perturbation
+
+MOST_BODIES = 10**6
+
+
+def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Parameter]) -> dict[str, Parameter]:
+    """`pairs` as a parameter, and those of the pair potential that differ from pair to pair.  Raises `InputError`."""
+    if (record.pair is None) != (pairs is None):
+        raise InputError(
+            f"perturbed: expected pair_potential and pairs=[(0, 1), ...] together, got {'no ' * (pairs is None)}pairs."
+        )
+    if record.pair is None:
+        return {}
+    if record.inertia:
+        raise InputError(
+            "perturbed: expected bodies in pairs without inertia=..., which turns what the pair potential depends on "
+            "within a kick. Give the moments in the integrable part where they fit."
+        )
+    found = _checked(pairs)
+    out = {PAIRS: Parameter(PAIRS, "array", "the bodies that act on each other, (pairs, 2)", _whole, found)}
+    of_one = {name for force in record.functions.values() for name in force.parameters}
+    for name in record.pair.parameters:
+        if name not in own:
+            raise InputError(
+                f"pair_potential: expected parameters of params={{...}}, got {name}, which is one of a body. Give its "
+                "value as a parameter of another name."
+            )
+        value = np.asarray(own[name].default)
+        if value.ndim == (own[name].kind == "vector"):
+            continue
+        if name in of_one:
+            raise InputError(
+                f"params: expected one {name} for all, since forces on one body and on pairs take it, got "
+                f"{shown(own[name].default)}."
+            )
+        if len(value) != len(found):
+            raise InputError(f"params: expected one {name}, or {len(found)}, one for each pair, got {len(value)}.")
+        out[name] = Parameter(name, "array", own[name].meaning, None, value)
+    return out
+
+
+def _checked(pairs: Any) -> Array:
+    try:
+        found = np.asarray(pairs)
+    except ValueError:
+        found = np.empty(0)
+    if found.ndim != 2 or found.shape[1:] != (2,) or not len(found) or found.dtype.kind not in "iu":
+        raise InputError(f"pairs: expected pairs of whole numbers, such as [(0, 1), (1, 2)], got {shown(pairs)}.")
+    _whole(found, PAIRS)
+    return found
+
+
+def _whole(value: Array, name: str) -> None:
+    if value.ndim != 2 or value.shape[1:] != (2,) or (value % 1 != 0).any():
+        raise InputError(f"{name}: expected pairs of whole numbers, got {shown(value.tolist())}.")
+    if value.min() < 0 or value.max() >= MOST_BODIES or (value[:, 0] == value[:, 1]).any():
+        raise InputError(
+            f"{name}: expected two different bodies in each, from 0 to {MOST_BODIES - 1:,}, got "
+            f"{shown(value.tolist())}."
+        )
+
+
+def pairs_of(model: Model) -> Array | None:
+    """The bodies that act on each other, (pairs, 2); None where the lanes are independent."""
+    record = model.system.perturbation
+    if record is None or record.pair is None:
+        return None
+    return np.ascontiguousarray(model.params[PAIRS], dtype=np.int64)
+
+
+def constants_of_pairs(model: Model) -> tuple[dict[str, Array], dict[str, int]]:
+    """The parameters of the pair potential, (pairs, ...), and their axes without that of pairs."""
+    force, count = perturbation_of(model.system).pair, len(model.params[PAIRS])
+    values, axes = {}, {}
+    for p in model.system.parameters:
+        if force is not None and p.letter in force.parameters:
+            value, by_pair = model.params[p.letter], p.kind == "array"
+            values[p.letter] = value if by_pair else np.broadcast_to(value, (count, *value.shape))
+            axes[p.letter] = value.ndim - by_pair
+    return values, axes
+
+
+def of_bodies(model: Model) -> dict[str, Array]:
+    """The constants of the bodies, without those of pairs."""
+    of_pairs = {p.letter for p in model.system.parameters if p.kind == "array"} if pairs_of(model) is not None else ()
+    return {name: value for name, value in model.constants.items() if name not in of_pairs}
+
+
+def require_bodies(model: Model, batch: tuple[int, ...]) -> None:
+    """Raises `InputError` where the lanes of a run are not the bodies of the pairs."""
+    pairs = pairs_of(model)
+    if pairs is not None and batch != (pairs.max() + 1,):
+        raise InputError(
+            f"{model.system.name}: expected a state of {pairs.max() + 1} bodies along a first axis, since pairs has "
+            f"the bodies 0 to {pairs.max()}, got {f'axes {batch}' if batch else 'one body'}."
+        )

@@ -1,0 +1,235 @@
+"""Bodies that act on each other in pairs: lanes that meet between the parts of a step.
+
+A stage is `drift` of all lanes, in vectors of lanes; a loop over the pairs, which sums what acts on each lane; `kick`
+of all lanes.  The record is of one lane and of one pair, so what is compiled does not grow with their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import InputError
+from kreisel.kernels import layout
+from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, projection_between
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection.corrections import Corrections
+from kreisel.kernels.projection.program import recordable
+from kreisel.kernels.recording import (
+    Recording,
+    columns_of,
+    flat_constants,
+    flat_stages,
+    indented,
+    recorded_arguments,
+    recorded_numbers,
+    recorded_values,
+)
+from kreisel.kernels.simd import HEAD as SIMD_HEAD
+from kreisel.kernels.simd import INLINED, Functions
+from kreisel.kernels.tape import Tape
+from kreisel.method.scheme import Coupling, Scheme
+
+PULL = """
+@njit({inlined})
+def pull(z, c, s, p, forces, i, j, pair, stage):
+{load}
+{body}
+{add}
+
+
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8)", {options})
+def pull_all(z, c, s, p, pairs, forces, stage):
+    forces[:] = 0.0
+    for pair in range(len(pairs)):
+        pull(z, c, s, p, forces, pairs[pair, 0], pairs[pair, 1], pair, stage)
+
+"""
+
+KERNEL = """
+WIDTH = {width}  # lanes at once
+
+
+@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], i8)", {options})
+def kernel(z, c, s, p, pairs, out, every):
+    lanes, stages = len(z), s.shape[1]
+    forces = np.zeros((lanes, {forces}))
+    blocks = -(-lanes // WIDTH)
+    k = np.empty((blocks * {known} + 1, WIDTH))
+    v = np.empty((blocks * stages * {staged} + 1, WIDTH))
+    for block in range(blocks):
+        lane = block * WIDTH
+{begin}
+    for row in range(out.shape[0]):
+        for _ in range(every):
+            for stage in range(stages):
+                for block in range(blocks):
+                    lane = block * WIDTH
+                    scatter(z, (), lane, lanes, drift({state}{of_known}{of_stage}))
+                pull_all(z, c, s, p, pairs, forces, stage)
+                for block in range(blocks):
+                    lane = block * WIDTH
+                    scatter(z, (), lane, lanes, kick({state} + {pulled}{of_known}{of_stage}))
+{close}
+        out[row] = z
+"""
+
+
+class CoupledEngine:
+    """Lanes that act on each other, advanced together on one core; `projection` as in `kreisel.kernels.cpu`."""
+
+    def __init__(self, scheme: Scheme, z0: Floats, project: bool):
+        coupling = of(scheme)
+        self.z = np.array(z0, dtype=np.float64, order="C")
+        self.constants, columns = flat_constants(scheme, len(self.z))
+        self.stages, stage_columns = flat_stages(scheme, len(self.z))
+        self._pairs, (self._of_pairs, pair_columns) = coupling.pairs, constants_of(coupling)
+        record = Recording(scheme, self.constants, columns, stage_columns)
+        if not record.straight:
+            raise InputError(
+                f"{scheme.name}: expected bodies whose step is short enough for straight-line code, such as those with "
+                f"n = 3, to act on each other, got n = {scheme.n}."
+            )
+        self.source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}") + source_of(
+            record, scheme, {"c": columns, "s": stage_columns, "p": pair_columns}
+        )
+        self._kernel = load_kernel(self.source).kernel
+        work = scheme.stage_count * record.work
+        self.projection: Corrections | None = (
+            recordable(lambda: projection_between(scheme, self.z, work)) if project else None
+        )
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if self.projection is None:
+            self._advance(out, every)
+        else:
+            self.projection.in_parts(out, every, self._advance, self._project)
+
+    def _advance(self, out: Floats, every: int) -> None:
+        self._kernel(self.z, self.constants, self.stages, self._of_pairs, self._pairs, out, every)
+
+    def _project(self) -> Floats:
+        if self.projection is not None:
+            self.projection.apply()
+        return self.z
+
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+        if self.projection:
+            self.projection.restore(snapshot)
+
+
+def of(scheme: Scheme) -> Coupling:
+    """What the lanes of a scheme do to each other.  Raises `TypeError` where that is nothing."""
+    if scheme.coupling is None:
+        raise TypeError(f"the lanes of {scheme.name} are independent")
+    return scheme.coupling
+
+
+def constants_of(coupling: Coupling) -> tuple[Floats, dict[str, slice]]:
+    """The constants of the pairs as rows (pairs, count), and where each stands."""
+    return columns_of(coupling.constants, coupling.axes, (len(coupling.pairs),))
+
+
+def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
+    """z (lanes, d) -> what acts on each lane (lanes, forces), for a flow."""
+    coupling = of(scheme)
+    (constants, columns), (of_pairs, pair_columns) = flat_constants(scheme, lanes), constants_of(coupling)
+    source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}")
+    source += _pull_source(scheme, {"c": columns, "s": {}, "p": pair_columns})
+    pull_all = load_kernel(source).pull_all
+    count, no_stages = _count_of_forces(scheme), np.zeros((lanes, 1, 0))
+
+    def pulls(z: Floats) -> Floats:
+        out = np.empty((lanes, count))
+        pull_all(z, constants, no_stages, of_pairs, coupling.pairs, out, 0)
+        return out
+
+    return pulls
+
+
+def source_of(record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> str:
+    """The functions of a step and of a pair, and the kernel."""
+    from kreisel.kernels._numba.vector_type import register_width
+
+    functions, width = Functions.of(record), register_width()
+    size, forces = len(record.state), _count_of_forces(scheme)
+    known, staged = len(functions.known), len(functions.staged)
+
+    def gathered(array: str, letter: str) -> str:
+        count = max((place.stop for place in record.columns[letter].values()), default=0)
+        return f"gather({array}, {count}, lane, lanes, {width})"
+
+    varying = record.used("s") and not functions.by_stage
+    rows = [gathered("c", "c")] * bool(record.used("c")) + [gathered("s[:, 0]", "s")] * bool(varying)
+    begin = [f"here = known({', '.join(rows)})"]
+    begin += [f"store(k, block * {known}, here)"] if known else []
+    if staged:
+        of_stage = f"staged(here, {gathered('s[:, stage]', 's')})"
+        begin += ["for stage in range(stages):", f"    store(v, (block * stages + stage) * {staged}, {of_stage})"]
+    of_known = f", load(k, block * {known}, {known}, {width})" if known else ", ()"
+    state = f"gather(z, {size}, lane, lanes, {width})"
+    close = [
+        "for block in range(blocks):",
+        "    lane = block * WIDTH",
+        f"    scatter(z, (), lane, lanes, close({state}{of_known}))",
+    ]
+    return (
+        SIMD_HEAD
+        + functions.text
+        + _pull_source(scheme, columns)
+        + KERNEL.format(
+            options=EXACT,
+            width=width,
+            forces=forces,
+            known=known,
+            staged=staged,
+            begin=indented(begin, 8),
+            state=state,
+            pulled=f"gather(forces, {forces}, lane, lanes, {width})",
+            of_known=of_known,
+            of_stage=f", load(v, (block * stages + stage) * {staged}, {staged}, {width})" if staged else "",
+            close=indented(close if functions.closes else [], 12),
+        )
+    )
+
+
+def _count_of_forces(scheme: Scheme) -> int:
+    return sum(layout.coordinate_count(kind, scheme.n) for kind in of(scheme).forces)
+
+
+def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> str:
+    """The function of a pair: it adds what acts on both."""
+    coupling, tape = of(scheme), Tape("p")
+    kinds = [kind for _, kind in scheme.components]
+    z, known = recorded_arguments(scheme, tape, {k: v for k, v in columns.items() if k != "p"}, tuple(kinds))
+    for name, place in columns["p"].items():
+        known[name] = recorded_numbers(tape, "p", place, np.shape(coupling.constants[name])[1:])
+    found = coupling.pull(*z, **known)
+    values: list[Any] = list(layout.flatten(found, [*coupling.forces, *coupling.forces]))
+    lines, sources = recorded_values(tape, values)
+    half = len(values) // 2
+    size = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
+    used = {name for line in lines for name in line.needs} | {source.strip("(-)") for source in sources}
+    load = []
+    for name in sorted(name for name in used if name[1:].isdigit() and name[0] in "zcsp"):
+        at = int(name[1:])
+        of_body = f"z[i, {at}]" if at < size else f"z[j, {at - size}]"
+        sources_of = {"z": of_body, "c": f"c[i, {at}]", "s": f"s[i, stage, {at}]", "p": f"p[pair, {at}]"}
+        load.append(f"{name} = {sources_of[name[0]]}")
+    add = [f"forces[{'ij'[k // half]}, {k % half}] += {source}" for k, source in enumerate(sources) if source != "0.0"]
+    return PULL.format(
+        options=EXACT,
+        inlined=INLINED,
+        load=indented(load, 4),
+        body=indented([line.text for line in lines], 4),
+        add=indented(add or ["pass"], 4),
+    )
