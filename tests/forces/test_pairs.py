@@ -163,6 +163,16 @@ def test_interrupted_and_lengthened(tmp_path: Path) -> None:
         kr.resume(tmp_path / "run.zarr", extend=90, system=chain(pairs=[(0, 1), (0, 2)]))
 
 
+def test_a_propagator_of_bodies() -> None:
+    body = chain()
+    p = kr.propagator(body, dt=0.2)
+    x = np.concatenate([START["m"], START["a"]], -1)
+    run = kr.simulate(body, body.state(**START), dt=0.2, steps=300)
+    for n in (7, 300, 7):  # long enough to be projected, and begun again
+        found = p.steps(x, n)
+        np.testing.assert_array_equal(found, np.concatenate([run.m[n], run.a[n]], -1))
+
+
 def test_what_is_observed_is_chosen() -> None:
     body = chain()
     run = kr.simulate(body, body.state(**START), dt=0.2, steps=4, observe=["total_energy"])
@@ -218,8 +228,10 @@ def test_where_pairs_do_not_go() -> None:
     x0 = body.state(**START)
     with pytest.raises(kr.InputError, match="engine"):
         kr.simulate(body, x0, dt=0.1, steps=1, engine="cuda")
-    with pytest.raises(kr.InputError, match="independent"):
-        kr.propagator(body, dt=0.1)
+    with pytest.raises(kr.InputError, match="observe"):
+        kr.propagator(body, dt=0.1, observe=["total_energy"])
+    with pytest.raises(kr.InputError, match="3 bodies"):
+        kr.propagator(body, dt=0.1).steps(np.ones((2, 6)), 1)
     moving = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)
     with pytest.raises(kr.InputError, match="inertia"):
         kr.perturbed(moving, inertia=(1, 1, 0.5), pair_potential=lambda P1, P2: P1 @ P2, pairs=PAIRS)

@@ -15,6 +15,7 @@ from kreisel.errors import InputError
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection.compiled import CompiledProjection
 from kreisel.kernels.projection.corrections import Corrections
 from kreisel.kernels.projection.program import recordable
 from kreisel.kernels.recording import (
@@ -82,6 +83,7 @@ class CoupledEngine:
 
     def __init__(self, scheme: Scheme, z0: Floats, project: bool):
         coupling = of(scheme)
+        self._scheme = scheme
         self.z = np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
@@ -116,7 +118,12 @@ class CoupledEngine:
         return self.z
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        return False
+        if scheme is not self._scheme or len(z) != len(self.z):
+            return False
+        self.z[:] = z
+        if isinstance(self.projection, CompiledProjection):
+            self.projection.begin(steps)
+        return self.projection is None or isinstance(self.projection, CompiledProjection)
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}

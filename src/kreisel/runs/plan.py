@@ -154,7 +154,7 @@ class Plan:
 
     def _together(self, z: Floats, outputs: Mapping[str, Array]) -> Mapping[str, Array]:
         """The outputs with those of all lanes together, where lanes act on each other."""
-        if self.scheme.coupling is None:
+        if self.scheme.coupling is None or self.settings.observe == ():
             return outputs
         found = self.scheme.coupling.together(outputs, layout.restore(z, self.kinds, self.model.n))
         return {name: found[name] for name in self.outcomes}
@@ -173,7 +173,8 @@ class Plan:
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         """What is observed of a state in the method's own variables."""
         outputs = self.scheme.observe(parts, **constants)
-        chosen = self.outcomes if self.scheme.coupling is None else self.scheme.outcomes
+        alone = self.scheme.coupling is None or self.settings.observe == ()
+        chosen = self.outcomes if alone else self.scheme.outcomes
         return {
             name: algebra.axial(outputs[name]) if outcome.axes == "skew" and self.model.n == 3 else outputs[name]
             for name, outcome in chosen.items()

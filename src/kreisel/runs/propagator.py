@@ -14,6 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
+from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.engines import Engine
@@ -73,10 +74,10 @@ def propagator(
     flag(project, "project")
     step = 1.0 if dt is None else positive_number(dt, "dt")
     made = scheme(system, named(method, "method"), step, whole_order(order), bool(orientation))
-    if made.coupling is not None:
+    if made.coupling is not None and len(observe):
         raise InputError(
-            f"{system.system.name}: expected a system whose lanes are independent, got bodies that act on each other in "
-            "pairs. Use kr.simulate."
+            f"{system.system.name}: expected observe=() for bodies that act on each other in pairs, got "
+            f"{shown(observe)}. kr.simulate observes them."
         )
     if dt is None and (made.step is not None or made.orbit is None):
         raise InputError(f"method={made.name!r} needs a step dt, got none.")
@@ -222,7 +223,9 @@ class Propagator:
         x = state if state.ndim > 1 else state[None]
         if self.model.batch and len(x) != self.model.batch[0]:
             x = np.broadcast_to(x, (self.model.batch[0], self.size))
-        return np.ascontiguousarray(x), state.ndim > 1 or bool(self.model.batch)
+        batched = state.ndim > 1 or bool(self.model.batch)
+        require_bodies(self.model, (len(x),) if batched else ())
+        return np.ascontiguousarray(x), batched
 
     def _flat(self, state: Mapping[str, Any]) -> Floats:
         """A mapping as one array, checked as the start of a run is."""

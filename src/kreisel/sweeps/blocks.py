@@ -53,8 +53,8 @@ class Sweep:
         self.system: System = load_system(base.pop("name"), file)
         if self.system.perturbation is not None and self.system.perturbation.pair is not None:
             raise InputError(
-                f"{self.system.name}: expected a system whose lanes are independent, got bodies that act on each other in "
-                "pairs, which are the lanes of one run. Call kr.simulate for each set of parameters."
+                f"{self.system.name}: expected a system whose lanes are independent, got bodies that act on each other "
+                "in pairs, which are the lanes of one run. Call kr.simulate for each set of parameters."
             )
         self.lanes = Lanes({**description, "system": base}, spec)
         self.save: tuple[str, ...] = tuple(spec["save"])
