@@ -112,7 +112,7 @@ def carried_out(part: Part, number: int, seed: int, folder: Path) -> dict[str, A
             told: dict[str, Any] = {"outcome": part.case(rng, folder)}
     except BaseException as error:
         told = {"outcome": "fault", "what": f"{type(error).__name__}: {error}"[:1000], "where": _where(error)}
-    if sandbox.listing(sentinel) != before:
+    if not sandbox.stays(sentinel, before):
         told = {"outcome": "fault", "what": f"a file outside the folder of the case was touched; {told}", "where": ""}
     os.chdir("/")
     emptied(folder)

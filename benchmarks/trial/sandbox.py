@@ -13,12 +13,14 @@ import stat
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 DEVICES = {"null": (1, 3), "zero": (1, 5), "full": (1, 7), "urandom": (1, 9)}
 LARGEST = "3g"  # of the file system in memory
 NOT_PERMITTED = "a temporary folder; no namespace of mounts was permitted, and paths of devices were not tried"
 PRIVATE = "a namespace of its own: all file systems read-only but one in memory, private devices"
+MOMENT = 2.0  # seconds
 CAPABILITY_VERSION = 0x20080522  # of Linux
 
 
@@ -110,6 +112,16 @@ def listing(place: Path) -> list[tuple[str, int, int, int]]:
             size = 0 if stat.S_ISDIR(told.st_mode) else told.st_size
             out.append((os.path.join(where, name), stat.S_IFMT(told.st_mode), size, told.st_mtime_ns))
     return sorted(out)
+
+
+def stays(place: Path, before: list[tuple[str, int, int, int]]) -> bool:
+    """Whether a listing is what it was; a lock of another worker, who writes there too, stands for a moment."""
+    end = time.monotonic() + MOMENT
+    while listing(place) != before:
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
 
 
 def drop() -> None:

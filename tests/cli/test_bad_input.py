@@ -621,3 +621,20 @@ def test_turns_beyond_the_doubles() -> None:
     with pytest.raises((kr.InputError, kr.RunError)):
         x0 = top.state(m=(0.5, 1.0, 0.9), a=(0.6, 0.4, 0.7))
         kr.simulate(top, x0, dt=0.02, steps=5, order=4, orientation=(1, 0, 0, 0))
+
+
+@pytest.mark.parametrize("command", ["check", "plot", "view", "resume", "export"])
+def test_kreisel_itself_says_what_cannot_be_read(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not the library of the command line, in a frame and words of its own."""
+    from kreisel import cli
+
+    (tmp_path / "run.zarr").mkdir()
+    monkeypatch.setattr("os.access", lambda *_, **__: False)
+    more = ["f.nc"] if command == "export" else []
+    monkeypatch.setattr(sys, "argv", ["kreisel", command, str(tmp_path / "run.zarr"), *more])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    err = capsys.readouterr().err
+    assert ended.value.code == 2 and err.startswith("kreisel: ") and "not readable" not in err

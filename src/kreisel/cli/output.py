@@ -36,6 +36,11 @@ TOO_MUCH = "Usual cause: an n or a number of lanes that is too large. Use fewer,
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
 
 
+def a_path(text: str, *names: str) -> Any:
+    """An argument, or an option of these names, that is a path; Kreisel itself says whether it can be read."""
+    return typer.Option(*names, readable=False, help=text) if names else typer.Argument(readable=False, help=text)
+
+
 def condition(faults: list[str]) -> str:
     """One word for an archive with these faults."""
     cut = [fault for fault in faults if "was interrupted" in fault]

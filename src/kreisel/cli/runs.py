@@ -14,6 +14,7 @@ import typer
 from kreisel.cli.output import (
     AsJson,
     Overwrite,
+    a_path,
     app,
     condition,
     finite,
@@ -30,7 +31,7 @@ from kreisel.cli.output import (
 
 @app.command()
 def run(
-    config: Annotated[Path, typer.Argument(help="A TOML file; see examples/.")],
+    config: Annotated[Path, a_path("A TOML file; see examples/.")],
     overwrite: Overwrite = False,
     as_json: AsJson = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
@@ -93,7 +94,7 @@ def run(
 
 @app.command()
 def resume(
-    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
+    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
     extend: Annotated[int | None, typer.Option("--extend", help="Lengthen the run to this number of steps.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -115,7 +116,7 @@ def resume(
 
 @app.command()
 def sweep(
-    config: Annotated[Path, typer.Argument(help="A TOML file with a section [sweep]; see examples/sweep.toml.")],
+    config: Annotated[Path, a_path("A TOML file with a section [sweep]; see examples/sweep.toml.")],
     workers: Annotated[
         int | None, typer.Option("--workers", help="Processes here, by default one a core; 0: this one, without Dask.")
     ] = None,
@@ -161,11 +162,9 @@ def sweep(
 
 @app.command()
 def check(
-    archive: Path,
+    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
     as_json: AsJson = False,
-    out: Annotated[
-        Path | None, typer.Option("--recover", help="Write the rows that are whole to a new archive.")
-    ] = None,
+    out: Annotated[Path | None, a_path("Write the rows that are whole to a new archive.", "--recover")] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
     from kreisel.runs.describing import is_own
@@ -197,8 +196,8 @@ def check(
 
 @app.command()
 def export(
-    archive: Annotated[Path, typer.Argument(help="An archive of a run or a sweep.")],
-    out: Annotated[Path, typer.Argument(help="The file to write: .nc, .h5 or .parquet.")],
+    archive: Annotated[Path, a_path("An archive of a run or a sweep.")],
+    out: Annotated[Path, a_path("The file to write: .nc, .h5 or .parquet.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
 ) -> None:
     """Write an archive as NetCDF (HDF5) or Parquet."""
@@ -210,9 +209,9 @@ def export(
 
 @app.command()
 def plot(
-    archive: Path,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .png, .pdf or .svg.")] = None,
-    compare: Annotated[Path | None, typer.Option("--compare", help="A second archive, drawn in grey.")] = None,
+    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
+    out: Annotated[Path | None, a_path("Where to; .png, .pdf or .svg.", "--out", "-o")] = None,
+    compare: Annotated[Path | None, a_path("A second archive, drawn in grey.", "--compare")] = None,
     dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
 ) -> None:
     """Draw the figure of an archive."""
@@ -227,8 +226,8 @@ def plot(
 
 @app.command()
 def view(
-    archive: Annotated[Path, typer.Argument(help="The archive, NAME.zarr or NAME.zarr.part.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Where to; .html.")] = None,
+    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
+    out: Annotated[Path | None, a_path("Where to; .html.", "--out", "-o")] = None,
     lane: Annotated[int, typer.Option("--lane", help="The trajectory of an ensemble.")] = 0,
     serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
     host: Annotated[

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kreisel.cli.output import AsJson, app, finding_data, parameter_of, print_finding, print_json, say, width
+from kreisel.cli.output import AsJson, a_path, app, finding_data, parameter_of, print_finding, print_json, say, width
 from kreisel.errors import (
     InputError,
 )
@@ -149,7 +149,7 @@ def investigate(
     iterates: Annotated[int | None, typer.Option("--iterates", help="How many degrees.")] = None,
     steps: Annotated[int, typer.Option("--steps", help="Of the orbits for Lyapunov's exponents.")] = 10_000,
     seed: Annotated[int, typer.Option("--seed", help="Of the random points.")] = 0,
-    html: Annotated[Path | None, typer.Option("--html", help="Write the page to this file.")] = None,
+    html: Annotated[Path | None, a_path("Write the page to this file.", "--html")] = None,
     as_json: AsJson = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="Every map of the registry, as a table.")] = False,
 ) -> None:

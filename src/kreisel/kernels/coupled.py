@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.errors import InputError
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, projection_between
+from kreisel.kernels.cpu import EXACT, HEAD, adopted, load_kernel, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.compiled import CompiledProjection
 from kreisel.kernels.projection.corrections import Corrections
@@ -83,7 +83,7 @@ class CoupledEngine:
 
     def __init__(self, scheme: Scheme, z0: Floats, project: bool):
         coupling = of(scheme)
-        self._scheme = scheme
+        self.scheme = scheme
         self.z = np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
@@ -118,12 +118,11 @@ class CoupledEngine:
         return self.z
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        if scheme is not self._scheme or len(z) != len(self.z):
+        if not isinstance(self.projection, CompiledProjection | None) or not adopted(self, scheme, z):
             return False
-        self.z[:] = z
-        if isinstance(self.projection, CompiledProjection):
+        if self.projection is not None:
             self.projection.begin(steps)
-        return self.projection is None or isinstance(self.projection, CompiledProjection)
+        return True
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}

@@ -148,7 +148,7 @@ def code_of(
 ) -> Code:
     """The code of a scheme's step for the lanes of `constants` (lanes, count)."""
     special = tuple(special_constants(constants).items())  # which are folded into the code
-    key = None if scheme.key is None else (Code, scheme.key, len(constants), special, project)
+    key = None if scheme.code is None else (Code, scheme.code, len(constants), special, project)
 
     def make() -> Code:
         record = Recording(scheme, constants, columns, stage_columns)
@@ -177,8 +177,7 @@ class CpuEngine:
     """
 
     def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
-        self._scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
-        self._key = scheme.key, len(self.z)
+        self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
         self.constants, columns = flat_constants(scheme, len(self.z))
         self.stages, stage_columns = flat_stages(scheme, len(self.z))
         self.projection: Corrections | None = None
@@ -209,7 +208,7 @@ class CpuEngine:
     def _project(self) -> Floats:
         if self._between is not None:
             self._between.apply()
-            arrays.orthogonal(self._scheme, self.z)
+            arrays.orthogonal(self.scheme, self.z)
         return self.z
 
     def _advance(self, out: Floats, every: int) -> None:
@@ -228,15 +227,8 @@ class CpuEngine:
                 done.result()
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        if self._between is not None or self._key != (scheme.key, len(z)) or scheme.key is None:
+        if self._between is not None or not adopted(self, scheme, z):
             return False
-        if scheme.constants is not self._scheme.constants:
-            constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
-            if special_constants(constants) != special_constants(self.constants):
-                return False  # other code
-            self.constants[:], self.stages[:] = constants, stages
-            self._scheme = scheme
-        self.z[:] = z
         if self._woven is not None:
             self._woven.begin(steps)
         return True
@@ -248,6 +240,20 @@ class CpuEngine:
         self.z[:] = snapshot["z"]
         if self.projection:
             self.projection.restore(snapshot)
+
+
+def adopted(engine: Any, scheme: Scheme, z: Floats) -> bool:
+    """Let an engine go on from z by a scheme of the same code, with other constants; whether it can."""
+    if scheme.code is None or scheme.code != engine.scheme.code or len(z) != len(engine.z):
+        return False
+    if scheme is not engine.scheme:
+        constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
+        if special_constants(constants) != special_constants(engine.constants):
+            return False  # other code
+        engine.constants[:], engine.stages[:] = constants, stages
+        engine.scheme = scheme
+    engine.z[:] = z
+    return True
 
 
 def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:

@@ -58,5 +58,10 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
     order = record.order(order)
-    key = (Scheme, model.key, record.name, dt, order, oriented)
-    return reused(key, lambda: replace(record.make(model, dt, order, oriented), key=key))
+    key, alike = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
+
+    def make() -> Scheme:
+        made = record.make(model, dt, order, oriented)
+        return replace(made, key=key, code=alike if made.step_in_constants else key)
+
+    return reused(key, make)

@@ -93,7 +93,9 @@ def with_tolerance(scheme: Scheme, tol: float) -> Scheme:
     """The same with rtol = tol and atol = tol/1000; itself for the rtol that it has."""
     if tol == RTOL:
         return scheme
-    return replace(scheme, options={**(scheme.options or {}), "rtol": tol, "atol": tol * ATOL / RTOL}, key=None)
+    return replace(
+        scheme, options={**(scheme.options or {}), "rtol": tol, "atol": tol * ATOL / RTOL}, key=None, code=None
+    )
 
 
 METHOD = Method(

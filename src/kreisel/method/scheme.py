@@ -164,7 +164,9 @@ class Scheme:
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
     coupling: Coupling | None = None
+    step_in_constants: bool = False  # whether dt enters `constants` and `stages` alone, beside what is observed
     key: tuple[Any, ...] | None = None  # schemes with the same one differ in constants of the trajectory alone
+    code: tuple[Any, ...] | None = None  # those with the same one in constants alone, so they have the same kernel
 
     @property
     def stage_count(self) -> int:

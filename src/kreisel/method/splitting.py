@@ -207,6 +207,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
         reopen=body.begin,
         outcomes=outcomes,
         options={"order": order},
+        step_in_constants=True,
         guard=None if body.part.reach is None else _guard(body.part),
         coupling=coupling_of(
             model, body.where, body.driven, body.drift, body.kick, {"_node": np.zeros(()), "_dt": np.array(dt)}

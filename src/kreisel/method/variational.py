@@ -78,6 +78,7 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},
+        step_in_constants=True,
         guard=Guard(
             DEFECT,
             (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,

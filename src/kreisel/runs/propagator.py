@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,24 +13,21 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.driven import COUNT
-from kreisel.method.observing import ORIENTATION, held_by_orientation, with_orientation
+from kreisel.method.observing import held_by_orientation
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.at import wanted_times
-from kreisel.runs.plan import LARGE, Plan, planned
+from kreisel.runs.plan import LARGE, planned
 from kreisel.runs.settings import (
     MOST_STEPS,
     Settings,
-    _orientation,
     check_model,
     finite_number,
     flag,
@@ -41,11 +37,12 @@ from kreisel.runs.settings import (
     whole_order,
     within,
 )
+from kreisel.runs.state_forms import StateForms
+from kreisel.runs.walks import Crossing, Walk, first_crossing, number_of
 
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
 
-Rows = Callable[[Floats], Floats]
 AT_REST = 16  # engines that are kept for the next call, for each number of lanes
 
 
@@ -86,7 +83,7 @@ def propagator(
     return Propagator(system, made, settings.but(observe=observed(observe, made)))
 
 
-class Propagator:
+class Propagator(StateForms):
     """Made by `kr.propagator`: the state `at` any times, or after `steps`.
 
     A state is a mapping of its components, or one array of `size` numbers, (size,) or (lanes, size): the components in
@@ -97,16 +94,7 @@ class Propagator:
     """
 
     def __init__(self, model: Model, made: Scheme, settings: Settings):
-        self.model, self.settings, self._scheme = model, settings, made
-        self._oriented = ORIENTATION in made.outcomes
-        components = with_orientation(model, self._oriented)
-        self.letters = tuple(letter for letter, _ in components)
-        self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
-        self._own_kinds = [kind for _, kind in made.components]
-        self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
-        self.size = sum(layout.coordinate_count(kind, model.n) for kind in self._kinds)
-        self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
-        self._converters: dict[int, tuple[Rows, Rows]] = {}
+        super().__init__(model, made, settings)
         self._at_rest: dict[int, deque[Engine]] = {}
         self._jumps: dict[int, Jumps] = {}
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
@@ -135,6 +123,108 @@ class Propagator:
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
 
+    def to(self, state: Any, times: Any, time: float = 0.0) -> Any:
+        """The state at a time, or at times (times,) along a first axis, in order, from the state at `time`.
+
+        By steps of dt or a little shorter, equal ones from one time to the next: for rows at any times, and for
+        impulses, which change the state between two calls.  `work` counts from the start.  Raises as `steps`.
+        """
+        wanted, begun = wanted_times(times), finite_number(time, "time")
+        when = np.atleast_1d(wanted)
+        if (np.diff(when, prepend=begun) < 0).any():
+            raise InputError(f"times: expected times in order, from time = {begun:g} on, got {shown(times)}.")
+        x, batch = self._given(state)
+        if self._is_flow:
+            return self.at(state, wanted - begun)
+        self._require_steps("to")
+        walk, out = Walk(self, x, begun), []
+        for t in when.tolist():
+            walk.to(t)
+            out.append(self.returned(walk.z, t))
+        return self._returned(np.array(out) if wanted.ndim else out[0], state, batch)
+
+    def until(
+        self, state: Any, quantity: Callable[[Any], Any], end: float, *, time: float = 0.0, rising: bool | None = None
+    ) -> Crossing:
+        """The state where a quantity first changes its sign, its time, and whether it did before the time `end`.
+
+        quantity  a function of one state in the form that is given, `lambda x: x["a"][2]`
+        rising    True, False: only a change upward, downward; None: both
+
+        The quantity is looked at after each step, so two changes within a step are missed; the place is found to
+        rounding by shorter steps from the one before.  A start at 0 is on the side to which the first step goes.
+        Change the state and call again for an event that acts: a bounce, a thruster.  Raises as `steps`.
+        """
+        begun, last = finite_number(time, "time"), finite_number(end, "end")
+        if rising is not None:
+            flag(rising, "rising")
+        if not callable(quantity) or last < begun:
+            raise InputError(
+                f"until: expected a function of the state and an end from time = {begun:g} on, got {shown(quantity)}, "
+                f"{shown(end)}."
+            )
+        x, batch = self._given(state)
+        if batch:
+            raise InputError(f"until: expected one state, got {len(x)} lanes. Call it for each.")
+        self._require_steps("until")
+
+        def of_row(row: Floats) -> float:
+            return number_of(quantity, self._returned(row[None], state, False))
+
+        row, t, crossed = first_crossing(self, x, of_row, rising, begun, last)
+        return Crossing(self._returned(row[None], state, False), t, crossed)
+
+    @property
+    def dt(self) -> float:
+        """The step."""
+        return self.settings.dt
+
+    @property
+    def _is_flow(self) -> bool:
+        return self._scheme.orbit is not None and self._scheme.step is None
+
+    def _require_steps(self, what: str) -> None:
+        if self.model.n >= LARGE or self._scheme.rate is not None:
+            raise InputError(
+                f"{what}: expected a method that makes steps, or a closed form, and n < {LARGE}, got "
+                f"method={self._scheme.name!r}, n = {self.model.n}. Use kr.simulate."
+            )
+
+    def prepared(self, x: Floats) -> Floats:
+        """States (lanes, size) in the method's own variables (lanes, d)."""
+        return np.array(self._conversions(len(x))[0](x[None])[0])
+
+    def returned(self, z: Floats, time: float) -> Floats:
+        """The method's own variables at a time as states (lanes, size), with what is observed."""
+        return self._conversions(len(z))[1](self._timed(z, time, self.dt)[None])[0]
+
+    def stepped(self, x: Floats, z: Floats, time: float, h: float, count: int, every: int) -> Floats:
+        """Rows 0, every, ... of so many steps of length h from z, (rows, lanes, d); x: where the walk began."""
+        if self._is_flow:
+            return self._states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
+        made = self._scheme
+        if h != self.dt:
+            made = scheme(self.model, made.name, h, (made.options or {}).get("order"), self._oriented)
+            made = replace(made, held=self._scheme.held)
+        start = self._timed(z, time, h)
+        engine = self._begun(start, count, every, made)
+        out = self._rows(engine, x, start, count, every)
+        self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
+        return out
+
+    def _timed(self, z: Floats, time: float, h: float) -> Floats:
+        """The same with the time as a number of steps h, where forces depend on it."""
+        record = self.model.system.perturbation
+        if record is None or not record.names(TIME):
+            return z
+        out = np.array(z)
+        out[:, self._column_of(COUNT)] = time / h
+        return out
+
+    def _column_of(self, component: str) -> int:
+        place = [letter for letter, _ in self._scheme.components].index(component)
+        return sum(layout.coordinate_count(kind, self.model.n) for kind in self._own_kinds[:place])
+
     def _at_time(self, z: Floats, time: float | None) -> Floats:
         """The start with its time.  Raises `InputError` where forces depend on it and none is given, or the reverse."""
         record = self.model.system.perturbation
@@ -147,9 +237,7 @@ class Propagator:
         if not timed:
             return z
         flow = self._scheme.rate is not None
-        place = [letter for letter, _ in self._scheme.components].index(TIME if flow else COUNT)
-        column = sum(layout.coordinate_count(kind, self.model.n) for kind in self._own_kinds[:place])
-        z[:, column] = finite_number(time, "time") / (1 if flow else self.settings.dt)
+        z[:, self._column_of(TIME if flow else COUNT)] = finite_number(time, "time") / (1 if flow else self.dt)
         return z
 
     def _states(self, z: Floats, when: Floats) -> Floats:
@@ -215,84 +303,9 @@ class Propagator:
         found = out_of(out)
         return self._returned(found if wanted.ndim else found[0], state, batch)
 
-    def _given(self, state: Any) -> tuple[Floats, bool]:
-        """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
-        plain = type(state) is np.ndarray and state.dtype == np.float64
-        if not plain or state.ndim > 2 or state.shape[-1:] != (self.size,):
-            state = _numbers(self._flat(state) if isinstance(state, Mapping) else state, self)
-        x = state if state.ndim > 1 else state[None]
-        if self.model.batch and len(x) != self.model.batch[0]:
-            x = np.broadcast_to(x, (self.model.batch[0], self.size))
-        batched = state.ndim > 1 or bool(self.model.batch)
-        require_bodies(self.model, (len(x),) if batched else ())
-        return np.ascontiguousarray(x), batched
-
-    def _flat(self, state: Mapping[str, Any]) -> Floats:
-        """A mapping as one array, checked as the start of a run is."""
-        given = dict(state)
-        g = given.pop(ORIENTATION, None)
-        if (g is not None) != self._oriented:
-            had = "none" if g is None else "one"
-            raise InputError(
-                f"g: expected {'an' if self._oriented else 'no'} orientation in the state, got {had}. "
-                "kr.propagator(..., orientation=True) carries one along."
-            )
-        own = self.model.state(**given)
-        parts = [own[letter] for letter in self.model.system.space.letters]
-        parts += [] if g is None else [_orientation(g, self.model)]
-        natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
-        return np.asarray(layout.flatten(natural, self._kinds))
-
-    def _conversions(self, lanes: int) -> tuple[Rows, Rows]:
-        """From rows (rows, lanes, size) of states to those of the method's own variables, and back to what is returned.
-
-        Compiled where the functions can be recorded, else the definitions on arrays.
-        """
-        if lanes in self._converters:
-            return self._converters[lanes]
-        n, made, plan = self.model.n, self._scheme, self._plan(self._scheme, np.zeros((lanes, 0)))
-        natural = tuple(zip(self.letters, self._kinds, strict=True))
-
-        def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
-            own = [algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
-            return {"z": layout.flatten(made.prepare(tuple(own)), self._own_kinds)}
-
-        def returned(parts: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            return self._lines(plan.variables(parts, **known))
-
-        given = replace(made, components=natural)
-        into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
-        out_of = compiled_rows(made, returned, lanes, ("return", self.settings.observe))
-        found = (
-            into[0] if into else lambda x: np.ascontiguousarray(prepared(layout.restore(x, self._kinds, n))["z"]),
-            out_of[0]
-            if out_of
-            else lambda z: np.concatenate(
-                [
-                    np.broadcast_to(v, (*z.shape[:2], v.shape[-1]))
-                    for v in returned(layout.restore(z, self._own_kinds, n), **made.constants).values()
-                ],
-                -1,
-            ),
-        )
-        self._converters[lanes] = found
-        return found
-
-    def _lines(self, outputs: Mapping[str, Array]) -> dict[str, Array]:
-        """The state, the orientation, and what is observed beside, each as numbers along the last axis."""
-        names = (*self.letters, *(name for name in outputs if name not in self.letters))
-        return {name: self._line(name, outputs[name]) for name in names}
-
-    def _line(self, name: str, value: Array) -> Array:
-        """A variable as numbers along the last axis."""
-        kind = self._scheme.outcomes[name].axes
-        if kind in ("skew", "symmetric", "matrix") and name not in self._axial:
-            return layout.flatten([value], [kind])
-        return value if kind or np.ndim(value) > 2 else value[..., None]
-
-    def _begun(self, z: Floats, steps: int, every: int) -> Engine:
-        """An engine at the start z: one that is at rest, or a new one."""
-        made = self._scheme
+    def _begun(self, z: Floats, steps: int, every: int, made: Scheme | None = None) -> Engine:
+        """An engine at the start z: one that is at rest, or a new one; `made`: the scheme with another step."""
+        made = self._scheme if made is None else made
         if made.trajectory is not None:
             made = made.on(layout.restore(z, [kind for _, kind in made.components], made.n))
         try:
@@ -300,9 +313,6 @@ class Propagator:
         except (KeyError, IndexError):
             return self._plan(made, z, steps, every).engine
         return engine if engine.begin(z, made, steps) else self._plan(made, z, steps, every).engine
-
-    def _plan(self, made: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
-        return Plan(self.model, made, self.settings.but(steps=steps, every=every), z, True, {})
 
     def _require_sound(self, engine: Engine, x: Floats, out: Floats) -> None:
         if not _finite(out):
@@ -325,38 +335,6 @@ class Propagator:
                     "this state. Use a smaller dt; project=False shows the map as it is."
                 )
 
-    def _returned(self, x: Floats, state: Any, batch: bool) -> Any:
-        """Rows ([rows,] lanes, numbers) in the form that was given."""
-        x = x if batch else x[..., 0, :]
-        if type(state) is np.ndarray or not isinstance(state, Mapping):
-            return x
-        out = {}
-        for letter, kind in zip(self.letters, self._kinds, strict=True):
-            out[letter] = layout.restore(x[..., self._places[letter]], [kind], self.model.n)[0]
-        return out | {name: x[..., place] for name, place in self._beside.items()}
-
-    @cached_property
-    def _beside(self) -> dict[str, Any]:
-        """Where what is observed beside the state stands."""
-        if not self.settings.observe:
-            return {}
-        x = np.ones((*(self.model.batch or (1,)), self.size))
-        if self._oriented:
-            x[:, self._places[ORIENTATION]] = (1, 0, 0, 0) if self.model.n == 3 else np.eye(self.model.n).ravel()
-        plan = self._plan(self._scheme, self._conversions(len(x))[0](x[None])[0])
-        out, start = {}, self.size
-        for name, value in plan.example.items():
-            if name not in self.letters:
-                width = self._line(name, value).shape[-1]
-                out[name] = slice(start, start + width) if value.ndim > 2 else start
-                start += width
-        return out
-
-
-def _slices(kinds: Sequence[str], n: int) -> list[slice]:
-    ends = np.cumsum([layout.coordinate_count(kind, n) for kind in kinds]).tolist()
-    return [slice(end - layout.coordinate_count(kind, n), end) for end, kind in zip(ends, kinds, strict=True)]
-
 
 def _finite(x: Floats) -> bool:
     return math.isfinite(x.sum()) or bool(np.isfinite(x).all())  # the sum alone may overflow
@@ -365,16 +343,3 @@ def _finite(x: Floats) -> bool:
 def _require_finite(x: Floats) -> None:
     if not np.isfinite(x).all():
         raise InputError("The state: expected finite numbers, got NaN or infinity.")
-
-
-def _numbers(state: Any, of: Propagator) -> Floats:
-    try:
-        x = np.asarray(state, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        x = np.full(0, np.nan)
-    if not 1 <= x.ndim <= 2 or x.shape[-1] != of.size or not x.size:
-        raise InputError(
-            f"The state of {of.model.system.name}: expected a mapping of {', '.join(of.letters)}, or an array of these "
-            f"{of.size} numbers, ({of.size},) or (lanes, {of.size}), got {shown(state)}."
-        )
-    return x
