@@ -98,9 +98,11 @@ class CoupledEngine:
             record, scheme, {"c": columns, "s": stage_columns, "p": pair_columns}
         )
         self._kernel = load_kernel(self.source).kernel
-        work = scheme.stage_count * record.work
+        self.work = record.work
         self.projection: Corrections | None = (
-            recordable(lambda: projection_between(scheme, self.z, work)) if project else None
+            recordable(lambda: projection_between(scheme, self.z, scheme.stage_count * record.work))
+            if project
+            else None
         )
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:

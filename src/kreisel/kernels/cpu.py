@@ -188,7 +188,7 @@ class CpuEngine:
             code = Code(source, load_kernel(source).kernel, _large_work(scheme))
         else:
             code = code_of(scheme, self.constants, columns, stage_columns, project)
-        self.source, self._kernel = code.source, code.kernel
+        self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
         if code.program is not None:
             parts = code.program, code.also, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)

@@ -32,11 +32,12 @@ SAFETY = 4.0  # the error may grow a little faster elsewhere on the torus
 
 @dataclass(frozen=True)
 class Choice:
-    """The order, the steps between two saved states, and the error that is expected at the end of the run."""
+    """The order, the steps between two saved states, the error expected at the end of the run, and the method."""
 
-    order: int
+    order: Any
     steps: int
     expected: float
+    method: str = "baecklund"
 
 
 def choose(model: Model, state: tuple[Array, ...], spacing: float, time: float, tol: Any) -> Choice:
@@ -45,13 +46,13 @@ def choose(model: Model, state: tuple[Array, ...], spacing: float, time: float, 
     Of an ensemble the worst lane counts.  Raises `InputError` for a tolerance that doubles cannot hold, and where no
     order gets through the pilot.
     """
-    tolerance = _checked_tolerance(tol)
+    tolerance = checked_tolerance(tol)
     return _cheapest(*_pilot_steps(model, state, time), spacing, tolerance)
 
 
 def choose_each(model: Model, state: tuple[Array, ...], spacing: float, time: float, tol: Any) -> list[Choice]:
     """The same of each lane for itself, whatever the others are."""
-    tolerance = _checked_tolerance(tol)
+    tolerance = checked_tolerance(tol)
     h, error = _pilot_steps(model, state, time)
     return [_cheapest(h[:, i : i + 1], error[:, i : i + 1], spacing, tolerance) for i in range(h.shape[1])]
 
@@ -76,7 +77,8 @@ def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choic
     return best[1]
 
 
-def _checked_tolerance(tol: Any) -> float:
+def checked_tolerance(tol: Any) -> float:
+    """A tolerance that a run can have.  Raises `InputError`."""
     try:
         tolerance = float(tol)
     except (TypeError, ValueError, OverflowError):
@@ -94,9 +96,9 @@ def _pilot_steps(model: Model, state: tuple[Array, ...], time: float) -> tuple[A
 
     The length of a pilot is one of a few; lanes of the same are stepped together.
     """
-    state = _with_lanes(model, state)
+    state = with_lanes(model, state)
     with np.errstate(all="ignore"):
-        rate = _fastest(model, state)
+        rate = fastest(model, state)
         span = np.minimum(time, TURNS / 2.0 ** np.ceil(np.log2(rate)))  # where nothing moves, `time`
         h, error = np.full((2, len(ORDERS), len(span)), np.nan)
         for length in np.unique(span[span > 0]):
@@ -108,22 +110,22 @@ def _pilot_steps(model: Model, state: tuple[Array, ...], time: float) -> tuple[A
         return h, np.maximum(error, ROUND_OFF) * SAFETY * np.maximum(time / span, 1.0)
 
 
-def _with_lanes(model: Model, state: tuple[Array, ...]) -> tuple[Array, ...]:
+def with_lanes(model: Model, state: tuple[Array, ...]) -> tuple[Array, ...]:
     """The components with their axis of lanes, of one lane if need be."""
     axes = [component_axes(kind) for _, kind in model.system.space.components]
     batch = np.broadcast_shapes((1,), model.batch, *(p.shape[: p.ndim - k] for p, k in zip(state, axes, strict=True)))
     return tuple(np.broadcast_to(p, batch + p.shape[p.ndim - k :]) for p, k in zip(state, axes, strict=True))
 
 
-def _size(x: Array) -> Array:
+def size(x: Array) -> Array:
     """The largest |entry| of each lane."""
     return np.asarray(abs(x).reshape(len(x), -1).max(-1))
 
 
-def _fastest(model: Model, state: tuple[Array, ...]) -> Array:
+def fastest(model: Model, state: tuple[Array, ...]) -> Array:
     """The largest of |omega| and sqrt(|momentum'|), of each lane: the rate that a step has to resolve."""
-    turning = _size(model.call(model.system.velocity, *state))
-    pull = np.max([_size(part) for part in model.flow(*state)], axis=0)
+    turning = size(model.call(model.system.velocity, *state))
+    pull = np.max([size(part) for part in model.flow(*state)], axis=0)
     return np.maximum(turning, np.sqrt(pull))
 
 
@@ -140,7 +142,7 @@ def _pilot(
 ) -> tuple[Array, Array]:
     """Of each lane the longest step, of span, span/2, span/4, ..., whose error over the pilot is small, and that."""
     step, error = np.full((2, len(state[0])), np.nan)
-    lost = ~np.isfinite(np.max([_size(part) for part in truth], axis=0))
+    lost = ~np.isfinite(np.max([size(part) for part in truth], axis=0))
     for halvings in range(MOST_HALVINGS):
         coarse = ~(error < SMALL)
         error[coarse] = _relative_difference(_stepped(model, state, order, span, 1 << halvings), truth)[coarse]
@@ -152,6 +154,6 @@ def _pilot(
 
 def _relative_difference(one: tuple[Array, ...], other: tuple[Array, ...]) -> Array:
     """The largest difference of each lane, relative to the largest entry of each component."""
-    sizes = [_size(part) for part in other]
-    apart = [_size(a - b) for a, b in zip(one, other, strict=True)]
+    sizes = [size(part) for part in other]
+    apart = [size(a - b) for a, b in zip(one, other, strict=True)]
     return np.asarray(np.max([np.where(s == 0, 0.0, d / s) for d, s in zip(apart, sizes, strict=True)], axis=0))

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from kreisel.errors import InputError, hint, shown
-from kreisel.runs.settings import Settings
+from kreisel.runs.settings import Settings, with_steps
 from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
@@ -101,7 +101,7 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
-    run = _convert(tables["run"], Settings, "run", source)
+    run = _convert(with_steps(tables["run"]), Settings, "run", source)
     output = _convert(tables["output"], Output, "output", source)
     path = _output_path(output.path, "path", source)
     figure = path.with_suffix(".png") if output.figure is None else _output_path(output.figure, "figure", source)

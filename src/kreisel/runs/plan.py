@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.method.auto import Choice
+    from kreisel.method.auto_splitting import Pilot
 from kreisel.runs.settings import (
     Settings,
     _orientation,
@@ -232,24 +233,64 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
 
 def _chosen(model: Model, state: State, settings: Settings, orientation: Any) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
-    from kreisel.method.auto import choose
-
-    _require_choices(model, settings)
-    spacing = settings.every * settings.dt
-    choice = choose(model, _initial_parts(model, state, None), spacing, settings.time, settings.tol)
+    (choice,) = _choices(model, state, settings, orientation, each=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **chosen}))
 
 
-def choices(model: Model, x0: Any, settings: Settings) -> list[Choice]:
+def choices(model: Model, x0: Any, settings: Settings, orientation: Any = None) -> list[Choice]:
     """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
-    from kreisel.method.auto import choose_each
+    return _choices(model, checked_state(model, x0), settings, orientation, each=True)
 
-    state = checked_state(model, x0)
-    _require_choices(model, settings)
-    spacing = settings.every * settings.dt
-    return choose_each(model, _initial_parts(model, state, None), spacing, settings.time, settings.tol)
+
+def _choices(model: Model, state: State, settings: Settings, orientation: Any, each: bool) -> list[Choice]:
+    from kreisel.method import auto, auto_splitting
+
+    method, parts = settings.method or _default(model, settings), _initial_parts(model, state, None)
+    when = settings.every * settings.dt, settings.time, settings.tol
+    if method not in ("baecklund", "splitting"):
+        raise InputError(
+            "order='auto' chooses among the orders of method='baecklund' or 'splitting', which this run does not use."
+        )
+    find(method).check(model)
+    if method == "baecklund":
+        return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
+    lanes = auto.with_lanes(model, parts)
+    if not each or len(lanes[0]) == 1:
+        steps, rate = _pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
+        return [auto_splitting.choose(steps, rate, *when)]
+    out = []
+    for i in range(len(lanes[0])):
+        one = {letter: part[i : i + 1] for letter, part in zip(model.system.space.letters, lanes, strict=True)}
+        g = orientation[i] if np.ndim(orientation) and len(orientation) == len(lanes[0]) != model.n else orientation
+        out += _choices(model.lanes(np.array([i])), model.state(**one), settings, g, each=False)
+    return out
+
+
+def _pilot(model: Model, state: State, settings: Settings, orientation: Any) -> Callable[..., Pilot | None]:
+    """Steps of splittings from the start, without a look at what is conserved."""
+    from kreisel.method.auto_splitting import Pilot
+
+    parts = _initial_parts(model, state, orientation)
+
+    def steps(order: Any, h: float, count: int) -> Pilot | None:
+        try:
+            made = scheme(model, "splitting", h, order, orientation is not None)
+        except InputError:  # an order that a force does not have
+            return None
+        asked = settings.but(dt=h, steps=count, every=count, order=order, tol=None, project=False, engine=None)
+        plan = planned(model, made, asked, parts, None)
+        out = np.empty((1, *plan.first.shape))
+        plan.engine.advance(out, count)
+        z = layout.restore(out[0], plan.kinds, model.n)
+        letters = [letter for letter, _ in made.components]
+        if made.guard is not None and not (z[letters.index(made.guard.component)] <= made.guard.limit).all():
+            return None
+        own = layout.flatten(z[: len(parts)], plan.kinds[: len(parts)])
+        return Pilot(own, made.stage_count * getattr(plan.engine, "work", 1.0)) if np.isfinite(own).all() else None
+
+    return steps
 
 
 def with_choice(choice: Choice, settings: Settings) -> Settings:
@@ -265,16 +306,10 @@ def with_choice(choice: Choice, settings: Settings) -> Settings:
         dt=every * settings.dt / choice.steps,
         steps=settings.steps // every * choice.steps,
         every=choice.steps,
-        method="baecklund",
+        method=choice.method,
         order=choice.order,
         tol=None,
     )
-
-
-def _require_choices(model: Model, settings: Settings) -> None:
-    if (settings.method or _default(model, settings)) != "baecklund":
-        raise InputError("order='auto' chooses among the orders of method='baecklund', which this run does not use.")
-    find("baecklund").check(model)
 
 
 def plan_of_times(

@@ -19,6 +19,7 @@ from kreisel.record.model import Model, State
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 LEAST_TOLERANCE = 1e-13  # of DOP853 in doubles
+WHOLE = 1e-12  # of a step: a time of n (1 + WHOLE) steps takes n
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
 
 
@@ -38,7 +39,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     @classmethod
     def checked(cls, **asked: Any) -> Settings:
         """The settings that were asked for, each of its type and those that go together.  Raises `InputError`."""
-        wanted = {"every": 1, "project": True, **{k: v for k, v in asked.items() if v is not None}}
+        wanted = {"every": 1, "project": True, **with_steps({k: v for k, v in asked.items() if v is not None})}
         dt, steps, every = (
             positive_number(wanted.get("dt"), "dt"),
             whole_number(wanted.get("steps"), "steps"),
@@ -83,6 +84,21 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def but(self, **changes: Any) -> Settings:
         """The same with changes, which are not checked."""
         return msgspec.structs.replace(self, **changes)
+
+
+def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings asked for, with steps of dt or a little less in place of `t_end`.  Raises `InputError`."""
+    out = dict(asked)
+    end = out.pop("t_end", None)
+    if end is None:
+        return out
+    if "steps" in out:
+        raise InputError(f"expected steps or t_end, got both: steps = {shown(out['steps'])}, t_end = {shown(end)}.")
+    end, dt = positive_number(end, "t_end"), positive_number(out.get("dt"), "dt")
+    if end / dt > MOST_STEPS:
+        raise InputError(f"t_end: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got t_end = {end:g}.")
+    out["steps"] = max(1, math.ceil(end / dt * (1 - WHOLE)))
+    return {**out, "dt": end / out["steps"]}
 
 
 def check_model(model: Any) -> None:

@@ -30,7 +30,8 @@ def simulate(
     x0: Any,
     *,
     dt: float,
-    steps: int,
+    steps: int | None = None,
+    t_end: float | None = None,
     every: int = 1,
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
@@ -43,17 +44,18 @@ def simulate(
     overwrite: bool = False,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    """Simulate `steps` steps of length `dt` and return every `every`-th state with all integrals.
+    """Simulate `steps` steps of length `dt`, or until `t_end`; return every `every`-th state with all integrals.
 
     system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`
     x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
+    t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less
     method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
                  bodies, n = 3, where neither an order nor an engine for maps is asked for
-    order        one of those that the method has; of splittings a tuple, (8, 2).  "auto" (baecklund): the order and the
-                 number of steps between two saved states that reach `tol` at the least cost, chosen before the run
-                 (attributes dt, steps, options)
+    order        one of those that the method has; of splittings a tuple, (8, 2).  "auto" (baecklund, splitting): the
+                 order and the number of steps between two saved states that reach `tol` at the least cost, chosen
+                 before the run (attributes dt, steps, options)
     tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry; with
                  method="dop853" the relative tolerance
     orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
@@ -75,7 +77,7 @@ def simulate(
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
-    plan = make_plan(system, x0, orientation=orientation, dt=dt, steps=steps, every=every, **choices)
+    plan = make_plan(system, x0, orientation=orientation, dt=dt, steps=steps, t_end=t_end, every=every, **choices)
     return watched(_in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress))
 
 

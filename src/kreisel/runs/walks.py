@@ -10,12 +10,11 @@ import numpy as np
 
 from kreisel.errors import InputError, shown
 from kreisel.kernels.layout import Floats
-from kreisel.runs.settings import finite_number
+from kreisel.runs.settings import WHOLE, finite_number
 
 if TYPE_CHECKING:
     from kreisel.runs.propagator import Propagator
 
-WHOLE = 1e-12  # of a step: a gap of n (1 + WHOLE) steps takes n
 BLOCK = 256  # steps between two looks at a quantity
 AT_ZERO = 1e-10  # of the largest value in the first block: a start that is where the last search ended
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy takes

@@ -89,11 +89,11 @@ class Sweep:
 
         Each lane has its own, that of a single run: it depends on no other lane and on no block.
         """
-        model, start, _, settings = self._asked(sections, ids, varied)
+        model, start, orientation, settings = self._asked(sections, ids, varied)
         if settings.order != "auto":
             return [(ids, None)]
         found: dict[tuple[int, int], tuple[list[int], Choice]] = {}
-        each = choices(model, model.state(**start), settings)
+        each = choices(model, model.state(**start), settings, orientation)
         if len(each) != len(ids):
             return [(ids, None)]  # `plan` says what is wrong
         for lane, choice in zip(ids.tolist(), each, strict=True):

@@ -1,0 +1,103 @@
+"""order="auto" for perturbed bodies: the splitting and the step that reach a tolerance at the least cost.
+
+How an error depends on the step and on the size of the perturbation differs from order to order, so it is measured: a
+pilot from the initial state, some turns long, is run by every splitting with a ladder of steps, and compared with a
+finer one.  Without friction the error of a state is one of phase and grows like the time; that is what is assumed.
+Nothing is adapted on the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.forces.kicks import perturbation_of
+from kreisel.method.auto import Choice, checked_tolerance, fastest, size, with_lanes
+from kreisel.method.splitting_coefficients import ORDERS
+from kreisel.record.model import Model
+
+TURNS = 64.0  # radians of a pilot at the fastest rate
+LONGEST, RUNGS = 3.0, 15  # radians of the longest step; each of the others is shorter by sqrt(2)
+TRUTHS = (8, (10, 6, 4))  # the first of which not every force has
+ROUND_OFF = 4e-15
+SAFETY = 10.0  # the error may grow faster later, where the motion is near to chaos
+
+
+class Pilot(NamedTuple):
+    """The state at the end of some steps (lanes, numbers), and what a step costs; None where it does not get there."""
+
+    state: Array
+    cost: float
+
+
+Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count)
+
+
+def rate_of(model: Model, state: tuple[Array, ...]) -> float:
+    """The fastest rate of the integrable part, of all lanes."""
+    base = perturbation_of(model.system).base
+    own = Model(base, {p.letter: model.params[p.letter] for p in base.parameters})
+    with np.errstate(all="ignore"):
+        return float(fastest(own, with_lanes(model, state)).max())
+
+
+def choose(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> Choice:
+    """For states saved every `spacing` until `time`, of the worst lane.
+
+    Raises `InputError` for a tolerance that doubles cannot hold, and where no splitting reaches it.
+    """
+    tolerance = checked_tolerance(tol)
+    span = min(time, TURNS / rate) if 0 < rate < np.inf else time
+    longest = min(LONGEST / rate, span) if 0 < rate < np.inf else span
+    counts = sorted({max(1, round(span / longest * 2 ** (k / 2))) for k in range(RUNGS)})
+    truth, doubt = _truth(steps, span, counts)
+    grows = SAFETY * max(time / span, 1.0)
+    best: tuple[float, Choice] | None = None
+    for order in ORDERS:
+        for count in counts:
+            found = steps(order, span / count, count)
+            expected = np.inf if found is None else grows * max(_apart(found.state, truth), doubt, ROUND_OFF)
+            if found is None or not expected <= tolerance:
+                continue
+            in_spacing = max(1, int(np.ceil(spacing * count / span * (1 - 1e-12))))
+            cost = found.cost * in_spacing
+            if best is None or cost < best[0]:
+                best = cost, Choice(order, in_spacing, float(expected), "splitting")
+            break
+    if best is None:
+        raise InputError(
+            f"order='auto' finds no splitting that reaches tol = {tolerance:g} with steps of a hundredth of a radian: "
+            f"the error of the pilot grows to {grows * doubt:.1g} or more until the end of the run. Use a larger tol."
+        )
+    return best[1]
+
+
+def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[Array, float]:
+    """The end of the pilot as two splittings agree on it best, and how far they are apart.
+
+    The steps that are short enough are not the shortest: rounding grows with their number.
+    """
+    best: tuple[float, Array] | None = None
+    for count in counts[len(counts) // 2 :: 2]:
+        both = [steps(order, span / count, count) for order in TRUTHS]
+        known = [found.state for found in both if found is not None]
+        if known:
+            apart = _apart(known[0], known[1]) if len(known) > 1 else 0.0
+            best = (apart, known[-1]) if best is None or apart < best[0] or len(known) < 2 else best
+    if best is None:
+        raise InputError(
+            "order='auto' finds no step: the pilot fails with steps of a hundredth of a radian. Usual cause: numbers "
+            "that are too large, or a perturbation that changes within far less than a turn. Say order and dt."
+        )
+    return best[1], best[0]
+
+
+def _apart(one: Array, other: Array) -> float:
+    """The largest difference of a lane, relative to its largest entry."""
+    with np.errstate(all="ignore"):
+        found = float(np.max(size(one - other) / size(other)))
+    return found if np.isfinite(found) else np.inf

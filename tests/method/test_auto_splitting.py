@@ -1,0 +1,113 @@
+"""order="auto" of perturbed bodies: the error that was asked for, at no more than it takes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.method import auto_splitting
+from kreisel.runs.plan import choices
+from kreisel.runs.settings import Settings
+
+
+def top(d: Any) -> Any:
+    return kr.perturbed(
+        kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5),
+        potential=lambda P, *, d: d * P[0] + d * P[1] ** 3,
+        params={"d": d},
+    )
+
+
+START = {"M": (0.3, 0.2, 1.1), "P": (0.6, 0.0, 0.8)}
+
+
+def error(run: Any, truth: Any) -> float:
+    return max(float(abs(run[k][-1] - truth[k][-1]).max() / abs(truth[k][-1]).max()) for k in ("M", "P"))
+
+
+@pytest.mark.parametrize("d", [1e-2, 1e-5])
+def test_the_error_is_below_the_tolerance(d: float) -> None:
+    body = top(d)
+    truth = kr.simulate(body, START, dt=50 / 2048, steps=2048, every=2048, order=8)
+    taken = []
+    for tol in (1e-3, 1e-6, 1e-9):
+        run = kr.simulate(body, START, dt=25.0, steps=2, order="auto", tol=tol)
+        options = json.loads(run.attrs["options"])
+        assert run.attrs["method"] == "splitting" and options["tol"] == tol
+        np.testing.assert_array_equal(run.time, [0, 25, 50])
+        assert error(run, truth) <= options["expected_error"] <= tol
+        assert options["expected_error"] > tol / 1000  # a step that is far too short would pass too
+        taken.append(run.attrs["steps"])
+    assert taken[0] < taken[2] < 1000
+
+
+def test_a_small_perturbation_takes_fewer_kicks() -> None:
+    kicks = []
+    for d in (1e-2, 1e-6):
+        run = kr.simulate(top(d), START, dt=50.0, steps=1, order="auto", tol=1e-6)
+        order = json.loads(run.attrs["options"])["order"]
+        kicks.append(run.attrs["steps"] * (order if isinstance(order, int) else order[0]))
+    assert kicks[1] < kicks[0] / 2
+
+
+def test_time_orientation_and_pairs() -> None:
+    driven = kr.perturbed(kr.EulerTop(J=(1, 2, 2.5)), potential=lambda g, t: 0.01 * np.sin(t) * g[0, 1])
+    run = kr.simulate(
+        driven, {"M": (0.4, 0.3, 1.5)}, t_end=20.0, dt=20.0, order="auto", tol=1e-7, orientation=(1, 0, 0, 0)
+    )
+    truth = kr.simulate(
+        driven, {"M": (0.4, 0.3, 1.5)}, t_end=20.0, dt=0.02, every=1000, order=8, orientation=(1, 0, 0, 0)
+    )
+    assert abs(run.M[-1] - truth.M[-1]).max() < 1.5e-7
+    pair = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), pair_potential=lambda a1, a2: 0.01 * (a1 @ a2), pairs=[(0, 1)])
+    x0 = pair.state(m=[(0.1, 0.2, 1.5), (0.3, -0.2, 1.1)], a=[(0.6, 0, 0.8), (0, 0.6, 0.8)])
+    run = kr.simulate(pair, x0, dt=20.0, steps=1, order="auto", tol=1e-7)
+    truth = kr.simulate(pair, x0, dt=0.02, steps=1000, every=1000, order=8)
+    assert abs(run.m[-1] - truth.m[-1]).max() < 2e-7
+
+
+def test_each_lane_has_its_own_choice() -> None:
+    both, asked = top([1e-2, 1e-5]), Settings.checked(dt=20.0, steps=1, order="auto", tol=1e-6)
+    found = choices(both, both.state(**START), asked)
+    alone = [choices(top(d), both.state(**START), asked)[0] for d in (1e-2, 1e-5)]
+    assert found == alone and found[0] != found[1]
+
+
+def test_orders_that_a_force_does_not_have_are_left_out() -> None:
+    body = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1)), torque=lambda M: -0.01 * M)
+    run = kr.simulate(body, START, dt=10.0, steps=1, order="auto", tol=1e-6)
+    assert json.loads(run.attrs["options"])["order"] not in (6, 8)
+
+
+def test_the_pilot_is_what_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mutant that takes every error for none chooses the longest steps, and misses the tolerance."""
+    monkeypatch.setattr(auto_splitting, "_apart", lambda one, other: 0.0)
+    body = top(1e-2)
+    run = kr.simulate(body, START, dt=50.0, steps=1, order="auto", tol=1e-6)
+    truth = kr.simulate(body, START, dt=50 / 2048, steps=2048, every=2048, order=8)
+    assert error(run, truth) > 1e-6
+
+
+def test_what_is_wrong_is_said() -> None:
+    body = top(1e-2)
+    for more, said in (
+        ({"tol": 1e-13}, "Use a larger tol"),
+        ({"tol": 0.0}, "needs tol"),
+        ({"tol": 1e-6, "method": "variational"}, "'baecklund' or 'splitting'"),
+    ):
+        with pytest.raises(kr.InputError, match=said):
+            kr.simulate(body, START, dt=1000.0, steps=1, order="auto", **more)
+
+
+@pytest.mark.parametrize(("dt", "t_end", "steps"), [(0.1, 10.0, 100), (0.3, 1.0, 4), (5.0, 1.0, 1), (0.1, 0.3, 3)])
+def test_until_a_time(dt: float, t_end: float, steps: int) -> None:
+    run = kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0, 0, 1), "a": (0.6, 0, 0.8)}, dt=dt, t_end=t_end)
+    assert run.attrs["steps"] == steps and abs(run.time[-1] - t_end) < 1e-15 * steps
+    with pytest.raises(kr.InputError, match="both"):
+        kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=dt, t_end=t_end, steps=3)
+    with pytest.raises(kr.InputError, match="t_end"):
+        kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=dt, t_end=-1.0)
