@@ -1,12 +1,13 @@
-"""What a given error costs for perturbed bodies: splittings against `variational` and DOP853, all as a user calls them.
+"""What a given error costs for perturbed bodies: splittings, `variational` and peers, all as a user calls them.
 
-    python benchmarks/perturbed.py [--long STEPS]
+    python benchmarks/perturbed.py [--long STEPS]      in an environment with peers.txt, if there are to be peers
 
 Writes results/perturbed.json and its table on docs/perturbed.md; with --long, instead of the rest, what the energy and
-the Casimirs do over so many steps.  Each contender runs over a time of 100 with steps (or
-tolerances) that halve; counted are evaluations of the force and, of calls of kr.propagator(...).steps (of DOP853: of
-kr.simulate with one row), microseconds, the least of several calls, warm, on one core.  The truth is the splitting of
-order 8 with short steps, which DOP853 with rtol = 1e-13 confirms.
+the Casimirs do over so many steps.  Each contender runs over a time of 100, and of 1e5 where that is said, with steps
+(or tolerances) that halve; counted are evaluations of the force and, of calls of kr.propagator(...).steps (of DOP853:
+of kr.simulate with one row), microseconds, the least of several calls, warm, on one core.  Batches: 64 lanes of a
+splitting, and heyoka's batch of the width of the machine's vectors, time of a trajectory.  The truth is the splitting
+of order 8 with short steps, which DOP853 with rtol = 1e-13 confirms for T = 100.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from typing import Any, NamedTuple
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
+from cases import machine
+from perturbed_peers import Functions, Rate, coupled_tops, heavy_top, in_orbit, peers
 from scipy.integrate import solve_ivp
 
 import kreisel as kr
@@ -31,21 +34,33 @@ from kreisel.method.splitting_coefficients import splitting
 
 RESULT = Path(__file__).parent / "results" / "perturbed.json"
 PAGE = Path(__file__).parents[1] / "docs" / "perturbed.md"
-TIME, TARGETS = 100.0, (1e-4, 1e-6, 1e-9)
-STEPS = tuple(round(TIME * f) for f in (0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64))
+TIME, LATE, TARGETS = 100.0, 1e5, (1e-4, 1e-6, 1e-9)
+RATES = (0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # steps in a unit of time
+LANES, MOST_LATE = 64, 8
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 ORDERS = ((8, 2), (8, 6, 4), (10, 6, 4), 8)
 AGREE = 1e-9
+SATELLITE = "a satellite, n = 0.03"
 MARK = "<!-- the table of results/perturbed.json -->"
 
 
 class Problem(NamedTuple):
-    """A perturbed body, its state as a mapping, and the same body as a system of its own, for other methods."""
+    """A perturbed body, its state as a mapping, its equations, and the same body as a system of its own, if there is.
+
+    `end`: the time.
+    """
 
     name: str
     body: Any
     start: dict[str, Any]
+    rate: Rate
     same: Any = None
+    end: float = TIME
+
+    @property
+    def row(self) -> np.ndarray:
+        """The start as `kr.propagator` takes it."""
+        return np.concatenate([np.asarray(v, dtype=float) for v in self.start.values()], -1)
 
 
 def problems() -> Iterator[Problem]:
@@ -58,7 +73,10 @@ def problems() -> Iterator[Problem]:
             params={"d": d},
         )
         heavy = kr.HeavyTop(J=moments.sum() / 2 - moments, A=(d, 0, 1))
-        yield Problem(f"a top, d = {d:g}", body, {"M": (0.3, 0.2, 1.1), "P": (0.6, 0.0, 0.8)}, heavy)
+        start, axis = {"M": (0.3, 0.2, 1.1), "P": (0.6, 0.0, 0.8)}, (d, 0, 1)
+        yield Problem(f"a top, d = {d:g}", body, start, heavy_top(moments, axis), heavy)
+        if d < 1e-4:
+            yield Problem(f"a top, d = {d:g}, T = 1e5", body, start, heavy_top(moments, axis), heavy, LATE)
     moments = np.array([1.0, 1.6, 2.0])
 
     def gravity(g: Any, t: Any, *, n: Any) -> Any:
@@ -66,7 +84,36 @@ def problems() -> Iterator[Problem]:
         return 1.5 * n * n * ((r * r) @ moments)
 
     satellite = kr.perturbed(kr.EulerTop(J=moments.sum() / 2 - moments), potential=gravity, params={"n": 0.03})
-    yield Problem("a satellite, n = 0.03", satellite, {"M": (0.4, 0.3, 1.5), "g": np.array([1.0, 0, 0, 0])})
+    start = {"M": (0.4, 0.3, 1.5), "g": np.array([1.0, 0, 0, 0])}
+    yield Problem(SATELLITE, satellite, start, in_orbit(moments, 0.03, 0.0))
+    yield Problem(f"{SATELLITE}, T = 1e5", satellite, start, in_orbit(moments, 0.03, 0.0), end=LATE)
+    yield Problem("Hyperion, e = 0.1", *hyperion())
+    k = 0.001
+    pair = kr.perturbed(
+        kr.LagrangeTop(p=(0, 0, 1)), pair_potential=lambda a1, a2, *, k: -k * (a1 @ a2), pairs=[(0, 1)], params={"k": k}
+    )
+    start = {
+        "m": np.array([(0.1, 0.2, 1.5), (0.3, -0.2, 1.1)]),
+        "a": np.array([(0.6, 0, 0.8), (0, 0.6, 0.8)]),
+    }
+    yield Problem("two coupled tops, k = 0.001", pair, start, coupled_tops(k))
+
+
+def hyperion() -> tuple[Any, dict[str, Any], Rate]:
+    """A moon that tumbles on its elliptic orbit, as in the gallery."""
+    axes = np.array([190.0, 145.0, 114.0]) ** 2
+    moments, e = (axes.sum() - axes) / (axes[0] + axes[1]), 0.1
+
+    def potential(g: Any, t: Any) -> Any:
+        E = t + e * np.sin(t)
+        for _ in range(3):
+            E = E - (E - e * np.sin(E) - t) / (1 - e * np.cos(E))
+        r = (np.cos(E) - e) * g[0] + np.sqrt(1 - e * e) * np.sin(E) * g[1]
+        return 1.5 * (moments @ (r * r)) / (1 - e * np.cos(E)) ** 5
+
+    moon = kr.perturbed(kr.EulerTop(J=moments.sum() / 2 - moments), potential=potential)
+    start = {"M": (0.1, 0.2, 3.0), "g": np.array([1.0, 0, 0, 0])}
+    return moon, start, in_orbit(moments, 1.0, e)
 
 
 def took(call: Callable[[], Any], repetitions: int = 5) -> float:
@@ -81,28 +128,52 @@ def took(call: Callable[[], Any], repetitions: int = 5) -> float:
 
 
 def off(got: Any, truth: Any) -> float:
-    return float(max(abs(np.asarray(got[k]) - np.asarray(v)).max() for k, v in truth.items() if k in ("M", "P")))
+    return float(
+        max(abs(np.asarray(got[k]) - np.asarray(v)).max() for k, v in truth.items() if k in ("M", "P", "m", "a"))
+    )
 
 
-def stepped(system: Any, problem: Problem, method: str, order: Any, evaluations: int) -> list[dict[str, float]]:
+def stepped(
+    system: Any, problem: Problem, method: str, order: Any, evaluations: int, lanes: int = 1
+) -> list[dict[str, float]]:
     """Error, evaluations and time for each number of steps."""
     out, more = [], {"time": 0.0} if "g" in problem.start else {}
-    for n in STEPS:
-        p = kr.propagator(system, method=method, order=order, dt=TIME / n, orientation="g" in problem.start)
+    for n in (round(problem.end * each) for each in RATES if each <= (RATES[-1] if problem.end == TIME else MOST_LATE)):
+        p = kr.propagator(system, method=method, order=order, dt=problem.end / n, orientation="g" in problem.start)
         try:
             error = off(p.steps(problem.start, n, **more), truth(problem))
         except kr.RunError:  # a step that is too long
             continue
-        x = np.concatenate([np.ravel(v) for v in problem.start.values()]).astype(float)
-        out.append(
-            {"error": error, "evaluations": n * evaluations, "us": took(lambda p=p, x=x, n=n: p.steps(x, n, **more))}
-        )
+        x = np.tile(problem.row, (lanes, 1)) if lanes > 1 else problem.row
+        us = took(lambda p=p, x=x, n=n: p.steps(x, n, **more), 5 if problem.end == TIME else 2) / lanes
+        out.append({"error": error, "evaluations": n * evaluations, "us": us})
+        if error < TARGETS[-1]:
+            break
+    return out
+
+
+def by_peers(problem: Problem) -> dict[str, list[dict[str, float]]]:
+    """The same of heyoka and diffrax, where they are installed."""
+    out: dict[str, list[dict[str, float]]] = {}
+    bodies = problem.row if problem.row.ndim > 1 else problem.row[None]
+    start = bodies.ravel()
+    tolerances = TOLERANCES if problem.end == TIME else TOLERANCES[::3]
+    for peer in peers(problem.rate, start, problem.end, tolerances, batches=True):
+        if peer.label.startswith("diffrax") and problem.end > TIME:
+            continue
+        z = peer.go().reshape(bodies.shape)
+        size = [3] * (len(problem.start) - ("g" in problem.start))
+        parts = np.split(z if problem.row.ndim > 1 else z[0], np.cumsum(size), axis=-1)
+        error = off(dict(zip(problem.start, parts, strict=False)), truth(problem))
+        us = took(peer.go, 5 if problem.end == TIME else 2) / peer.lanes
+        out.setdefault(peer.label, []).append({"error": error, "evaluations": peer.evaluations(), "us": us})
     return out
 
 
 def by_dop853(problem: Problem) -> list[dict[str, float]]:
     """The same for each tolerance; evaluations are counted by SciPy on the flow itself."""
-    out, system = [], problem.same or problem.body
+    out: list[dict[str, float]] = []
+    system = problem.same or problem.body
     orientation = problem.start.get("g")
     state = {k: v for k, v in problem.start.items() if k != "g"}
     for tol in TOLERANCES:
@@ -119,6 +190,8 @@ def by_dop853(problem: Problem) -> list[dict[str, float]]:
 
 
 def evaluations_of_dop853(problem: Problem, tol: float) -> int:
+    if problem.row.ndim > 1:
+        return evaluations_of_equations(problem, tol)
     system = problem.same or problem.body
     start = [algebra.hat(np.array(problem.start["M"], dtype=float)).ravel()]
     start += [np.array(problem.start["P"], dtype=float)] if "P" in problem.start else [np.eye(3).ravel()]
@@ -136,6 +209,13 @@ def evaluations_of_dop853(problem: Problem, tol: float) -> int:
     return int(done.nfev)
 
 
+def evaluations_of_equations(problem: Problem, tol: float) -> int:
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        return problem.rate(t, list(y), Functions(np.sin, np.cos))
+
+    return int(solve_ivp(rate, (0, TIME), problem.row.ravel(), "DOP853", rtol=tol, atol=tol / 1000).nfev)
+
+
 KNOWN: dict[str, dict[str, np.ndarray]] = {}
 
 
@@ -143,8 +223,11 @@ def truth(problem: Problem) -> dict[str, np.ndarray]:
     if problem.name not in KNOWN:
         state = {k: v for k, v in problem.start.items() if k != "g"}
         more = {"orientation": problem.start.get("g"), "observe": ()}
-        n = 4 * STEPS[-1]
-        run = kr.simulate(problem.body, state, dt=TIME / n, steps=n, every=n, order=8, **more).isel(time=-1)
+        n = round(problem.end * (4 * RATES[-1] if problem.end == TIME else 32))
+        run = kr.simulate(problem.body, state, dt=problem.end / n, steps=n, every=n, order=8, **more).isel(time=-1)
+        if problem.end > TIME:
+            KNOWN[problem.name] = {k: run[k].values for k in state}
+            return KNOWN[problem.name]
         other = kr.simulate(problem.body, state, dt=TIME, steps=1, method="dop853", tol=1e-13, **more).isel(time=-1)
         KNOWN[problem.name] = {k: run[k].values for k in state}
         apart = off({k: other[k].values for k in state}, KNOWN[problem.name])
@@ -160,20 +243,26 @@ def measure() -> dict[str, Any]:
         for order in ORDERS:
             parts = 3 if isinstance(order, tuple) and order[-1] > 2 and problem.same else 1
             label = f"splitting {order}"
-            rows[label] = stepped(problem.body, problem, "splitting", order, parts * len(splitting(order).b))
-        for order in (4, 8) if problem.same else ():
+            count = parts * len(splitting(order).b)
+            rows[label] = stepped(problem.body, problem, "splitting", order, count)
+            if problem.row.ndim == 1 and problem.end == TIME:
+                rows[f"{label} batch"] = stepped(problem.body, problem, "splitting", order, count, LANES)
+        for order in (4, 8) if problem.same and problem.end == TIME else ():
             stages = len(symmetric_composition(order))
             rows[f"variational {order}"] = stepped(problem.same, problem, "variational", order, stages + 1)
-        rows["dop853"] = by_dop853(problem)
+        if problem.end == TIME:
+            rows["dop853"] = by_dop853(problem)
+        rows |= by_peers(problem)
         found[problem.name] = rows
         print(problem.name, flush=True)
-    return {"time": TIME, "load": os.getloadavg()[0], "problems": found}
+    ends = {problem.name: problem.end for problem in problems()}
+    return {"machine": machine(), "load": os.getloadavg()[0], "ends": ends, "problems": found}
 
 
 def long_run(steps: int) -> dict[str, Any]:
     """Balance and Casimirs of the satellite and of a top in a field that is not vertical, dt = 1 and 0.5."""
     top = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: 0.01 * a[0] ** 2)
-    satellite = list(problems())[-1]
+    satellite = next(problem for problem in problems() if problem.name == SATELLITE)
     runs = {
         satellite.name: (satellite.body, {"M": satellite.start["M"]}, 1.0, (8, 2), satellite.start["g"]),
         "a top, 0.01 a_1^2": (top, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0.0, 0.8)}, 0.5, (8, 6, 4), None),
@@ -197,7 +286,7 @@ def long_run(steps: int) -> dict[str, Any]:
 
 def cheapest(rows: list[dict[str, float]], target: float, what: str) -> float | None:
     """The least of what reaches the error."""
-    return min((row[what] for row in rows if row["error"] <= target), default=None)
+    return min((row[what] for row in rows if row["error"] <= target and row[what] is not None), default=None)
 
 
 def table(result: dict[str, Any]) -> str:
@@ -210,7 +299,9 @@ def table(result: dict[str, Any]) -> str:
             cells = []
             for target in TARGETS:
                 count, us = (cheapest(found, target, what) for what in ("evaluations", "us"))
-                cells.append("-" if count is None else f"{count / TIME:.3g}, {us / TIME:.2g} µs")
+                end = result["ends"][name]
+                counted = "" if count is None else f"{count / end:.3g}, "
+                cells.append("-" if us is None else f"{counted}{us / end:.2g} µs")
             lines.append(f"| `{label}` | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
