@@ -6,7 +6,7 @@ import importlib.metadata
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -108,29 +108,28 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     n = plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
-    directions = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *z.shape)) * _largest(plan, z)
-    here = plan.observe(z)
-    up, down = _perturbed_outputs(plan, z, NUDGE * directions), _perturbed_outputs(plan, z, -NUDGE * directions)
-    a_bit_up, a_bit_down = (
-        _perturbed_outputs(plan, z, HAIR * directions),
-        _perturbed_outputs(plan, z, -HAIR * directions),
-    )
+    directions = _signs(samples, z.shape) * _largest(plan, z)
+    by = np.concatenate([factor * directions for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * directions[:1]])
+    every = plan.observe((z + by).reshape(-1, *z.shape[1:]))
     out = {}
     for name, outcome in plan.outcomes.items():
         if outcome.kind in KINDS:
-            felt = np.sqrt((((up[name] - down[name]) / (2 * NUDGE)) ** 2).mean((0, 1)))
-            noise = abs(a_bit_up[name] + a_bit_down[name] - 2 * here[name]) / (2 * MACHINE_EPSILON)
+            values = every[name].reshape((*by.shape[:2], *every[name].shape[1:]))
+            up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
+            here = values[-1]
+            felt = np.sqrt((((up - down) / (2 * NUDGE)) ** 2).mean((0, 1)))
+            noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)
             if n > MANY_SAMPLES_N and noise.shape[-1] == layout.coordinate_count("skew", n):
                 noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
-            computed = np.maximum(noise.max((0, 1)), abs(here[name]).max(0))
+            computed = np.maximum(noise.max((0, 1)), abs(here).max(0))
             out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
     return out
 
 
-def _perturbed_outputs(plan: Plan, z: Floats, by: Floats) -> dict[str, Array]:
-    """Outputs at z + by for `by` (samples, rows, lanes, d); samples and rows in front."""
-    outputs = plan.observe((z + by).reshape(-1, *z.shape[1:]))
-    return {name: value.reshape((*by.shape[:2], *value.shape[1:])) for name, value in outputs.items()}
+@lru_cache(4)
+def _signs(samples: int, shape: tuple[int, ...]) -> Floats:
+    """Random signs, the same in every run."""
+    return np.random.default_rng(0).choice([-1.0, 1.0], (samples, *shape))
 
 
 def _listed(scale: Array, plan: Plan) -> list[float]:

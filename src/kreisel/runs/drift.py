@@ -34,7 +34,7 @@ LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured agai
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
 
 
-def _place_in_table(variable: xr.DataArray) -> tuple[bool, int]:
+def _place_in_table(variable: xr.Variable) -> tuple[bool, int]:
     attrs = variable.attrs
     return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
 
@@ -83,7 +83,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
     clock = _Clock(run)
     rows = {}
     for name in names:
-        scan = _Scan(run[name], clock, sloping)
+        scan = _Scan(name, run, run.variables[name], clock, sloping)
         judge = _Judge(run, scan)
         for part, label in enumerate(scan.labels):
             lane, width = judge.worst(part)
@@ -121,7 +121,7 @@ def _sentence(name: str, row: Any) -> str:
 
 def watched(run: xr.Dataset) -> xr.Dataset:
     """The run itself.  Warns with `ConservationWarning` where something is broken, as `broken` says."""
-    conserved = [name for name in _watched(run) if run[name].attrs.get("conserved")]
+    conserved = [name for name in _watched(run) if run.variables[name].attrs.get("conserved")]
     sentences = [_sentence(name, row) for name, row in _rows(run, conserved, sloping=False).items() if row["broken"]]
     if sentences:
         warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
@@ -130,7 +130,7 @@ def watched(run: xr.Dataset) -> xr.Dataset:
 
 def _watched(run: xr.Dataset) -> list[str]:
     """The Casimirs, integrals and relations; those that are conserved come first."""
-    found = [(str(name), v) for name, v in run.data_vars.items() if v.attrs.get("kind") in KINDS]
+    found = [(str(name), v) for name, v in run.variables.items() if v.attrs.get("kind") in KINDS]
     return [name for name, _ in sorted(found, key=lambda item: _place_in_table(item[1]))]
 
 
@@ -138,7 +138,7 @@ class _Clock:
     """The times of a run, in blocks of its rows."""
 
     def __init__(self, run: xr.Dataset):
-        self._time, self._asked = run["time"].variable, int(run.attrs.get("rows_in_block", 0))
+        self._time, self._asked = run.variables["time"], int(run.attrs.get("rows_in_block", 0))
         self.rows = run.sizes["time"]
         ends = read_values(self._time[[0, -1]])
         # those that are there: a run may be cut short; `kr.at` makes none
@@ -169,27 +169,29 @@ class _Clock:
 class _Scan:
     """A variable (time, [lane], [part]) read once, in blocks: arrays (lanes, parts) of what is known of its change."""
 
-    def __init__(self, variable: xr.DataArray, clock: _Clock, sloping: bool = True):
-        self.name, self.kind = str(variable.name), str(variable.attrs["kind"])
+    def __init__(self, name: str, run: xr.Dataset, variable: xr.Variable, clock: _Clock, sloping: bool = True):
+        self.name, self.kind = name, str(variable.attrs["kind"])
         self.conserved = bool(variable.attrs.get("conserved", False))
         family = variable.ndim > 1 + ("lane" in variable.dims)
         self.labels = [f"{self.name}[{part}]" for part in range(variable.shape[-1])] if family else [self.name]
         self.shape = (variable.sizes.get("lane", 1), len(self.labels))
-        self.step_scale, self.value_scale = _scales(variable, self.shape)
+        lanes = run.variables["lane"].values if "lane" in run.variables else None
+        self.step_scale, self.value_scale = _scales(name, variable, lanes, self.shape)
         self.correction = variable.attrs.get("largest_correction", np.nan)
         self.steps = clock.steps
-        self.start = self._rows(variable, slice(0, 1))[0]
-        self.largest, total = np.zeros(self.shape), np.zeros(self.shape)
+        self.start, self.largest, total = (np.zeros(self.shape) for _ in range(3))
         for rows in clock.blocks(self.start.size):
             values = self._rows(variable, rows)
+            if rows.start == 0:
+                self.start = values[0]
             for change in (values.max(0) - self.start, self.start - values.min(0)):
                 self.largest = np.maximum(self.largest, change)
             if sloping:
                 total += np.tensordot(clock.centred(rows), values - self.start, 1)
         self.slope = total / clock.spread if sloping and clock.spread > 0 else total
 
-    def _rows(self, variable: xr.DataArray, rows: slice) -> np.ndarray:
-        values = read_values(variable.variable[rows], self.name).astype(np.float64)
+    def _rows(self, variable: xr.Variable, rows: slice) -> np.ndarray:
+        values = read_values(variable[rows], self.name).astype(np.float64)
         return values.reshape(len(values), *self.shape)
 
     def width(self) -> np.ndarray:
@@ -273,20 +275,21 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
     """Every component of every Casimir and integral; those that are conserved come first."""
     clock = _Clock(run)
     for name in _watched(run):
-        variable, many = run[name], run.sizes.get("lane", 1) > 1
-        scan = _Scan(variable if many else variable[:1], clock if many else _Clock(run.isel(time=slice(0, 1))), False)
+        variable, many = run.variables[name], run.sizes.get("lane", 1) > 1
+        begun = clock if many else _Clock(run.isel(time=slice(0, 1)))
+        scan = _Scan(name, run, variable if many else variable[:1], begun, False)
         for part, label in enumerate(scan.labels):
             lane = int(_ratio(scan.largest[:, part], scan.width()[:, part]).argmax()) if many else 0
             one = variable.isel(lane=lane) if "lane" in variable.dims else variable
             # one part at a time: an archive may be longer than memory
-            values = read_values(one[..., part] if one.ndim > 1 else one)
+            values = read_values(one[..., part] if one.ndim > 1 else one, name)
             at = float(scan.step_scale[lane, part]), float(scan.value_scale[lane, part])
             yield Series(label, name, scan.kind, scan.conserved, values, *at)
 
 
-def _scales(variable: xr.DataArray, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+def _scales(name: str, variable: xr.Variable, lanes: Any, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     """The two scales of rounding (lanes, parts), of one's own to change."""
-    step, value = (lane_scales(variable, key) for key in ("roundoff_scale", "evaluation_scale"))
+    step, value = (scales_of_lanes(name, variable, lanes, key) for key in ("roundoff_scale", "evaluation_scale"))
     return np.array(np.broadcast_to(step, shape)), np.array(np.broadcast_to(value, shape))
 
 
@@ -295,14 +298,20 @@ def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
 
     Raises `InputError` where it does not belong to the variable.
     """
+    lanes = variable["lane"].values if "lane" in variable.coords else None
+    return scales_of_lanes(str(variable.name), variable.variable, lanes, key)
+
+
+def scales_of_lanes(name: str, variable: xr.Variable, lanes: Any, key: str) -> np.ndarray:
+    """The same of a variable without coordinates; `lanes`: their numbers, None of a single trajectory."""
     parts = variable.shape[-1] if variable.ndim > 1 + ("lane" in variable.dims) else 1
     try:
         values = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
     except (KeyError, TypeError, ValueError):
-        raise InputError(f"{variable.name} is damaged: its attribute {key} does not belong to it.") from None
-    if len(values) == 1 or "lane" not in variable.coords:
+        raise InputError(f"{name} is damaged: its attribute {key} does not belong to it.") from None
+    if len(values) == 1 or lanes is None:
         return values.max(0, keepdims=True)
-    lanes = np.atleast_1d(variable["lane"].values)
+    lanes = np.atleast_1d(lanes)
     fits = lanes.dtype.kind in "iu" and (lanes >= 0).all() and (lanes < len(values)).all()
     return values[lanes] if fits else values.max(0, keepdims=True)
 
