@@ -1,4 +1,4 @@
-"""What saving costs: kr.simulate with every = 1, 10, 100, 1000, all integrals computed, against no saving.
+"""What saving costs: kr.simulate with every = 1, 10, 100, 1000, all integrals computed, against kr.propagator's steps.
 
 Single trajectories, n = 3; ratios of the thread's processor time of a step in one run, medians and quartiles over the
 turns. Memory: the peak of a run to disk over ten times more rows, as a ratio.
@@ -17,36 +17,30 @@ from typing import Any
 
 import numpy as np
 
+import kreisel as kr
 from kreisel.bench.cases import BenchCase, cases, machine
-from kreisel.runs.integration import Integration
-from kreisel.runs.plan import Plan, make_plan
 
 STEPS = {1: 500_000, 10: 3_000_000, 100: 10_000_000, 1000: 10_000_000}
-TURNS = 7
+TURNS, DT = 7, 0.05
 
 
-def compiled_plan(case: BenchCase, method: str, every: int, steps: int) -> Plan:
-    """A plan whose kernels are compiled."""
-    state = case.model.state(**case.states["standard"])
-    plan = make_plan(case.model, state, dt=0.05, steps=steps, every=every, method=method, order=2, orientation=None)
-    plan.observe(plan.engine.z[None])  # compiled and loaded
-    plan.engine.advance(np.empty((1, *plan.engine.z.shape)), 10)
-    return plan
-
-
-def without(plan: Plan) -> float:
-    """Seconds a step."""
+def without(case: BenchCase, method: str, steps: int) -> float:
+    """Seconds a step of a propagator."""
+    p = kr.propagator(case.model, method=method, order=2, dt=DT)
+    start = case.states["standard"]
+    p.steps(start, 10)  # compiled and loaded
     begun = time.thread_time()
-    plan.engine.advance(np.empty((1, *plan.engine.z.shape)), plan.steps)
-    return (time.thread_time() - begun) / plan.steps
+    p.steps(start, steps)
+    return (time.thread_time() - begun) / steps
 
 
-def saving(plan: Plan) -> float:
-    """Seconds a step, rows and integrals with them."""
+def saving(case: BenchCase, method: str, every: int, steps: int) -> float:
+    """Seconds a step of a run in memory, rows and integrals with them."""
+    asked: dict[str, Any] = {"dt": DT, "method": method, "order": 2, "progress": False}
+    kr.simulate(case.model, case.states["standard"], steps=10, **asked)
     begun = time.thread_time()
-    for _ in Integration(plan).blocks():
-        pass
-    return (time.thread_time() - begun) / plan.steps
+    kr.simulate(case.model, case.states["standard"], steps=steps, every=every, **asked)
+    return (time.thread_time() - begun) / steps
 
 
 def ratios(
@@ -58,9 +52,9 @@ def ratios(
     for _ in range(turns):
         for every in everies:
             steps = STEPS[every]
-            alone = without(compiled_plan(case, method, every, STEPS[100] // part))
+            alone = without(case, method, STEPS[100] // part)
             base.append(alone)
-            found[every].append(saving(compiled_plan(case, method, every, steps // part)) / alone)
+            found[every].append(saving(case, method, every, steps // part) / alone)
     out: dict[str, Any] = {"ns a step without saving": round(float(np.median(base)) * 1e9, 2)}
     for every, values in found.items():
         low, middle, high = np.percentile(values, [25, 50, 75])
