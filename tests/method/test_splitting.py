@@ -298,3 +298,25 @@ def test_a_sweep_over_a_parameter_of_a_force(tmp_path: Path, monkeypatch: pytest
     run = kr.simulate(body, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.3, steps=20)
     with kr.open_run(tmp_path / "sweep.zarr") as saved:
         assert float(saved.energy_drift[1]) == float(abs(run.energy - run.energy[0]).max())
+
+
+@pytest.mark.parametrize(("inner", "few"), [(2, 12), (4, 12), (8, 5)])
+def test_the_integrable_part_by_the_map(inner: int, few: int) -> None:
+    """Its own error then shows: O(dt^inner), whatever the perturbation is."""
+    top = kr.LagrangeTop(p=(0, 0, 1), alpha=0.6)
+    more: dict[str, Any] = {"potential": lambda a: 1e-6 * a[0]}
+    exact, mapped = kr.perturbed(top, **more), kr.perturbed(top, inner=inner, **more)
+    x0 = {"m": (0.1, 0.2, 0.9), "a": (0.6, 0, 0.8)}
+    off = []
+    for steps in (few, 2 * few):
+        asked: dict[str, Any] = {"dt": 6 / steps, "steps": steps, "every": steps, "order": (8, 2), "observe": ()}
+        off.append(float(abs(kr.simulate(mapped, x0, **asked).m[-1] - kr.simulate(exact, x0, **asked).m[-1]).max()))
+    assert off[0] > 1e-10 and abs(np.log2(off[0] / off[1]) - inner) < (0.3 if inner < 8 else 1.0)
+
+
+def test_an_inner_order_that_is_none() -> None:
+    for inner in (3, True, "exact"):
+        with pytest.raises(kr.InputError, match="inner"):
+            kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), inner=inner, damping=0.1)
+    with pytest.raises(kr.InputError, match="no map of goryachev-chaplygin"):
+        kr.perturbed(kr.GoryachevChaplygin(), inner=4, damping=0.1)

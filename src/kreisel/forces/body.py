@@ -22,6 +22,7 @@ from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Pertu
 from kreisel.system import REGISTRY
 
 PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
+INNER = (2, 4, 6, 8)  # orders
 DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
 
 
@@ -34,6 +35,7 @@ def perturbed(
     inertia: Any = None,
     pair_potential: Callable[..., Any] | None = None,
     pairs: Any = None,
+    inner: int | None = None,
     params: Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> Model:
@@ -53,6 +55,8 @@ def perturbed(
     pair_potential  V of two bodies that act on each other, of letters and g with 1 or 2 behind: a1, g1 of the first,
                a2, g2 of the second, and t.  The lanes of a run are then the bodies, each with its parameters
     pairs      which bodies: pairs (i, j), as [(0, 1), (1, 2)] for a chain of three
+    inner      the integrable motion in a splitting by the map of the system (`method="suris"`), composed to this order,
+               2, 4, 6 or 8; default: its closed form, where one step of it is known, else the map to order 8
     params     the parameters that the functions name after `*`, by name: a number, a vector (n numbers), or either
                with an axis of lanes in front, of `pair_potential` one of pairs; a number in just n lanes as (n, 1)
     name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
@@ -80,6 +84,7 @@ def perturbed(
         damping=damping is not None,
         inertia=inertia is not None,
         pair=None if pair_potential is None else _force(pair_potential, "pair_potential", of_two, system, own),
+        inner=_inner(system, inner),
     )
     _require_suitable(system, record)
     own |= _damping_and_inertia(system, damping, inertia)
@@ -100,6 +105,15 @@ def _require_base(model: Model) -> None:
             f"perturbed: expected a system of Kreisel's with a map or a closed form, got {system.name}; see "
             "kr.systems()."
         )
+
+
+def _inner(model: Model, inner: Any) -> int | None:
+    """An order of the map, or None.  Raises `InputError`."""
+    if inner is not None and (isinstance(inner, bool) or inner not in INNER or model.system.map is None):
+        orders = ", ".join(map(str, INNER))
+        wanted = f"one of {orders}" if model.system.map else f"none, since no map of {model.system.name} is known"
+        raise InputError(f"inner: expected {wanted}, got {shown(inner)}.")
+    return None if inner is None else int(inner)
 
 
 def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, params: Mapping[str, Parameter]) -> Force:

@@ -19,7 +19,7 @@ from kreisel.record.model import Model
 
 State = tuple[Array, ...]
 Constants = Mapping[str, Array]
-ORDER = 8  # of a map, composed
+ORDER = 8  # of a map, composed, where none is asked for
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,14 @@ class Integrable:
 
 def integrable(model: Model) -> Integrable:
     """Of the base of a perturbed system, the best that is known.  Raises `InputError` where none is."""
-    base = perturbation_of(model.system).base
-    if base.moments is not None and model.n == 3:
+    record = perturbation_of(model.system)
+    base = record.base
+    if record.inner is None and base.moments is not None and model.n == 3:
         return _free_body(base)
-    if base.top is not None and model.n == 3:
+    if record.inner is None and base.top is not None and model.n == 3:
         return _top(base)
     if base.map is not None:
-        return _composed(base, base.map)
+        return _composed(base, base.map, record.inner or ORDER)
     raise InputError(
         f"perturbed: no map and no closed form of {base.name}, n = {model.n}, is known here. Use method='dop853'."
     )
@@ -86,9 +87,9 @@ def _top(base: System) -> Integrable:
     return Integrable("the closed form of a Lagrange top", move, reach)
 
 
-def _composed(base: System, phi: Map) -> Integrable:
-    """The map of the system, made symmetric, in a composition of order 8."""
-    fractions = symmetric_composition(ORDER)
+def _composed(base: System, phi: Map, order: int) -> Integrable:
+    """The map of the system, made symmetric, in a composition of that order."""
+    fractions = symmetric_composition(order)
 
     def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
         for fraction in fractions:

@@ -37,6 +37,7 @@ class Perturbation:
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
+    inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
     """
 
     base: System
@@ -45,6 +46,7 @@ class Perturbation:
     damping: bool = False
     inertia: bool = False
     pair: Force | None = None
+    inner: int | None = None
 
     @property
     def functions(self) -> dict[str, Force]:
