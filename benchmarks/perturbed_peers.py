@@ -121,6 +121,16 @@ def heyoka_single(rate: Rate, start: np.ndarray, end: float, tolerance: float) -
     return Solved("heyoka", go, 1, lambda: None)
 
 
+def by_long_doubles(rate: Rate, start: np.ndarray, end: float) -> np.ndarray:
+    """The state at the end by heyoka in 80-bit numbers."""
+    import heyoka as hy
+
+    wide = np.longdouble
+    engine = hy.taylor_adaptive(_equations(rate, start), start.astype(wide), fp_type=wide, tol=wide(1e-19))
+    engine.propagate_until(wide(end))
+    return np.array(engine.state, dtype=np.float64)
+
+
 def heyoka_batch(rate: Rate, start: np.ndarray, end: float, tolerance: float) -> Solved:
     import heyoka as hy
 
