@@ -13,16 +13,14 @@ import numpy as np
 
 from kreisel.errors import InputError
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, adopted, load_kernel, projection_between
+from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.compiled import CompiledProjection
-from kreisel.kernels.projection.corrections import Corrections
 from kreisel.kernels.projection.program import recordable
 from kreisel.kernels.recording import (
     Recording,
     columns_of,
     flat_constants,
-    flat_stages,
     indented,
     recorded_arguments,
     recorded_numbers,
@@ -30,6 +28,7 @@ from kreisel.kernels.recording import (
 )
 from kreisel.kernels.simd import HEAD as SIMD_HEAD
 from kreisel.kernels.simd import INLINED, Functions
+from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import Tape
 from kreisel.method.scheme import Coupling, Scheme
 
@@ -78,32 +77,26 @@ def kernel(z, c, s, p, pairs, out, every):
 """
 
 
-class CoupledEngine:
+class CoupledEngine(SteppedEngine):
     """Lanes that act on each other, advanced together on one core; `projection` as in `kreisel.kernels.cpu`."""
 
     def __init__(self, scheme: Scheme, z0: Floats, project: bool):
+        super().__init__(scheme, z0)
         coupling = of(scheme)
-        self.scheme = scheme
-        self.z = np.array(z0, dtype=np.float64, order="C")
-        self.constants, columns = flat_constants(scheme, len(self.z))
-        self.stages, stage_columns = flat_stages(scheme, len(self.z))
         self._pairs, (self._of_pairs, pair_columns) = coupling.pairs, constants_of(coupling)
-        record = Recording(scheme, self.constants, columns, stage_columns)
+        record = Recording(scheme, self.constants, self.columns, self.stage_columns)
         if not record.straight:
             raise InputError(
                 f"{scheme.name}: expected bodies whose step is short enough for straight-line code, such as those with "
                 f"n = 3, to act on each other, got n = {scheme.n}."
             )
         self.source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}") + source_of(
-            record, scheme, {"c": columns, "s": stage_columns, "p": pair_columns}
+            record, scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns}
         )
         self._kernel = load_kernel(self.source).kernel
         self.work = record.work
-        self.projection: Corrections | None = (
-            recordable(lambda: projection_between(scheme, self.z, scheme.stage_count * record.work))
-            if project
-            else None
-        )
+        if project:
+            self.projection = recordable(lambda: projection_between(scheme, self.z, scheme.stage_count * record.work))
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self.projection is None:
@@ -120,19 +113,11 @@ class CoupledEngine:
         return self.z
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        if not isinstance(self.projection, CompiledProjection | None) or not adopted(self, scheme, z):
+        if not isinstance(self.projection, CompiledProjection | None) or not self.adopts(scheme, z):
             return False
         if self.projection is not None:
             self.projection.begin(steps)
         return True
-
-    def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
-
-    def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        self.z[:] = snapshot["z"]
-        if self.projection:
-            self.projection.restore(snapshot)
 
 
 def of(scheme: Scheme) -> Coupling:

@@ -36,11 +36,11 @@ from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.recording import (
     Recording,
     flat_constants,
-    flat_stages,
     indented,
     recorded_outputs,
     special_constants,
 )
+from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import TooLong
 from kreisel.method.scheme import Scheme
 
@@ -169,7 +169,7 @@ def code_of(
     return reused(key, make)
 
 
-class CpuEngine:
+class CpuEngine(SteppedEngine):
     """A compiled step, its state in rows (lanes, d), and its constants.
 
     `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
@@ -177,17 +177,16 @@ class CpuEngine:
     """
 
     def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
-        self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
-        self.constants, columns = flat_constants(scheme, len(self.z))
-        self.stages, stage_columns = flat_stages(scheme, len(self.z))
-        self.projection: Corrections | None = None
+        super().__init__(scheme, z0)
         self._woven: CompiledProjection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
         if printer is not None:
-            source = printer(columns, stage_columns, HEAD.format(name=f"{scheme.name}, n = {scheme.n}"), EXACT)
+            source = printer(
+                self.columns, self.stage_columns, HEAD.format(name=f"{scheme.name}, n = {scheme.n}"), EXACT
+            )
             code = Code(source, load_kernel(source).kernel, _large_work(scheme))
         else:
-            code = code_of(scheme, self.constants, columns, stage_columns, project)
+            code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
         if code.program is not None:
             parts = code.program, code.also, code.every, self.z, self.constants, code.width
@@ -227,33 +226,11 @@ class CpuEngine:
                 done.result()
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        if self._between is not None or not adopted(self, scheme, z):
+        if self._between is not None or not self.adopts(scheme, z):
             return False
         if self._woven is not None:
             self._woven.begin(steps)
         return True
-
-    def snapshot(self) -> dict[str, Floats]:
-        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
-
-    def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        self.z[:] = snapshot["z"]
-        if self.projection:
-            self.projection.restore(snapshot)
-
-
-def adopted(engine: Any, scheme: Scheme, z: Floats) -> bool:
-    """Let an engine go on from z by a scheme of the same code, with other constants; whether it can."""
-    if scheme.code is None or scheme.code != engine.scheme.code or len(z) != len(engine.z):
-        return False
-    if scheme is not engine.scheme:
-        constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
-        if special_constants(constants) != special_constants(engine.constants):
-            return False  # other code
-        engine.constants[:], engine.stages[:] = constants, stages
-        engine.scheme = scheme
-    engine.z[:] = z
-    return True
 
 
 def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:

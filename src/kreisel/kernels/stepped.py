@@ -1,0 +1,44 @@
+"""What the engines of compiled steps on the CPU have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from kreisel.kernels.layout import Floats
+from kreisel.kernels.projection.corrections import Corrections
+from kreisel.kernels.recording import flat_constants, flat_stages, special_constants
+from kreisel.method.scheme import Scheme
+
+
+class SteppedEngine:
+    """Rows of state `z` (lanes, d), the constants of a scheme and of its stages as rows, and a projection or None."""
+
+    projection: Corrections | None = None
+
+    def __init__(self, scheme: Scheme, z0: Floats):
+        self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
+        self.constants, self.columns = flat_constants(scheme, len(self.z))
+        self.stages, self.stage_columns = flat_stages(scheme, len(self.z))
+
+    def adopts(self, scheme: Scheme, z: Floats) -> bool:
+        """Go on from z by a scheme of the same code, with other constants; whether that can be."""
+        if scheme.code is None or scheme.code != self.scheme.code or len(z) != len(self.z):
+            return False
+        if scheme is not self.scheme:
+            constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
+            if special_constants(constants) != special_constants(self.constants):
+                return False  # other code
+            self.constants[:], self.stages[:] = constants, stages
+            self.scheme = scheme
+        self.z[:] = z
+        return True
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+        if self.projection:
+            self.projection.restore(snapshot)
