@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved, conserved_totals
+from kreisel.record.model import Model
 from kreisel.runs.plan import make_plan
 from kreisel.storage import checking
 
@@ -205,6 +206,7 @@ def test_the_kernel_does_not_grow_with_the_bodies() -> None:
         ({"pairs": [(0, 1), (0,)]}, "pairs of whole numbers"),
         ({"pairs": "chain"}, "pairs of whole numbers"),
         ({"params": {"k": [0.1, 0.2, 0.3, 0.4]}}, "one for each pair"),
+        ({"pairs": [(0, 1), (1, 2), (2, 0)], "params": {"k": [0.1, 0.2, 0.3]}}, "numbers for one of each"),
         ({"pair_potential": lambda a1, b2: 0 * a1[0]}, "b2"),
         ({"pair_potential": lambda a, a2: a @ a2}, "'a'"),
         ({"pair_potential": lambda m1, a2: m1 @ a2}, "momentum"),
@@ -217,6 +219,16 @@ def test_what_is_wrong_is_said(given: dict[str, Any], said: str) -> None:
     asked = {"pair_potential": magnets, "pairs": PAIRS, "params": {"k": 0.1}, **given}
     with pytest.raises(kr.InputError, match=said):
         kr.perturbed(TOP, **asked)
+
+
+def test_parameters_given_anew() -> None:
+    """As a TOML file does that names a Python file."""
+    by_pair = chain([0.1, 0.2])
+    x0 = by_pair.state(**START)
+    one = kr.simulate(Model(by_pair.system, {"k": 0.3}), x0, dt=0.1, steps=5)
+    np.testing.assert_array_equal(one.m, kr.simulate(chain([0.3, 0.3]), x0, dt=0.1, steps=5).m)
+    with pytest.raises(kr.InputError, match="one for each pair"):
+        kr.simulate(Model(by_pair.system, {"k": [0.1, 0.2, 0.3]}), x0, dt=0.1, steps=5)
 
 
 def test_where_pairs_do_not_go() -> None:

@@ -77,6 +77,24 @@ def test_each_lane_has_its_own_choice() -> None:
     assert found == alone and found[0] != found[1]
 
 
+def test_one_splitting_is_not_its_own_witness() -> None:
+    """A top that falls from the upright: few splittings get through long steps, and one of them is far off."""
+    body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: 0.01 * a[0])
+    start = {"m": (0, 0, 0), "a": (0, 0, 1)}
+    run = kr.simulate(body, start, dt=40.0, steps=1, order="auto", tol=1e-6)
+    truth = kr.simulate(body, start, dt=0.01, steps=4000, every=4000, order=8)
+    assert abs(run.m[-1] - truth.m[-1]).max() < 1e-5
+
+
+def test_orientations_by_lane() -> None:
+    body = kr.perturbed(kr.EulerTop(J=(1, 2, 2.5)), potential=lambda g: 0.01 * g[0, 1])
+    turns = np.array([(1, 0, 0, 0), (0, 1, 0, 0), (0.6, 0, 0, 0.8)], dtype=float)
+    asked, M = Settings.checked(dt=10.0, steps=1, order="auto", tol=1e-6), np.array([(0.4, 0.3, 1.5)] * 3)
+    found = choices(body, body.state(M=kr.algebra.hat(M)), asked, turns)
+    assert found == [choices(body, body.state(M=M[0]), asked, g)[0] for g in turns]
+    assert len(choices(body, body.state(M=kr.algebra.hat(M)), asked, (1, 0, 0, 0))) == 3
+
+
 def test_orders_that_a_force_does_not_have_are_left_out() -> None:
     body = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1)), torque=lambda M: -0.01 * M)
     run = kr.simulate(body, START, dt=10.0, steps=1, order="auto", tol=1e-6)

@@ -126,6 +126,51 @@ def test_arrays_and_lanes() -> None:
     assert p.until(x, lambda x: x[5] - 0.79, 20.0).crossed
 
 
+@pytest.mark.parametrize(
+    ("method", "order"), [("suris", 1), ("baecklund", 2), ("baecklund", 8), ("variational", 2), ("splitting", (8, 2))]
+)
+def test_shorter_steps_are_those_of_a_propagator_with_them(method: str, order: Any) -> None:
+    system = TOP if method != "splitting" else kr.perturbed(TOP, potential=lambda a: 0.1 * a[0])
+    p, shorter = (kr.propagator(system, method=method, order=order, dt=dt) for dt in (0.13, 0.1))
+    np.testing.assert_allclose(p.to(AXIS, [0.1, 0.2, 0.3])["a"][-1], shorter.steps(AXIS, 3)["a"], atol=1e-13)
+    before = p.steps(AXIS, 7)["a"]
+    p.to(AXIS, 0.4)
+    np.testing.assert_array_equal(p.steps(AXIS, 7)["a"], before)
+
+
+def test_a_search_that_ends_where_the_last_one_did() -> None:
+    p = kr.propagator(TOP, method="baecklund", order=8, dt=0.05)
+    hit = p.until(AXIS, lambda x: x["a"][2], 50.0)
+    for window in (1e-3, 1e-6, 1e-8, 1e-12):
+        for sign in (1, -1):
+            start = {"m": hit.state["m"] * (sign, sign, 1), "a": hit.state["a"]}
+            assert not p.until(start, lambda x: x["a"][2], hit.time + window, time=hit.time).crossed
+
+
+def test_what_comes_after_an_event_is_not_looked_at() -> None:
+    p = kr.propagator(TOP, method="baecklund", order=8, dt=0.01)
+
+    def root(x: Any) -> float:
+        return float(np.sqrt(x["a"][2]) - 0.4)
+
+    with np.errstate(invalid="raise"):
+        assert p.until(AXIS, root, 50.0).crossed
+
+
+def test_events_of_bodies_in_pairs() -> None:
+    pair = kr.perturbed(TOP, pair_potential=lambda a1, a2: -0.5 * (a1 @ a2), pairs=[(0, 1)])
+    p = kr.propagator(pair, dt=0.1, order=8)
+    start = {"m": np.array([AXIS["m"], (0.2, 0.1, 1.0)]), "a": np.array([AXIS["a"], (0.0, 0.6, 0.8)])}
+    found = p.until(start, lambda x: x["a"][0, 2] - 0.5, 20.0)
+    assert found.crossed and abs(found.state["a"][0, 2] - 0.5) < 1e-14 and found.state["a"].shape == (2, 3)
+    fine = kr.simulate(pair, pair.state(**start), dt=found.time / 500, steps=500, order=8)
+    assert abs(fine.a[-1, 0, 2] - 0.5) < 1e-8
+    with pytest.raises(kr.InputError, match="other bodies"):
+        kr.analysis.events(fine, "a[2]", 0.6, system=pair)
+    with pytest.raises(kr.InputError, match="depend on"):
+        pair.flow(*start.values())
+
+
 def test_what_is_wrong_is_said() -> None:
     p = kr.propagator(TOP, method="baecklund", dt=0.1)
     x = np.concatenate([AXIS["m"], AXIS["a"]])
@@ -141,6 +186,11 @@ def test_what_is_wrong_is_said() -> None:
         (lambda: p.until(np.tile(x, (2, 1)), lambda x: 1.0, 1.0), "one state"),
         (lambda: p.until(x, lambda x: 1.0, 1.0, rising="up"), "rising"),
         (lambda: kr.propagator(TOP, method="dop853", dt=0.1).to(x, 1.0), "makes steps"),
+        (lambda: kr.propagator(TOP, method="suris", order=2, dt=0.1).to(x, 1.0), "depend on dt"),
+        (lambda: kr.propagator(TOP, method="exact").until(x, lambda x: x[5], 1.0), "how often"),
+        (lambda: p.to(x, 1e308), "at most"),
+        (lambda: p.until(x, lambda x: x[5], 1e308), "at most"),
+        (lambda: p.until(x, lambda x: x[5], 1e18 + 1000, time=1e18), "lost"),
     ):
         with pytest.raises(kr.InputError, match=said):
             call()

@@ -10,8 +10,10 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.forces.kicks import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 
 COLUMNS = (2, 4, 6, 8, 10, 12, 14, 16)  # midpoint steps; order twice their number
 ACCURATE = 1e-14  # relative: difference of the last two entries of the last row, orders 14 and 16
@@ -23,6 +25,12 @@ class Carrier:
     """The flow of a model on states (lanes, ...), with the orientation as a matrix behind them if there is one."""
 
     def __init__(self, model: Model, constants: dict[str, Array] | None = None):
+        record = model.system.perturbation
+        if record is not None and (record.pair is not None or record.names(TIME) or record.names(ORIENTATION)):
+            raise InputError(
+                f"{model.system.name}: expected forces of the state of a body alone, got some of other bodies, of the "
+                "orientation or of the time. kr.propagator(...).until finds events of such bodies as they are stepped."
+            )
         self.model, self.constants = model, dict(constants or {})
         self.count = len(model.system.space.letters)
         self.pieces = 1

@@ -149,9 +149,7 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
             rates.append(kicks.rates(one.system, bodies[-1], one.constants, one.axes)[0])
         if in_pairs:
             of_pairs, axes = constants_of_pairs(model)
-            mean = {
-                k: sum(number(w) * x for w, x in zip(rng.random(len(v)), v, strict=True)) for k, v in of_pairs.items()
-            }
+            mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
             pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
             rates = [tuple(x + y for x, y in zip(*both, strict=True)) for both in zip(rates, pulled, strict=True)]
         yield [

@@ -39,8 +39,14 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
                 f"pair_potential: expected parameters of params={{...}}, got {name}, which is one of a body. Give its "
                 "value as a parameter of another name."
             )
-        value = np.asarray(own[name].default)
-        if value.ndim == (own[name].kind == "vector"):
+        value, vector = np.asarray(own[name].default), own[name].kind == "vector"
+        if value.ndim == vector:
+            if vector and len(value) == len(found):
+                raise InputError(
+                    f"params: expected one {name}, or one for each pair, got {len(value)} numbers, where n is "
+                    f"{len(value)} and there are {len(found)} pairs. Give ({len(found)}, 1) numbers for one of each, "
+                    f"or ({len(found)}, {len(value)}) for vectors."
+                )
             continue
         if name in of_one:
             raise InputError(
@@ -88,7 +94,12 @@ def constants_of_pairs(model: Model) -> tuple[dict[str, Array], dict[str, int]]:
     values, axes = {}, {}
     for p in model.system.parameters:
         if force is not None and p.letter in force.parameters:
-            value, by_pair = model.params[p.letter], p.kind == "array"
+            value = model.params[p.letter]
+            by_pair = p.kind == "array" and value.ndim > 0
+            if by_pair and len(value) != count:
+                raise InputError(
+                    f"{model.system.name}: expected one {p.letter}, or {count}, one for each pair, got {len(value)}."
+                )
             values[p.letter] = value if by_pair else np.broadcast_to(value, (count, *value.shape))
             axes[p.letter] = value.ndim - by_pair
     return values, axes

@@ -53,8 +53,11 @@ def find(name: Any) -> Method:
     return _found_methods()[name]
 
 
-def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool) -> Scheme:
-    """The scheme of that name.  Raises `InputError` for a wrong name or order, and where the method does not apply."""
+def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool, kept: bool = True) -> Scheme:
+    """The scheme of that name, kept for the next time.
+
+    Raises `InputError` for a wrong name or order, and where the method does not apply.
+    """
     record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
     order = record.order(order)
@@ -64,4 +67,4 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
         made = record.make(model, dt, order, oriented)
         return replace(made, key=key, code=alike if made.step_in_constants else key)
 
-    return reused(key, make)
+    return reused(key if kept else None, make)

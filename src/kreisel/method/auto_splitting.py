@@ -82,12 +82,14 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[Array, float]:
     The steps that are short enough are not the shortest: rounding grows with their number.
     """
     best: tuple[float, Array] | None = None
+    before: Array | None = None  # of the only splitting that gets there, with longer steps
     for count in counts[len(counts) // 2 :: 2]:
         both = [steps(order, span / count, count) for order in TRUTHS]
         known = [found.state for found in both if found is not None]
-        if known:
-            apart = _apart(known[0], known[1]) if len(known) > 1 else 0.0
-            best = (apart, known[-1]) if best is None or apart < best[0] or len(known) < 2 else best
+        others = known[:-1] or ([] if before is None else [before])
+        before = known[0] if len(known) == 1 else None
+        if known and others and (best is None or _apart(others[0], known[-1]) < best[0]):
+            best = _apart(others[0], known[-1]), known[-1]
     if best is None:
         raise InputError(
             "order='auto' finds no step: the pilot fails with steps of a hundredth of a radian. Usual cause: numbers "

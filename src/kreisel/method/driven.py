@@ -63,6 +63,7 @@ def outcomes_of_totals(model: Model, meaning: str) -> dict[str, Outcome]:
     changes = kicks.perturbation_of(model.system).driven
     said = "which changes by the work of all bodies" if changes else meaning
     out = {f"{TOTAL}energy": Outcome("integral", f"energy of all bodies together, {said}")}
+    out |= {BALANCE: Outcome("integral", f"{TOTAL}energy - work of all bodies together, {meaning}")} if changes else {}
     return out | {
         TOTAL + name: Outcome("integral", f"sum of {name} over all bodies", conserved=True)
         for name in conserved_totals(model)
@@ -90,7 +91,7 @@ def coupling_of(
     def pull(*z: Array, **known: Array) -> tuple[Array, ...]:
         both = where(z[: len(z) // 2], known), where(z[len(z) // 2 :], known)
         first, second, gain = kicks.pulls(model.system, both, known, axes)
-        return (*first, *(gain,) * driven, *second, *(0.0,) * driven)
+        return (*first, *(gain / 2,) * driven, *second, *(gain / 2,) * driven)
 
     return Coupling(
         pairs=pairs,

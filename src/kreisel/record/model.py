@@ -234,7 +234,12 @@ class Model:
         return call(function, state, {**self.constants, **extra})
 
     def flow(self, *state: Array) -> tuple[Array, ...]:
-        """The right-hand side of the equations of motion."""
+        """The right-hand side of the equations of motion.  Raises `InputError` for bodies that act on each other."""
+        if self._in_pairs:
+            raise InputError(
+                f"{self.system.name}: expected a body that moves by itself, got bodies in pairs, whose rates depend on "
+                "each other. method='dop853' integrates them."
+            )
         return tuple(self.call(self.system.flow, *state))
 
     def step(self, *state: Array, eps: Array) -> tuple[Array, ...]:

@@ -263,7 +263,8 @@ def _choices(model: Model, state: State, settings: Settings, orientation: Any, e
     out = []
     for i in range(len(lanes[0])):
         one = {letter: part[i : i + 1] for letter, part in zip(model.system.space.letters, lanes, strict=True)}
-        g = orientation[i] if np.ndim(orientation) and len(orientation) == len(lanes[0]) != model.n else orientation
+        g = None if orientation is None else _orientation(orientation, model)
+        g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
         out += _choices(model.lanes(np.array([i])), model.state(**one), settings, g, each=False)
     return out
 

@@ -80,7 +80,7 @@ def propagator(
         raise InputError(f"method={made.name!r} needs a step dt, got none.")
     made = replace(made, held=held_by_orientation(system, made.components))
     settings = Settings(dt=step, steps=1, method=method, order=order, project=bool(project))
-    return Propagator(system, made, settings.but(observe=observed(observe, made)))
+    return Propagator(system, made, settings.but(observe=observed(observe, made)), dt is not None)
 
 
 class Propagator(StateForms):
@@ -93,8 +93,9 @@ class Propagator(StateForms):
     may share a propagator.
     """
 
-    def __init__(self, model: Model, made: Scheme, settings: Settings):
+    def __init__(self, model: Model, made: Scheme, settings: Settings, paced: bool = True):
         super().__init__(model, made, settings)
+        self._paced = paced  # whether a dt was asked for
         self._at_rest: dict[int, deque[Engine]] = {}
         self._jumps: dict[int, Jumps] = {}
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
@@ -164,15 +165,20 @@ class Propagator(StateForms):
                 f"{shown(end)}."
             )
         x, batch = self._given(state)
-        if batch:
+        if batch and self._scheme.coupling is None:
             raise InputError(f"until: expected one state, got {len(x)} lanes. Call it for each.")
-        self._require_steps("until")
+        if not self._is_flow:
+            self._require_steps("until")
+        elif not self._paced:
+            raise InputError(
+                "until: expected kr.propagator(..., dt=...), which says how often the quantity is looked at, got none."
+            )
 
-        def of_row(row: Floats) -> float:
-            return number_of(quantity, self._returned(row[None], state, False))
+        def of_rows(rows: Floats) -> float:
+            return number_of(quantity, self._returned(rows, state, batch))
 
-        row, t, crossed = first_crossing(self, x, of_row, rising, begun, last)
-        return Crossing(self._returned(row[None], state, False), t, crossed)
+        rows, t, crossed = first_crossing(self, x, of_rows, rising, begun, last)
+        return Crossing(self._returned(rows, state, batch), t, crossed)
 
     @property
     def dt(self) -> float:
@@ -184,6 +190,11 @@ class Propagator(StateForms):
         return self._scheme.orbit is not None and self._scheme.step is None
 
     def _require_steps(self, what: str) -> None:
+        if self._scheme.name == "suris" and (self._scheme.options or {}).get("order") == 2:
+            raise InputError(
+                f"{what}: expected a method whose steps may differ, got method='suris' of order 2, whose variables "
+                "depend on dt. Use method='baecklund', or order=1."
+            )
         if self.model.n >= LARGE or self._scheme.rate is not None:
             raise InputError(
                 f"{what}: expected a method that makes steps, or a closed form, and n < {LARGE}, got "
@@ -204,7 +215,8 @@ class Propagator(StateForms):
             return self._states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
         made = self._scheme
         if h != self.dt:
-            made = scheme(self.model, made.name, h, (made.options or {}).get("order"), self._oriented)
+            order = (made.options or {}).get("order")
+            made = scheme(self.model, made.name, h, order, self._oriented, kept=False)
             made = replace(made, held=self._scheme.held)
         start = self._timed(z, time, h)
         engine = self._begun(start, count, every, made)

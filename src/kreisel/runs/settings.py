@@ -91,6 +91,8 @@ def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
     out = dict(asked)
     end = out.pop("t_end", None)
     if end is None:
+        if "steps" not in out:
+            raise InputError("expected steps=..., a whole number of them, or t_end=..., a time, got neither.")
         return out
     if "steps" in out:
         raise InputError(f"expected steps or t_end, got both: steps = {shown(out['steps'])}, t_end = {shown(end)}.")

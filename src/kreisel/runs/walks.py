@@ -10,12 +10,12 @@ import numpy as np
 
 from kreisel.errors import InputError, shown
 from kreisel.kernels.layout import Floats
-from kreisel.runs.settings import WHOLE, finite_number
+from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, finite_number
 
 if TYPE_CHECKING:
     from kreisel.runs.propagator import Propagator
 
-BLOCK = 256  # steps between two looks at a quantity
+FEWEST, MOST_ROWS = 8, 256  # steps that are made before the quantity is looked at: more and more of them
 AT_ZERO = 1e-10  # of the largest value in the first block: a start that is where the last search ended
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy takes
 
@@ -38,7 +38,8 @@ class Walk:
     def to(self, time: float) -> None:
         """Go to a later time, in equal steps of at most dt."""
         gap = time - self.time
-        if gap > 0:
+        require_reach(self._p.dt, self.time, time)
+        if gap > SHORTEST_STEP:
             count = max(1, math.ceil(gap / self._p.dt * (1 - WHOLE)))
             self.z, self.time = self.rows(gap / count, count, count)[-1], time
 
@@ -48,41 +49,59 @@ class Walk:
 
     def after(self, z: Floats, time: float, h: float) -> Floats:
         """The state a single step of length h after z."""
-        return self._p.stepped(self._x, z, time, h, 1, 1)[-1] if h > 0 else z
+        return self._p.stepped(self._x, z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
 
 
 def first_crossing(
     p: Propagator, x: Floats, quantity: Callable[[Floats], float], rising: bool | None, time: float, end: float
 ) -> tuple[Floats, float, bool]:
     """The state where `quantity` of a state first changes its sign after `time`, or that at `end`."""
-    walk = Walk(p, x, time)
-    side = None
+    require_reach(p.dt, time, end)
+    walk, many = Walk(p, x, time), FEWEST
+    value = _of(p, quantity, walk.z, time)
+    side = np.sign(value) if abs(value) > AT_ZERO * _size(p, quantity, walk) else 0.0
     while walk.time < end:
         left = (end - walk.time) / p.dt * (1 - WHOLE)
-        count = min(BLOCK, math.floor(left)) or 1
-        h = p.dt if left >= 1 else end - walk.time
-        rows = walk.rows(h, count, 1)
-        values = np.array([quantity(p.returned(z, walk.time + k * h)[0]) for k, z in enumerate(rows)])
-        if side is None:
-            side = np.sign(values[0]) if abs(values[0]) > AT_ZERO * abs(values).max() else 0.0
-        for k in range(count):
-            new = np.sign(values[k + 1])
+        count, h = (min(many, math.floor(left)), p.dt) if left >= 1 else (1, end - walk.time)
+        rows, many = walk.rows(h, count, 1), min(2 * many, MOST_ROWS)
+        for k, row in enumerate(rows[1:]):
+            begun, before, value = walk.time + k * h, value, _of(p, quantity, row, walk.time + (k + 1) * h)
+            new = np.sign(value)
             if side * new < 0 and rising in (None, new > 0):
-                z, begun = rows[k], walk.time + k * h
-                if side * np.sign(values[k]) <= 0:  # the row is at the value itself
-                    return p.returned(z, begun)[0], begun, True
-                at = _root(lambda s, z=z, begun=begun: quantity(p.returned(walk.after(z, begun, s), begun + s)[0]), h)  # type: ignore[misc]
-                return p.returned(walk.after(z, begun, at), begun + at)[0], begun + at, True
+                at = _root(p, quantity, walk, rows[k], begun, h) if side * np.sign(before) > 0 else 0.0
+                return p.returned(walk.after(rows[k], begun, at), begun + at), begun + at, True
             side = new or side
         walk.z, walk.time = rows[-1], end if left < 1 else walk.time + count * h
-    return p.returned(walk.z, walk.time)[0], walk.time, False
+    return p.returned(walk.z, walk.time), walk.time, False
 
 
-def _root(f: Callable[[float], float], h: float) -> float:
-    """Where f changes its sign between 0 and h, to rounding, by Brent's method."""
+def require_reach(dt: float, time: float, end: float) -> None:
+    """Raises `InputError` for an end that steps of dt do not reach."""
+    if not (end - time) / dt <= MOST_STEPS or (end > time and not end - dt < end):
+        raise InputError(
+            f"times: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, which are not lost in the time, got "
+            f"{end:g} from {time:g} on."
+        )
+
+
+def _of(p: Propagator, quantity: Callable[[Floats], float], z: Floats, time: float) -> float:
+    return quantity(p.returned(z, time))
+
+
+def _size(p: Propagator, quantity: Callable[[Floats], float], walk: Walk) -> float:
+    """The size of a quantity within a step: a search may begin where the last one ended, at a value of rounding."""
+    after = walk.after(walk.z, walk.time, p.dt)
+    return max(abs(_of(p, quantity, z, t)) for z, t in ((walk.z, walk.time), (after, walk.time + p.dt)))
+
+
+def _root(p: Propagator, quantity: Callable[[Floats], float], walk: Walk, z: Floats, begun: float, h: float) -> float:
+    """How long after z the quantity changes its sign, within a step of length h: to rounding, by Brent's method."""
     from scipy.optimize import brentq
 
-    return float(brentq(f, 0.0, h, xtol=EXACT * h, rtol=EXACT))
+    def value(s: float) -> float:
+        return _of(p, quantity, walk.after(z, begun, s), begun + s)
+
+    return float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
 
 
 def number_of(quantity: Any, state: Any) -> float:
