@@ -252,3 +252,13 @@ def test_a_thin_body_in_fast_rotation_for_a_million_steps() -> None:
     assert off.max() < 1e-6
     assert off[-10:].max() < 5 * off[1:11].max()
     assert abs((run.g.values**2).sum(-1) - 1).max() < 1e-11
+
+
+@pytest.mark.parametrize("middle", [5.0, 20.0, 95.0])
+def test_a_pulse_changes_what_it_changes(middle: float) -> None:
+    """A force that is nothing but for a while: seen at many times, not at one."""
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    pulse = kr.perturbed(top, potential=lambda a, t: 0.1 * a[2] ** 2 + 0.1 * a[0] * np.exp(-(((t - middle) / 2) ** 2)))
+    assert conserved(pulse) == ("casimir",)
+    even = kr.perturbed(top, potential=lambda a, t: 0.1 * a[2] ** 2 * np.exp(-(((t - middle) / 2) ** 2)))
+    assert set(conserved(even)) == {"casimir", "noether"}

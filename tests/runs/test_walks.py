@@ -53,6 +53,13 @@ def test_work_is_that_of_the_whole_walk() -> None:
     assert abs(rows["balance"] - rows["balance"][0]).max() < 1e-8
 
 
+def test_a_state_that_came_back_goes_in_again() -> None:
+    p = kr.propagator(TOP, method="baecklund", dt=0.1, observe=["energy"])
+    once, twice = p.to(AXIS, 1.0), p.to(p.to(AXIS, 0.5), 1.0, time=0.5)
+    np.testing.assert_allclose(twice["a"], once["a"], atol=1e-14)
+    assert abs(twice["energy"] - once["energy"]) < 1e-14
+
+
 def test_an_impulse_between_two_times() -> None:
     """A kick along p changes m.p by its size, and by nothing else afterwards."""
     p = kr.propagator(TOP, method="baecklund", order=8, dt=0.2)

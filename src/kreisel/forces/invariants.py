@@ -22,9 +22,12 @@ from kreisel.forces.kicks import Body
 from kreisel.forces.pairs import constants_of_pairs, pairs_of
 from kreisel.record.contract import Function, PhaseSpace, call
 from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 
 POINTS = 3
 ZERO = 1e-13  # of the slope times the rate, in doubles
+# at which forces are looked at that take it in doubles: a pulse is nothing but for a while
+TIMES = np.concatenate([np.linspace(-5.0, 200.0, 411), np.logspace(np.log10(200.0), 3, 40)])
 
 
 def conserved(model: Model) -> tuple[str, ...]:
@@ -140,22 +143,35 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
         found = np.array([number(v) for v in rng.normal(size=shape).flat])
         return found.reshape(shape)
 
+    times = TIMES if number is float and kicks.perturbation_of(model.system).names(TIME) else None
     for _ in range(POINTS):
-        t = draw((1,))[0]
-        bodies, rates = [], []
+        t = draw((1,))[0] if times is None else times
+        bodies, rates, slopes = [], [], []
         for one in (models[0], models[-1])[: 1 + in_pairs]:
             state = _point(space, n, draw)
-            bodies.append(Body(state, algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n)), t))
+            slopes.append(_slopes_at(one, function, state))
+            turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
+            bodies.append(Body(tuple(_at_times(z, times) for z in state), _at_times(turn, times), t))
             rates.append(kicks.rates(one.system, bodies[-1], one.constants, one.axes)[0])
         if in_pairs:
             of_pairs, axes = constants_of_pairs(model)
             mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
             pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
             rates = [tuple(x + y for x, y in zip(*both, strict=True)) for both in zip(rates, pulled, strict=True)]
-        yield [
-            _along(one, function, body.state, rate)
-            for one, body, rate in zip((models[0], models[-1]), bodies, rates, strict=False)
+        flat = [
+            np.concatenate([algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rate, strict=True)], -1)
+            for rate in rates
         ]
+        for together in zip(*(np.atleast_2d(rate) for rate in flat), strict=True):
+            if times is None or np.isfinite(np.concatenate(together)).all():  # some forces overflow at late times
+                yield [
+                    [(sum(slope * rate), max(abs(slope)) * max(abs(rate))) for slope in each]
+                    for each, rate in zip(slopes, together, strict=True)
+                ]
+
+
+def _at_times(x: Array, times: Array | None) -> Array:
+    return x if times is None else np.broadcast_to(x, (len(times), *x.shape))
 
 
 def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
@@ -163,19 +179,16 @@ def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
     return sum(number(w) * x for w, x in zip(weights, values, strict=True))
 
 
-def _along(model: Model, function: Function, state: tuple[Array, ...], rates: tuple[Array, ...]) -> Slopes:
-    """The derivative of each part of a function along rates, and its scale."""
-    space = model.system.space
-    rate = np.concatenate([algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rates, strict=True)])
-    parts = []
+def _slopes_at(model: Model, function: Function, state: tuple[Array, ...]) -> list[Array]:
+    """The derivative of each part of a function by all coordinates."""
+    out = []
     for part in range(np.size(call(function, state, model.constants))):
 
         def of_part(*parts: Any, part: int = part) -> Any:
             return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
 
-        slope = np.concatenate(_derivative(space, model.n, of_part, state))
-        parts.append((sum(slope * rate), max(abs(slope)) * max(abs(rate))))
-    return parts
+        out.append(np.concatenate(_derivative(model.system.space, model.n, of_part, state)))
+    return out
 
 
 def _derivative(space: PhaseSpace, n: int, function: Callable[..., Any], state: tuple[Array, ...]) -> list[Array]:

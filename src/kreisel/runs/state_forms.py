@@ -57,7 +57,7 @@ class StateForms:
 
     def _flat(self, state: Mapping[str, Any]) -> Floats:
         """A mapping as one array, checked as the start of a run is."""
-        given = dict(state)
+        given = {name: value for name, value in state.items() if name not in (self.settings.observe or ())}
         g = given.pop(ORIENTATION, None)
         if (g is not None) != self._oriented:
             had = "none" if g is None else "one"
