@@ -25,7 +25,7 @@ upper: Any = double_double.upper
 PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
 DUPLICATIONS = 6  # of the arguments of R_J, whose ratios are at most 1e4
-BEYOND = 6  # more of them for ratios up to 1e24
+BEYOND = 7  # more of them for ratios up to 1e46
 TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
 
 
@@ -172,17 +172,13 @@ def arctan_ratio(e: Any) -> Any:
 @inlined
 def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     """R_J(x, y, z, p) by duplication (Carlson), delta = (p - x)(p - y)(p - z) >= 0."""
-    return _duplicated(x, y, z, p, delta, DUPLICATIONS)[0]
+    return _duplicated(x, y, z, p, delta, DUPLICATIONS)
 
 
 @inlined
-def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any, beyond: Any) -> Any:
-    """The same; where `beyond` > 0 for arguments far apart, and there R_F(x, y, z) too."""
-    third, first = third_kind(x, y, z, p, delta), 0.0 * x
-    if largest(beyond) > 0.0:
-        other, first = _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
-        third = where_less(0.0, beyond, other, third)
-    return third, first
+def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
+    """The same for arguments far apart."""
+    return _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
 
 
 @inlined
@@ -205,11 +201,7 @@ def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     E4 = (2.0 * X * Y * Z + E2 * P + 3.0 * P * P * P) * P
     E5 = X * Y * Z * P * P
     series = 1.0 - E2 * 3.0 / 14.0 + E3 / 6.0 + E2 * E2 * 9.0 / 88.0 - E4 * 3.0 / 22.0 - E2 * E3 * 9.0 / 52.0
-    third = part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
-    mean = (x + y + z) / 3.0
-    X, Y = (mean - x) / mean, (mean - y) / mean
-    E2, E3 = -(X * X + X * Y + Y * Y), -X * Y * (X + Y)
-    return third, (1.0 - E2 / 10.0 + E3 / 14.0 + E2 * E2 / 24.0 - E2 * E3 * 3.0 / 44.0) / sqrt(mean)
+    return part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
 
 
 @inlined

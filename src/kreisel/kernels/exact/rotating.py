@@ -13,15 +13,18 @@ from typing import Any
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
+    arctan_ratio,
     complete_beyond,
     cs_beyond,
     either,
     fma,
     inlined,
+    largest,
     nearest,
     of_turns,
     pair,
     size,
+    third_kind,
     third_kind_beyond,
     upper,
     where_less,
@@ -191,24 +194,25 @@ def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     halves = t * breadth * mean * (2 * inverse_turn)  # of lambda t, in 2 K
     whole = nearest(upper(halves))
     part = upper(halves - whole)
+    left = upper(halves - whole - part)  # 30 roundings of u beside the separatrix
     slope = width * d / (I3 * total) * (1 + a3 * k1 * sum_ / (total * both))
     turns = t * (L / I3 + slope) * (0.5 * inverse_turn)  # of a quarter of psi
     turns = upper(turns - nearest(upper(turns)))
 
     a1, a2 = _root(squares[0]), _root(squares[1])
     amplitudes = upper(a1), upper(a2), upper(a3)
-    doubles = amplitudes, upper(a), upper(g), upper(G), upper(k1), upper(both)
+    doubles = amplitudes, upper(L), upper(a), upper(g), upper(G), upper(k1), upper(both)
     ratio = upper(A) / upper(a)  # 1 + k_1
     strength = upper(d) * ratio * 2.0 * upper(a3 * k1) / (upper(I3 * A) * upper(total) * upper(total))
-    quarter = 0.5 * PI[0] * upper(a) / upper(mean)  # K of k_1
-    third = quarter * upper(sum_) / (2.0 * upper(both))
+    late = PI[0] * upper(a) * ratio / upper(mean) * left
+    third = 0.25 * PI[0] * upper(a) / upper(mean) * upper(sum_) / upper(both)  # Q at K of k_1
     direction = chi * where_less(upper(width), 0.0, -one, one)
     first = N1, N2, N3
-    cn, sn, dn, ripple = moved(doubles, first, part * direction, third, quarter, beyond)
+    cn, sn, dn, ripple = moved(doubles, first, (part * direction, late * direction), third, strength, beyond)
     odd = whole - 2.0 * nearest(0.5 * whole)
     back = where_less(0.5, odd * odd, -one, one)
     N1, N2, N3 = _times(a1, cn * back), _times(a2, sn * back), _times(a3, dn)
-    cos, sin = of_turns(_within(chi * turns + 0.5 * TURN[0] * strength * ripple))
+    cos, sin = of_turns(_within(chi * turns + 0.5 * TURN[0] * ripple))
     w, x, y, z = between(first, (N1, N2, N3), upper(L), cos, sin)
 
     periods = size(upper(halves))
@@ -230,12 +234,13 @@ def _within(turns: Any) -> Any:
 
 
 @inlined
-def moved(known: Any, N: Any, part: Any, whole: Any, quarter: Any, beyond: Any) -> Any:
-    """(cn, sn, dn) at u_0 + 2 K part, |part| <= 1/2, and Q there less Q at u_0 and the mean, in doubles.
+def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any) -> Any:
+    """(cn, sn, dn) at u_0 + 2 K part + late, |part| <= 1/2, and psi there less psi at u_0 and the mean, in doubles.
 
-    Up to the sign of cn and sn that u_0 has: N tells u_0.  By the addition theorems.
+    Up to the sign of cn and sn that u_0 has: N tells u_0.  By the addition theorems.  `time`: part, late.
     """
-    amplitudes, a, g, G, k1, both = known
+    amplitudes, L, a, g, G, k1, both = known
+    part, late = time
     zero = 0.0 * part
     one = zero + 1.0
     flat = where_less(zero, amplitudes[0], zero, one)  # a turn about the axis: cn = 1
@@ -257,18 +262,24 @@ def moved(known: Any, N: Any, part: Any, whole: Any, quarter: Any, beyond: Any) 
     below = 1.0 / (cn1 * cn1 + sn1 * sn1 * dn0 * dn0)
     cn = (cn0 * cn1 - sn0 * sn1 * dn0 * dn1) * below
     sn = (sn0 * cn1 * dn1 + sn1 * cn0 * dn0) * below
-    cn, sn = _on_circle(cn, sn)
     k_prime = rest / (1.0 + k1)
+    dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
+    cn, sn = _on_circle(cn - late * dn * sn, sn + late * dn * cn)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
 
     here = where_less(cn0, 0.0, -one, one)
     there = where_less(cn * here, 0.0, -one, one)  # -1 in the cell beside
     cell = 0.5 * (1.0 - there) * where_less(part, 0.0, -one, one)
+    before, after = (sn0 * here, cn0 * here, dn0), (sn * here * there, cn * here * there, dn)
     beta = both - 1.0
-    before, v0, _ = _third_kind(sn0 * here, cn0, dn0, k1, rest, beta, beyond)
-    after, v, slope = _third_kind(sn * here * there, cn, dn, k1, rest, beta, beyond)
-    slip = 2.0 * quarter * (part - cell) - (v - v0)  # where cn and dn are small their errors are errors of v
-    return cn, sn, dn, after - before + 2.0 * whole * (cell - part) + beyond * slope * slip
+    change = _third_kind(after, k1, rest, beta) - _third_kind(before, k1, rest, beta)
+    ripple = strength * (change + 2.0 * whole * (cell - part))
+    if largest(beyond) > 0.0:
+        shape = amplitudes, L, k_prime * k_prime
+        change = _behind(before, shape) - _behind(after, shape)
+        far = change - 2.0 * _behind((one, zero, k_prime), shape) * (cell - part)
+        ripple = where_less(0.0, beyond, far, ripple)
+    return cn, sn, dn, ripple
 
 
 @inlined
@@ -294,16 +305,31 @@ def _on_circle(cn: Any, sn: Any) -> Any:
 
 
 @inlined
-def _third_kind(sn: Any, cn: Any, dn: Any, k1: Any, rest: Any, beta: Any, beyond: Any) -> Any:
-    """Q of (v, k_1), v where `beyond` > 0, and Q', from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
+def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
+    """Q of (v, k_1), from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
+    sn, cn, dn = functions
     above = 1.0 + dn
     s = 2.0 * sn / ((1.0 + k1) * above)
     s2 = s * s
     d2 = (rest + dn * (1.0 + k1)) / above
     delta = s2 * s2 * s2 * beta * (1.0 + beta) * (k1 * k1 + beta)
     c2 = 4.0 * cn * cn / (above * above * d2)
-    third, first = third_kind_beyond(c2, d2, 1.0 + 0.0 * s2, 1.0 + beta * s2, delta, beyond)
-    return s * s2 * third / 3.0, s * first, s2 / (1.0 + beta * s2)
+    return s * s2 * third_kind(c2, d2, 1.0 + 0.0 * s2, 1.0 + beta * s2, delta) / 3.0
+
+
+@inlined
+def _behind(functions: Any, shape: Any) -> Any:
+    """2T t/L - psi from u = 0, cn >= 0, where k' is small: it stays below pi, and small errors of u are small in it."""
+    (sn, cn, dn), ((a1, a2, a3), L, rest) = functions, shape
+    M1, M2, M3 = a1 * cn, a2 * sn, a3 * dn
+    x = M1 * M2 * (M1 * M1 + M2 * M2) / ((L + M3) * (L * M1 * M1 + M2 * M2 * M3))
+    first, third = a1 / L, a3 / L
+    c2, s2, d2 = cn * cn, sn * sn, dn * dn
+    small = rest * s2
+    p = c2 + small * (third * third)
+    delta = small * small * (first * first) * (third * third) * (1.0 - p)
+    area = first * (a2 / L) * third * small * sn * third_kind_beyond(c2, d2, 1.0 + 0.0 * s2, p, delta) / 3.0
+    return x * arctan_ratio(x * x) + area
 
 
 @inlined
