@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+import kreisel as kr
+from kreisel import algebra
+from kreisel.lab.taylor import taylor
+
 DOUBLE = 4e-15  # relative: some twenty roundings
 UP = (0, 0, 1)
 SPECIAL = {  # m, b, p; where the formulas degenerate
@@ -39,3 +43,30 @@ SPECIAL = {  # m, b, p; where the formulas degenerate
 def random_tops(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     draw = np.random.default_rng(11)
     return [tuple(draw.normal(size=(3, 3)) * [[2], [1], [1]]) for _ in range(count)]
+
+
+def off(got: np.ndarray, want: np.ndarray) -> float:
+    """The largest difference, relative to the larger of 1 and the largest entry."""
+    return max(float(abs(w - float(g))) for g, w in zip(got.flat, want.flat, strict=True)) / max(1.0, abs(got).max())
+
+
+def off_turn(got: np.ndarray, want: np.ndarray) -> float:
+    return min(off(got, want), off(got, -want))
+
+
+def error(m: object, b: object, p: object, time: float, alpha: float = 0.7, digits: int = 20) -> float:
+    """Of kr.at in both frames, orientation included, against the Taylor series."""
+    m1, b1, q = taylor(m, b, p, time, alpha=alpha, digits=digits)
+    back = algebra.rotation_matrix(q).T
+    rest, body = kr.LagrangeTop(p=p, alpha=alpha), kr.LagrangeTopMoving(A=b, alpha=alpha)
+    run = kr.at(rest, {"m": m, "a": b}, time, orientation=(1, 0, 0, 0))
+    seen = kr.at(body, {"M": m, "P": p}, time, orientation=(1, 0, 0, 0))
+    p_in_digits = np.array([type(m1[0])(float(v)) for v in p], dtype=object)
+    return max(
+        off(run.m.values, m1),
+        off(run.a.values, b1),
+        off_turn(run.g.values, q),
+        off(seen.M.values, back @ m1),
+        off(seen.P.values, back @ p_in_digits),
+        off_turn(seen.g.values, q),
+    )

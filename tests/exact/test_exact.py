@@ -23,34 +23,13 @@ from kreisel.lab.taylor import quadrature, taylor
 from kreisel.runs import integration as runs
 from kreisel.runs.plan import make_plan
 from kreisel.storage.checking import check_archive
-from tops import DOUBLE, SPECIAL, UP, random_tops
+from tops import DOUBLE, SPECIAL, UP, error, off, off_turn, random_tops
 
 
-def off(got: np.ndarray, want: np.ndarray) -> float:
-    """The largest difference, relative to the larger of 1 and the largest entry."""
-    return max(float(abs(w - float(g))) for g, w in zip(got.flat, want.flat, strict=True)) / max(1.0, abs(got).max())
-
-
-def off_turn(got: np.ndarray, want: np.ndarray) -> float:
-    return min(off(got, want), off(got, -want))
-
-
-def error(m: object, b: object, p: object, time: float, alpha: float = 0.7, digits: int = 20) -> float:
-    """Of kr.at in both frames, orientation included, against the Taylor series."""
-    m1, b1, q = taylor(m, b, p, time, alpha=alpha, digits=digits)
-    back = algebra.rotation_matrix(q).T
-    rest, body = kr.LagrangeTop(p=p, alpha=alpha), kr.LagrangeTopMoving(A=b, alpha=alpha)
-    run = kr.at(rest, {"m": m, "a": b}, time, orientation=(1, 0, 0, 0))
-    seen = kr.at(body, {"M": m, "P": p}, time, orientation=(1, 0, 0, 0))
-    p_in_digits = np.array([type(m1[0])(float(v)) for v in p], dtype=object)
-    return max(
-        off(run.m.values, m1),
-        off(run.a.values, b1),
-        off_turn(run.g.values, q),
-        off(seen.M.values, back @ m1),
-        off(seen.P.values, back @ p_in_digits),
-        off_turn(seen.g.values, q),
-    )
+@pytest.fixture(autouse=True)
+def _in_many_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No jumps: they have tests of their own."""
+    monkeypatch.setattr(engine.jumps, "FEW", 0)
 
 
 @pytest.mark.parametrize("name", SPECIAL)

@@ -13,10 +13,11 @@ from kreisel.kernels import layout
 from kreisel.kernels.exact import engine, jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.method import scheme
-from tops import DOUBLE, SPECIAL, UP, random_tops
+from tops import DOUBLE, SPECIAL, UP, error, random_tops
 
 TIMES = np.array([0.37, -11.3, 1e3, 2e6])
 RIGHT = 3e-15  # relative to the largest entry: 1.8e-15 measured
+TURNED = np.array([0.5, -0.7, 0.1, 0.5])  # an orientation, of length 1
 BEYOND = ("separatrix", "unstable", "critical", "falling", "at rest, up", "near the top")
 
 
@@ -27,40 +28,47 @@ def wide_tops(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return m * 10 ** draw.uniform(-1.5, 2, (count, 1)), b, p * 10 ** draw.uniform(-2, 1, (count, 1))
 
 
-def jumped(top: object, state: object, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (times, lanes, 6) and which are right."""
-    letters, kinds = top.system.space.letters, top.system.space.kinds
-    plan, given = scheme(top, "exact", 1.0, None, False), top.state(**state)
-    z = layout.flatten(plan.prepare(tuple(given[k] for k in letters)), kinds)
-    z = np.atleast_2d(z)
+def jumped(top: object, state: object, times: np.ndarray, g: object = None) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (times, lanes, 6), or 10 with an orientation, and which are right."""
+    letters, plan, given = top.system.space.letters, scheme(top, "exact", 1.0, None, g is not None), top.state(**state)
+    kinds = [kind for _, kind in plan.components]
+    parts = [given[k] for k in letters]
+    if g is not None:
+        parts.append(np.broadcast_to(g, (*np.shape(parts[1])[:-1], 4)))
+    z = np.atleast_2d(layout.flatten(plan.prepare(tuple(parts)), kinds))
     rows, right = Jumps(plan, len(z)).at(z, times)
-    momentum, vector = layout.restore(rows, kinds, 3)
-    return np.concatenate([algebra.axial(momentum), vector], -1), right
+    momentum, *rest = layout.restore(rows, kinds, 3)
+    return np.concatenate([algebra.axial(momentum), *rest], -1), right
 
 
-def in_digits(top: object, state: object, times: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+def in_digits(
+    top: object, state: object, times: np.ndarray, monkeypatch: pytest.MonkeyPatch, g: object = None
+) -> np.ndarray:
     """The same rows of one top, without a jump."""
     with monkeypatch.context() as patch:
         patch.setattr(engine.jumps, "FEW", 0)
-        run = kr.at(top, state, times)
-    return np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
+        run = kr.at(top, state, times, orientation=g)
+    return np.concatenate([run[letter].values for letter in (*top.system.space.letters, *["g"][: g is not None])], -1)
 
 
 def off(got: np.ndarray, want: np.ndarray) -> float:
-    """The largest error of momentum or vector, relative to the largest entry of each."""
-    return max(
-        (abs(g - w).max() / (abs(w).max() or 1)) for g, w in zip(np.split(got, 2), np.split(want, 2), strict=True)
+    """The largest error of momentum or vector, relative to the largest entry of each; of the orientation up to sign."""
+    state = max(
+        abs(g - w).max() / (abs(w).max() or 1) for g, w in zip(np.split(got[:6], 2), np.split(want[:6], 2), strict=True)
     )
+    turn = min(abs(got[6:] - sign * want[6:]).max(initial=0) for sign in (1, -1))
+    return max(state, turn)
 
 
-def worst(count: int, monkeypatch: pytest.MonkeyPatch) -> float:
+def worst(count: int, monkeypatch: pytest.MonkeyPatch, g: object = None, alpha: float = 1.0) -> float:
     """The largest error of jumps of `count` tops that are said to be right."""
     m, b, p = wide_tops(count)
-    got, right = jumped(kr.LagrangeTop(p=p), {"m": m, "a": b}, TIMES)
+    got, right = jumped(kr.LagrangeTop(p=p, alpha=alpha), {"m": m, "a": b}, TIMES, g)
     assert right.mean() > 0.95
     errors = [0.0]
     for lane in range(count):
-        want = in_digits(kr.LagrangeTop(p=p[lane]), {"m": m[lane], "a": b[lane]}, TIMES, monkeypatch)
+        top = kr.LagrangeTop(p=p[lane], alpha=alpha)
+        want = in_digits(top, {"m": m[lane], "a": b[lane]}, TIMES, monkeypatch, g)
         errors += [off(got[k, lane], want[k]) for k in range(len(TIMES)) if right[k, lane]]
     return max(errors)
 
@@ -69,20 +77,35 @@ def test_jumps_of_many_tops(monkeypatch: pytest.MonkeyPatch) -> None:
     assert worst(40, monkeypatch) < RIGHT
 
 
+def test_jumps_with_the_orientation_of_many_tops(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert worst(40, monkeypatch, TURNED, 0.6) < RIGHT
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_random_tops_against_taylor(number: int) -> None:
+    """In both frames, with the orientation."""
+    m, b, p = random_tops(20)[number]
+    state, top = {"m": m, "a": b}, kr.LagrangeTop(p=p, alpha=0.7)
+    assert jumped(top, state, np.array([-4.6]), TURNED)[1].all()
+    assert error(m, b, p, -4.6) < DOUBLE
+
+
+@pytest.mark.parametrize("g", [None, TURNED], ids=["state", "orientation"])
 @pytest.mark.parametrize("name", SPECIAL)
-def test_special_motions(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_special_motions(name: str, g: object, monkeypatch: pytest.MonkeyPatch) -> None:
     """In both frames; those that tend to a steady motion, or nearly, are said to need more digits, and get them."""
     m, b, p = SPECIAL[name]
-    rest, body = kr.LagrangeTop(p=p), kr.LagrangeTopMoving(A=b, alpha=0.7)
+    rest, body = kr.LagrangeTop(p=p, alpha=1.3), kr.LagrangeTopMoving(A=b, alpha=0.7)
     for top, state in ((rest, {"m": m, "a": b}), (body, {"M": m, "P": p})):
-        got, right = jumped(top, state, TIMES)
-        assert right.all() != any(word in name for word in BEYOND)
-        want = in_digits(top, state, TIMES, monkeypatch)
+        got, right = jumped(top, state, TIMES, g)
+        weightless = g is not None and top is body and not np.any(p)  # half-turns about P = 0 carry no orientation
+        assert right.all() != (weightless or any(word in name for word in BEYOND))
+        want = in_digits(top, state, TIMES, monkeypatch, g)
         for k in np.flatnonzero(right[:, 0]):
             assert off(got[k, 0], want[k]) < RIGHT
-        run = kr.at(top, state, TIMES)
+        run = kr.at(top, state, TIMES, orientation=g)
         asked = np.concatenate([run[letter].values for letter in top.system.space.letters], -1)
-        assert (asked == (got[:, 0] if right.all() else want)).all()
+        assert (asked == (got[:, 0, :6] if right.all() else want[:, :6])).all()
 
 
 def test_symmetric_top(monkeypatch: pytest.MonkeyPatch) -> None:

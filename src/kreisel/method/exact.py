@@ -76,15 +76,18 @@ def _jump(model: Model) -> Jump:
     """In the moving frame (-M, P, A) is the (m, a, p) of the rest frame."""
     inside = model.system.frame is Frame.MOVING
 
-    def begin(*z: Array, **constants: Array) -> tuple[Array, Array, Array, Array]:
-        m, b, p = call(model.system.top, z, constants)
-        axial = algebra.axial(m)
-        return (-axial, p, b, constants.get("alpha", 1.0)) if inside else (axial, b, p, 1.0)
+    def begin(*z: Array, **constants: Array) -> tuple[Array, Array, Array, Array, Array]:
+        m, b, p = call(model.system.top, z[:2], constants)
+        axial, alpha = algebra.axial(m), constants.get("alpha", 1.0)
+        return (-axial, p, b, alpha, 1.0) if inside else (axial, b, p, 1.0, alpha)
 
-    def finish(m: Array, b: Array) -> tuple[Array, ...]:
-        return -algebra.hat(m) if inside else algebra.hat(m), b
+    def orientation(g: Array) -> Array:
+        return algebra.inverse_turn(g) if inside else g
 
-    return Jump(begin, finish)
+    def finish(m: Array, b: Array, *q: Array) -> tuple[Array, ...]:
+        return (-algebra.hat(m) if inside else algebra.hat(m), b, *map(orientation, q))
+
+    return Jump(begin, orientation, finish)
 
 
 def _spin(model: Model) -> Spin:
@@ -147,7 +150,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         observe=observe,
         reopen=tuple,
         orbit=_orbit_of_body(model, oriented) if free else _orbit_of_top(model, oriented),
-        jump=_spin(model) if free else None if oriented else _jump(model),
+        jump=_spin(model) if free else _jump(model),
         outcomes=outcomes,
     )
 

@@ -56,14 +56,17 @@ States = Callable[[Array, Array], tuple[Array, ...]]  # (M, e) -> z at the times
 class Jump:
     """A flow as that of a Lagrange top, n = 3, at rest: m' = p x b, b' = m x b, with axial vectors.
 
-    begin(*z, **constants) -> m, b, p, alpha
-    finish(m, b)           -> z; the state turns about p by (1/alpha - 1) (m.p)/|p| in a unit of time beside
+    begin(*z, **constants) -> m, b, p, and two alphas: the state turns about p by (1/alpha - 1) (m.p)/|p| in a unit of
+                              time beside, the body about b by (1/other - 1) (m.b)/|b|
+    orientation(g)         -> q, the turn of the body: q' = m q/2 but for what alpha adds
+    finish(m, b, q)        -> z; without q where there is no orientation
 
     Recorded and compiled by an engine.
     """
 
-    begin: Callable[..., tuple[Array, Array, Array, Any]]
-    finish: Callable[[Array, Array], tuple[Array, ...]]
+    begin: Callable[..., tuple[Array, Array, Array, Any, Any]]
+    orientation: Callable[[Array], Array]
+    finish: Callable[..., tuple[Array, ...]]
 
 
 @dataclass(frozen=True)

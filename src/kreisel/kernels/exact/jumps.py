@@ -21,7 +21,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
+from kreisel.exact.motion import half_turns
 from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
+from kreisel.exact.turning import turned
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, shares
 from kreisel.kernels.layout import Floats
@@ -68,19 +70,27 @@ def jump(z, c, times, step):
 """
 
 TOP = """
-        m0, m1, m2, b0, b1, b2, p0, p1, p2, alpha = begin(*now, *known)
+        m0, m1, m2, b0, b1, b2, p0, p1, p2, above, within = begin(*now, *known)
         conserved = integrals({pairs})
-        count, eps, r, cos, sin, unit, error = leap(conserved, alpha, t, turning, length)
+        count, eps, r, unit, turn, spin, off_state, off_all = leap(conserved, (above, within), t, turning, length)
+        {carry}
         most = MOST
         if largest(count) < MOST:
             most = int(largest(count))
         for k in range(most):
-            m0, m1, m2, b0, b1, b2 = mapped(
-                m0, m1, m2, b0, b1, b2, p0, p1, p2, where_less(float(k), count, eps, 0.0), r
+            {mapped} = mapped(
+                {mapped}, p0, p1, p2, where_less(float(k), count, eps, 0.0), r
             )
-        new = finish(m0, m1, m2, b0, b1, b2, p0 * unit, p1 * unit, p2 * unit, cos, sin)
+        cos, sin = of_turns(0.5 * (turn - nearest(turn)))
+        new = finish({mapped}, p0 * unit, p1 * unit, p2 * unit, cos, sin)
         scatter(out, (), row, rows, new)
-        scatter(off, (), row, rows, (error + where_less(float(MOST), count, 1.0, 0.0),))
+        scatter(off, (), row, rows, ({error} + where_less(float(MOST), count, 1.0, 0.0),))
+"""
+
+# The orientation begins with a turn about b.
+CARRY = """
+        spin = spin - nearest(spin)
+        q0, q1, q2, q3 = carried(*now, b0, b1, b2, *of_turns(0.5 * spin))
 """
 
 BODY = """
@@ -100,8 +110,9 @@ SINGLE = """
 """
 
 IMPORTS = """from kreisel.kernels._numba.double_double import pair
-from kreisel.kernels._numba.fused import largest, where_less
+from kreisel.kernels._numba.fused import largest, nearest, where_less
 from kreisel.kernels._numba.vector_type import gather, scatter
+from kreisel.kernels.exact.elliptic import of_turns
 from kreisel.kernels.exact.nutating import leap
 from kreisel.kernels.exact.rotating import rotated
 
@@ -137,19 +148,27 @@ def _formulas() -> str:
 
     def integrals(m: Array, b: Array, p: Array) -> list[Any]:
         known = Integrals.of(m, b, p)
-        return [*astuple(known), known.K, *known.depressed]
-
-    def mapped(m: Array, b: Array, p: Array, eps: Any, r: Any) -> list[Any]:
-        hat, b, _ = darboux(algebra.hat(m), b, p, eps, r)
-        return [*algebra.axial(hat), *b]
+        return [*astuple(known), known.K, *known.depressed, known.dual.K]
 
     three = (3,), (3,), (3,)
     return (
         _function_source("integrals", integrals, *three, fuse=False)
         + _function_source("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
         + _function_source("length", lambda *x: [squared_length(*x)], *[()] * 6)
-        + _function_source("mapped", mapped, *three, (), ())
     )
+
+
+@cache
+def _map_source(oriented: bool) -> str:
+    """D_eps; with the orientation, which each map turns by R_a R_b."""
+
+    def mapped(m: Array, b: Array, *rest: Any) -> list[Any]:
+        q, (p, eps, r) = rest[:-3], rest[-3:]
+        hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
+        turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
+        return [*algebra.axial(hat), *new, *(v for x in turned for v in x)]
+
+    return _function_source("mapped", mapped, (3,), (3,), *[(4,)] * oriented, (3,), (), ())
 
 
 def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
@@ -188,22 +207,36 @@ def _constants_by_name(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -
 def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]) -> tuple[str, str, str]:
     """The functions of a top, and what the kernel does with them."""
     kinds, n = [kind for _, kind in scheme.components], scheme.n
-    constants = max(place.stop for place in columns.values())
+    constants, oriented = max(place.stop for place in columns.values()), "quaternion" in kinds
 
     def begin(z: Array, c: Array) -> list[Any]:
-        m, b, p, alpha = jump.begin(*layout.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
-        return [*m, *b, *p, alpha]
+        m, b, p, *alphas = jump.begin(*layout.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
+        return [*m, *b, *p, *alphas]
 
-    def finish(m: Array, b: Array, axis: Array, cos: Any, sin: Any) -> list[Any]:
-        H = algebra.hat(axis)
-        new = [v + sin * algebra.act(H, v) + (1 - cos) * algebra.act(H, algebra.act(H, v)) for v in (m, b)]
+    def carried(z: Array, b: Array, cos: Any, sin: Any) -> list[Any]:
+        spin = np.array([cos, *(sin / algebra.sqrt(algebra.dot(b, b)) * b)], dtype=object)
+        return list(algebra.quaternion_product(spin, jump.orientation(layout.restore(z, kinds, n)[-1])))
+
+    def finish(m: Array, b: Array, *rest: Any) -> list[Any]:
+        q, (axis, cos, sin) = rest[:-3], rest[-3:]
+        turn = np.array([cos, *(sin * axis)], dtype=object)
+        new = [turned(turn, v) for v in (m, b)] + [algebra.unit(algebra.quaternion_product(turn, x)) for x in q]
         return list(layout.flatten(jump.finish(*new), kinds))
 
+    four = [(4,)] * oriented
+    names = [f"{letter}{k}" for letter in "mb" for k in range(3)] + [f"q{k}" for k in range(4)] * oriented
     return (
         _function_source("begin", begin, (state,), (constants,))
-        + _function_source("finish", finish, *[(3,)] * 3, (), ())
-        + _formulas(),
-        TOP.format(pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3))),
+        + (_function_source("carried", carried, (state,), (3,), (), ()) if oriented else "")
+        + _function_source("finish", finish, (3,), (3,), *four, (3,), (), ())
+        + _formulas()
+        + _map_source(oriented),
+        TOP.format(
+            pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3)),
+            carry=CARRY.strip() if oriented else "",
+            mapped=", ".join(names),
+            error="off_all" if oriented else "off_state",
+        ),
         "",
     )
 

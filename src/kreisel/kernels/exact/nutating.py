@@ -17,7 +17,6 @@ from kreisel.kernels.exact.elliptic import (
     inlined,
     largest_root,
     nearest,
-    of_turns,
     pair,
     size,
     third_kind,
@@ -34,61 +33,101 @@ LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than
 
 
 @inlined
-def leap(known: Any, alpha: Any, t: Any, turning: Any, length: Any) -> Any:
+def leap(known: Any, alphas: Any, t: Any, turning: Any, length: Any) -> Any:
     """The flow over t as `count` times D_eps with the constant r, then a turn about p; and what it may be off.
 
-    t and `known`, which is A, P2, J, c, E, K, u, v, are double-doubles (`kreisel.exact.nutation.Integrals`); of that
-    module also the functions.  The frame turns about p by (1/alpha - 1) c/|p| in a unit of time beside.  Returns count,
-    eps, r, the cos and sin of the angle, 1/|p| or 0, and the error, in turns and periods.
+    t and `known`, which is A, P2, J, c, E, K, u, v and the K of the dual, are double-doubles
+    (`kreisel.exact.nutation.Integrals`); of that module also the functions.  Returns count, eps, r, 1/|p| or 0, the
+    turn about p, and two errors: of the state, and of the orientation too.  Between the turn about p and one about b
+    before, which come last, the maps carry the orientation.  The turns are angles in turns; with `alphas`, they grow
+    by (1/alpha - 1) c/|p| and (1/alpha - 1) J/|b| in a unit of time beside.
     """
-    A, P2, J, c, E, K, u, v = known
-    inverse_turn = pair(TURN[0], TURN[1])
-    zero = 0.0 * upper(A)
-    one = zero + 1.0
-    heavy = where_less(zero, upper(P2), one, zero)  # 0 where p = 0: then K = c = 0, and no turn about p counts
-    lower = upper(K - upper(K))
-    K = pair(where_less(zero, heavy, upper(K), zero), where_less(zero, heavy, lower, zero))
-    p = sqrt(P2 + (1.0 - heavy))
-    scale = size(upper(E)) + sqrt(upper(A) * upper(P2)) + sqrt(size(upper(J) * upper(c)))
-
+    A, P2, J, c, E, K, u, v, dual = known
+    one = 0.0 * upper(A) + 1.0
     y, change = largest_root(u, v)
-    x3 = y - 4 * E / 3
     square = 3 * y * y + u
-    mean, period, n, last = period_of(p, c, K, y, x3, square, scale, turning)
-    phase = t * mean * inverse_turn
+    scale = size(upper(E)) + sqrt(upper(A) * upper(P2)) + sqrt(size(upper(J) * upper(c)))
+    shape = y, y - 4 * E / 3, square, scale
+    above = axis_of(P2, c, K, shape, turning)
+    phase = t * above[4] * pair(TURN[0], TURN[1])
     periods = nearest(upper(phase))
     phase = phase - periods
     part = upper(phase)
-    turned = periods * period * inverse_turn
-    own = (1 / (alpha + 0 * A) - 1) * c / p * t * inverse_turn
-    turned = turned - nearest(upper(turned)) + (own - nearest(upper(own)))
+    h = upper(phase * (2 * pair(PI[0], PI[1]) / above[4]))
+    count, gaps, steep = remainder(upper(E), u, shape, part, h)
+    x0 = gaps[3]
+    s = 1.0 / x0
+    root = sqrt((gaps[0] + gaps[1]) * s * ((gaps[0] + gaps[2]) * s) * (gaps[0] * s))
+    r = length(s, root, upper(A), upper(J), upper(c), upper(E))
+    direction = where_less(part, 0.0, -one, where_less(0.0, part, one, 0.0))
+    eps = 2.0 * direction * sqrt(s)
 
-    h = upper(phase * (2 * pair(PI[0], PI[1]) / mean))
-    doubles = upper(A), upper(J), upper(c), upper(E), upper(K), upper(p)
-    count, eps, r, theta, steep = remainder(doubles, u, y, x3, square, part, h, scale, turning, length)
-    left = (upper(turned) - count * theta * TURN[0]) * heavy
-    cos, sin = of_turns(left - nearest(left))
+    maps = periods, count, direction, size(h), gaps
+    left, own = turned_by(above, maps, alphas[0], t, turning)
+    body = axis_of(A, -J, dual, shape, turning)
+    right, spun = turned_by(body, maps, alphas[1], t, turning)
+    lean = upper(J / body[1]) * sqrt(s)
+    right = count * direction * lean * arctan_ratio(lean * lean) * (2.0 * TURN[0]) - right
 
-    # what a rounding of double-doubles does to the period and to its turn; `energy` is its effect on close roots
+    # `energy` is the effect of a rounding of double-doubles on close roots
     energy = scale * scale / upper(square)
-    lean, kappa = upper(c / p), upper(K / p)
-    blur = size(2.0 * upper(J) * upper(p)) + size(2.0 * upper(E) * lean) + size(lean * lean * lean)
-    blur = blur + size(kappa) * (1.0 + scale * (1.0 + energy) / n)
-    turns = heavy * (size(lean) + blur / n) / upper(mean)
-    root = last + change * change * (energy / scale) * (energy / scale)  # what the iterations leave
-    lost = (1.0 + size(periods)) * (PLACE * (1.0 + turns + energy * energy) + root)
-    far = where_less(scale, SMALLEST, one, where_less(LARGEST, scale, one, zero))
-    least = where_less(zero, upper(A), where_less(upper(A), LEAST_SQUARE, one, zero), zero)
-    far = far + where_less(upper(P2), LEAST_SQUARE, heavy, zero) + least
-    return count, eps, r, cos, sin, heavy / upper(p), lost + PLACE * size(upper(own)) * heavy + far + steep
+    root = change * change * (energy / scale) * (energy / scale)  # what the iterations leave
+    lost, last = (1.0 + size(periods)) * PLACE, (1.0 + size(periods)) * root
+    far = where_less(scale, SMALLEST, one, where_less(LARGEST, scale, one, 0.0 * one)) + steep + last
+    far = far + where_less(0.0, upper(P2), where_less(upper(P2), LEAST_SQUARE, one, 0.0 * one), 0.0 * one)
+    least = where_less(upper(A), LEAST_SQUARE, one, 0.0 * one)
+    off = lost * (1.0 + blurred(above, E, J, P2, shape, energy) + energy * energy) + (1.0 + size(periods)) * above[7]
+    off = off + PLACE * own + far
+    more = lost * blurred(body, E, c, A, shape, energy) + (1.0 + size(periods)) * body[7] + PLACE * spun
+    still = where_less(0.0, upper(A), least, 0.0 * one)
+    return count, eps, r, above[0] / upper(above[1]), left, right, off + still, off + least + more
 
 
 @inlined
-def period_of(p: Any, c: Any, K: Any, y: Any, x3: Any, square: Any, scale: Any, turning: Any) -> Any:
+def axis_of(P2: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
+    """What turns about p take: 0 or 1, |p|, c and K, and what `period_of` returns; 0 where p = 0: they do not count."""
+    zero = 0.0 * upper(P2)
+    heavy = where_less(zero, upper(P2), 1.0 + zero, zero)  # 0 where p = 0: then K = c = 0, and no turn about p counts
+    lower = upper(K - upper(K))
+    K = pair(where_less(zero, heavy, upper(K), zero), where_less(zero, heavy, lower, zero))
+    p = sqrt(P2 + (1.0 - heavy))
+    mean, period, n, last = period_of(p, c, K, shape, turning)
+    return heavy, p, c, K, mean, period, n, last
+
+
+@inlined
+def turned_by(axis: Any, maps: Any, alpha: Any, t: Any, turning: Any) -> Any:
+    """The turn about an axis in turns, and the size of that by `alpha`."""
+    heavy, p, c, K, _, period, _, _ = axis
+    periods, count, direction, h, (gap, d1, d2, x0) = maps
+    inverse_turn = pair(TURN[0], TURN[1])
+    turned = periods * period * inverse_turn
+    own = (1 / (alpha + 0 * p) - 1) * c / p * t * inverse_turn
+    turned = turned - nearest(upper(turned)) + (own - nearest(upper(own)))
+    P, lean, kappa = upper(p), upper(c) / upper(p), upper(K) / upper(p)
+    third = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
+    slope = lean / sqrt(x0)
+    theta = turning(P, upper(c), upper(K), h / count, third) + slope * arctan_ratio(slope * slope)
+    return (upper(turned) - count * direction * theta * TURN[0]) * heavy, size(upper(own)) * heavy
+
+
+@inlined
+def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
+    """What a rounding of double-doubles does to the turn of a period."""
+    heavy, p, c, K, mean, _, n, _ = axis
+    lean, kappa, scale = upper(c / p), upper(K / p), shape[3]
+    blur = size(2.0 * upper(J) * upper(p)) + size(2.0 * upper(E) * lean) + size(lean * lean * lean)
+    blur = blur + size(kappa) * (1.0 + scale * (1.0 + energy) / n)
+    return heavy * (size(lean) + blur / n) / upper(mean)
+
+
+@inlined
+def period_of(p: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
     """The mean M with omega_1 = pi/M, theta_P, x3 + c^2/P2 and the error of M: `square` = (x3 - x1)(x3 - x2).
 
     The first step of the mean is made by hand: it needs no difference of x1 and x2.
     """
+    y, x3, square, scale = shape
     zero = 0.0 * scale
     w = sqrt(square)
     n = x3 + c * c / (p * p)  # in [0, x3 - x2]
@@ -103,16 +142,14 @@ def period_of(p: Any, c: Any, K: Any, y: Any, x3: Any, square: Any, scale: Any, 
 
 
 @inlined
-def remainder(
-    known: Any, u: Any, y: Any, x3: Any, square: Any, part: Any, h: Any, scale: Any, turning: Any, length: Any
-) -> Any:
-    """In doubles, the count, eps, r and theta of the maps for the rest h of the time, `part` of a period.
+def remainder(E: Any, u: Any, shape: Any, part: Any, h: Any) -> Any:
+    """In doubles, the count of the maps for the rest h of the time, `part` of a period, and x0 - x3 and the like.
 
     Last, 1 where doubles do not do: near the steady motion to which the separatrix tends.
     """
-    A, J, c, E, K, p = known
-    one = 0.0 * A + 1.0
-    apart = sqrt(max(upper(-u - 0.75 * y * y), 0.0 * A))  # (x2 - x1)/2
+    y, x3, square, scale = shape
+    one = 0.0 * h + 1.0
+    apart = sqrt(max(upper(-u - 0.75 * y * y), 0.0 * h))  # (x2 - x1)/2
     d1 = 1.5 * upper(y) + apart
     d2 = upper(square) / d1
     bottom = upper(x3)
@@ -121,13 +158,4 @@ def remainder(
     angle = max(size(part) * PI[0] / count, LEAST_ANGLE)
     cotangent = cs(sqrt(d1), sqrt(d2), angle)
     gap = cotangent * cotangent
-    x0 = bottom + gap
-    s = 1.0 / x0
-    root = sqrt((gap + d1) * s * ((gap + d2) * s) * (gap * s))
-    direction = where_less(part, 0.0, -one, where_less(0.0, part, one, 0.0))
-    lean, kappa, half = c / p, K / p, sqrt(s)
-    third = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
-    slope = lean * half
-    theta = turning(p, c, K, size(h) / count, third) + slope * arctan_ratio(slope * slope)
-    steep = where_less(STEEP * d2, scale, one, 0.0)
-    return count, 2.0 * direction * half, length(s, root, A, J, c, E), direction * theta, steep
+    return count, (gap, d1, d2, bottom + gap), where_less(STEEP * d2, scale, one, 0.0)
