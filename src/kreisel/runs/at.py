@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -38,12 +39,11 @@ def at(
     observe      Casimirs and integrals to compute beside the state, by name; default: all
 
     No step is made and no error grows with time: 10^12 nutation periods on, a state is as exact as after one.  Up to
-    10^4 times of the flow, without orientation for tops, are compiled jumps of some microseconds, set-up and all, off
-    by 3e-16, at most 3e-15; so are ensembles.  Motions of tops near a separatrix, more times, orientations of tops and
-    iterates are set up in many digits, 0.1 to 0.2 s a motion, 0.05 s of a free body, beside the critical sleeping top
-    0.6 s, then a microsecond a time.  Returns the `xarray.Dataset` of `kr.simulate`,
-    with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
-    where numbers overflow.
+    10^4 times of the flow are compiled jumps of some microseconds, set-up and all, off by 3e-16, at most 3e-15; so are
+    ensembles.  Motions of tops near a separatrix, more times and iterates are set up in many digits, 0.1 to 0.2 s a
+    motion, 0.05 s of a free body, beside the critical sleeping top 0.6 s, then a microsecond a time.  Returns the
+    `xarray.Dataset` of `kr.simulate`, with the coordinate time as given, or k dt.  Raises `InputError` for other
+    systems, n > 3, bad times, and `RunError` where numbers overflow.
     """
     wanted = wanted_times(times)
     flat = np.atleast_1d(wanted)
@@ -73,6 +73,8 @@ def at(
 
 def wanted_times(times: Any) -> np.ndarray:
     """A time, or times (times,), that were asked for.  Raises `InputError`."""
+    if type(times) is float and math.isfinite(times):
+        return np.array(times)
     try:
         wanted = np.array(times, dtype=np.float64)  # a copy: kernels take no arrays that may only be read
     except (TypeError, ValueError, OverflowError):

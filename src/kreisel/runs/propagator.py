@@ -259,7 +259,7 @@ class Propagator(StateForms):
             if jumps is None:
                 jumps = self._jumps[len(z)] = Jumps(self._scheme, len(z))
             out, right = jumps.at(z, when)
-            if right.all():
+            if right.item() if right.size == 1 else right.all():
                 return out
         from kreisel.kernels.exact.engine import ClosedForm
 
@@ -305,7 +305,7 @@ class Propagator(StateForms):
                 "Use .steps(state, n), or kr.simulate."
             )
         wanted = wanted_times(times)
-        when = np.atleast_1d(wanted)
+        when = wanted if wanted.ndim else wanted[None]
         x, batch = self._given(state)
         into, out_of = self._conversions(len(x))
         out = self._states(into(x[None])[0], when)
@@ -349,7 +349,7 @@ class Propagator(StateForms):
 
 
 def _finite(x: Floats) -> bool:
-    return math.isfinite(x.sum()) or bool(np.isfinite(x).all())  # the sum alone may overflow
+    return math.isfinite(np.vdot(x, x)) or bool(np.isfinite(x).all())  # the squares alone may overflow
 
 
 def _require_finite(x: Floats) -> None:
