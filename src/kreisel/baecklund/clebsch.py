@@ -29,6 +29,8 @@ from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
 from kreisel.record.contract import Baecklund
 
+CLOSE = 1e-10
+
 
 def shifted_diagonal(*, b):
     """c = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
@@ -49,7 +51,10 @@ def curve(M, P, *, c, mu):
     for _ in range(4):
         d = vec(mu) - vec(rho) * c
         Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
-        rho = rho - (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
+        change = (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
+        rho = rho - change
+        if not (abs(change) > CLOSE * abs(rho)).any():  # the next would change the last places of wider numbers alone
+            break
     return np.where(alive, rho, np.nan)
 
 

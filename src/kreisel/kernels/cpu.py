@@ -9,7 +9,6 @@ that it imports and of what it is compiled for.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -181,10 +180,7 @@ class CpuEngine(SteppedEngine):
         self._woven: CompiledProjection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
         if printer is not None:
-            source = printer(
-                self.columns, self.stage_columns, HEAD.format(name=f"{scheme.name}, n = {scheme.n}"), EXACT
-            )
-            code = Code(source, load_kernel(source).kernel, _large_work(scheme))
+            code = self._printed(printer)
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
@@ -195,6 +191,16 @@ class CpuEngine(SteppedEngine):
             work = scheme.stage_count * code.work
             self._between = recordable(lambda: projection_between(scheme, self.z, work, arrays_only=printer is None))
             self.projection = self._between
+
+    def _printed(self, printer: Printer) -> Code:
+        scheme = self.scheme
+
+        def make() -> Code:
+            head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
+            source = printer(self.columns, self.stage_columns, head, EXACT)
+            return Code(source, load_kernel(source).kernel, _large_work(scheme))
+
+        return reused(None if scheme.code is None else (Code, scheme.code), make)
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self._between is not None:
@@ -244,15 +250,31 @@ def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool
     if not (by_arrays and (arrays_only or scheme.n > MOST_N)):
         more = scheme.basis if by_arrays else {}
         constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **more}), len(z))
-        with contextlib.suppress(TooLong):
-            program = program_of(scheme, columns, observed.function, observed.members)
-            if program is None:
-                return None
+        program, too_long = _program_between(scheme, columns, observed)
+        if program is not None:
             return CompiledProjection(
                 program, None, interval(program.cost, work), z, constants, WIDE if len(z) > 1 else 1
             )
+        if not too_long:
+            return None
     found = arrays.ArrayProjection(observed, work) if by_arrays else None
     return found if found and found.labels else None
+
+
+def _program_between(
+    scheme: Scheme, columns: Mapping[str, slice], observed: arrays.Observed
+) -> tuple[Program | None, bool]:
+    """The invariants on recorded numbers, None where there are none, and whether there would be too many lines."""
+    members = tuple((name, tuple(chosen)) for name, chosen in observed.members.items())
+    key = None if scheme.code is None else (_program_between, scheme.code, members)
+
+    def make() -> tuple[Program | None, bool]:
+        try:
+            return program_of(scheme, columns, observed.function, observed.members), False
+        except TooLong:
+            return None, True
+
+    return reused(key, make)
 
 
 def _large_work(scheme: Scheme) -> int:

@@ -20,7 +20,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme
-from kreisel.record.contract import Baecklund, Frame, call
+from kreisel.record.contract import Baecklund, Frame, call, component_axes
 from kreisel.record.model import Model
 
 DIGITS = 60
@@ -86,11 +86,11 @@ class Product:
         own = x0[: self.count]
         constants: dict[str, Array] = {}
         stages: dict[str, Array] = {}
-        for mu in self.single:
-            constants |= {"mu": np.array(mu), "rho": self._rho(own, mu)}
+        if self.single:
+            constants |= {"mu": np.array(self.single[0]), "rho": self._rho(own, np.array(self.single))[..., 0]}
         if self.pairs:
-            rho = np.stack([self._rho(own, mu) for mu in self.pairs], -1)
             mus = np.array(self.pairs)
+            rho = self._rho(own, mus)
             stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # what overflows is refused
             if self.spins:
@@ -122,28 +122,38 @@ class Product:
         own, (x, y) = one_stage(self.record, z[: self.count], known, paired)
         return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
-    def _rho(self, own: tuple[Array, ...], mu: complex | float) -> Array:
-        """The constant of the trajectory, computed in extended precision where the platform has it."""
-        wide = {k: v.astype(np.longdouble) for k, v in self.model.constants.items()}
+    def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
+        """The constants of the trajectory at these points (..., points), computed in extended precision where there is.
+
+        The platform has it, or not.
+        """
+        wide = np.clongdouble if np.iscomplexobj(mus) else np.longdouble
+
+        def at_points(x: Array, axes: int) -> Array:
+            lead = x.ndim - axes
+            shape = (*x.shape[:lead], len(mus), *x.shape[lead:])
+            return np.broadcast_to(np.expand_dims(x, lead), shape).astype(np.longdouble)
+
+        known = {name: at_points(v, self.model.axes[name]) for name, v in self.model.constants.items()}
+        kinds = self.model.system.space.kinds
+        state = tuple(at_points(x, component_axes(kind)) for kind, x in zip(kinds, own, strict=True))
         with np.errstate(all="ignore"):
             try:
-                rho = call(
-                    self.record.point, tuple(x.astype(np.longdouble) for x in own), {**wide, "mu": _wide_scalar(mu)}
-                )
+                rho = call(self.record.point, state, {**known, "mu": mus.astype(wide)})
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
         if not np.isfinite(rho).all():
-            self._explain(own, mu)
-        return rho.astype(complex if isinstance(mu, complex) else float)
+            self._explain(own, mus)
+        return rho.astype(mus.dtype)
 
-    def _explain(self, own: tuple[Array, ...], mu: complex | float) -> None:
+    def _explain(self, own: tuple[Array, ...], mus: Array) -> None:
         name = self.model.system.name
-        if self.record.largest_step is None or isinstance(mu, complex):
+        if self.record.largest_step is None or np.iscomplexobj(mus):
             raise InputError(
                 f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
                 "look for a state that is zero or so large that its square overflows."
             )
-        largest = float(np.min(self.model.call(self.record.largest_step, *own))) * mu * self.dt / 2
+        largest = float(np.min(self.model.call(self.record.largest_step, *own))) * float(mus[0]) * self.dt / 2
         raise InputError(
             f"The real Bäcklund transformation of {name} does not reach as far as dt = {self.dt:g} from this "
             f"state at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "
@@ -201,10 +211,6 @@ def one_stage(
     e = call(record.vector, own, known)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
     return tuple(call(move, (*own, e), known)), call(arc, (*own, e), known)
-
-
-def _wide_scalar(mu: complex | float) -> Any:
-    return np.clongdouble(mu) if isinstance(mu, complex) else np.longdouble(mu)
 
 
 # -- turns that are the same at every step ----------------------------------------------------------

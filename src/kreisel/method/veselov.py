@@ -92,7 +92,7 @@ def _check_domain(model: Model, state: State, longest: float, order: int) -> Non
     """Raises `InputError` where a stage is longer than the map allows for one of the states."""
     if model.map.largest_step is None:
         return
-    largest = model.largest_step(*state)
+    largest = model.largest_step(*state, enough=longest)
     if not longest < largest:
         stages = "" if order == 2 else f" in its longest stage (order {order})"
         raise InputError(

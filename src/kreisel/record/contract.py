@@ -190,7 +190,8 @@ class Map:
     turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: of implicit
                              maps, whose step is then move(*state, X, eps)
     trajectory               (*state, eps) -> {name: number} that `turn` may take beside, constant on a trajectory
-    largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit
+    largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit; one that takes
+                             `enough` may return a shorter one beyond that
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
     commutes                 whether it commutes with itself at other steps and with the flow
     conserves                 names of the integrals that the map keeps; None: all of the record

@@ -246,14 +246,14 @@ class Model:
         """One step of the system's map."""
         return tuple(self.call(self.map.step, *state, eps=eps))
 
-    def largest_step(self, *state: Array) -> float:
-        """The step beyond which the map may be singular on one of these orbits.
+    def largest_step(self, *state: Array, enough: float = np.inf) -> float:
+        """The step beyond which the map may be singular on one of these orbits, or a shorter one beyond `enough`.
 
         Raises `InputError` where that is no number: products of the state or the parameters overflow.
         """
         try:
             with np.errstate(all="ignore"):
-                largest = float(np.min(self.call(self.map.largest_step, *state)))
+                largest = float(np.min(self.call(self.map.largest_step, *state, enough=enough)))
         except np.linalg.LinAlgError:
             largest = np.nan
         if np.isnan(largest):

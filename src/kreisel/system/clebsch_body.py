@@ -7,6 +7,7 @@ integrals are conserved as they are; those of the explicit map of `clebsch`, ano
 """
 
 from dataclasses import replace
+from math import inf
 
 from kreisel.algebra import dot, identity, mat, sqrt, turned
 from kreisel.algebra.invariants import pencil_spectrum
@@ -77,8 +78,8 @@ def conjugator(M, P, *, J, c, lam, eps):  # J + l Q W
     return quadratic_potential.conjugated(M, outer(P), deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
 
 
-def largest_step(M, P, *, J):
-    return branch.largest_step(M, J, outer(P))
+def largest_step(M, P, *, J, enough=inf):
+    return branch.largest_step(M, J, outer(P), enough)
 
 
 SYSTEM = replace(

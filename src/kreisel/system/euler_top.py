@@ -8,6 +8,8 @@ keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 
 [Veselov 1988; Moser, Veselov, Comm. Math. Phys. 139 (1991); named in Suris 2001, Introduction]
 """
 
+from math import inf
+
 import numpy as np
 
 from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
@@ -104,13 +106,13 @@ def conjugator(M, *, J, c, lam, eps):
     return diagonal(J) + lam * cayley(turn(M, J=J, c=c, eps=eps)[0])
 
 
-def largest_step(M, *, J):
+def largest_step(M, *, J, enough=inf):
     if np.asarray(J == 0).any():
         raise InputError(
             "method='veselov' of euler-top: expected J > 0, got a flat body, one J_i = 0: Moser and Veselov's map is "
             "not known for it here. Use method='exact' (n = 3), or 'dop853'."
         )
-    return branch.largest_step(M, J, 0 * M)
+    return branch.largest_step(M, J, 0 * M, enough)
 
 
 MAP = Map(

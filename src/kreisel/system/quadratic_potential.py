@@ -11,6 +11,7 @@ Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 20
 """
 
 from dataclasses import replace
+from math import inf
 
 from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve, turned
 from kreisel.algebra.invariants import laurent_spectrum
@@ -121,8 +122,8 @@ def conjugator(M, P, *, J, c, lam, eps):
     return conjugated(M, P, deviation(P, eps), J=J, c=c, lam=lam, eps=eps)
 
 
-def largest_step(M, P, *, J):
-    return branch.largest_step(M, J, P)
+def largest_step(M, P, *, J, enough=inf):
+    return branch.largest_step(M, J, P, enough)
 
 
 SYSTEM = replace(

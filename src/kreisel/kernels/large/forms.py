@@ -21,6 +21,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _axis_lengths
 from kreisel.kernels.large.dense_momentum import Dense, changed_inverse
 from kreisel.kernels.large.products import Change, Inverse, Upkeep
@@ -148,6 +149,7 @@ class LargeForm:
         axes = {name: int(self.roles.get(name, ("c", "turn"))[1] in ("turn", "vector")) for name in constants}
         components = [(letter, f"R^{self.size(kind)}") for letter, kind in scheme.components]
         kept = [(f"{INVERSE}{k}", f"R^{self.n**2}") for k in range(self.inverses)]
+        own = self.n, self.axis, tuple(self.roles.items()), self.inverses, self.kinds, self.by_rows
         return replace(
             scheme,
             components=(*components, *kept),
@@ -160,6 +162,7 @@ class LargeForm:
             numbers="structured",
             basis=basis.arrays if basis else {},
             key=None,
+            code=None if scheme.code is None else (scheme.code, own),
         )
 
     def _conserved(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
@@ -240,9 +243,16 @@ def form_of(scheme: Scheme) -> LargeForm | None:
         forms += [(vectors[0], about, by_rows) for by_rows in ((False, True) if "matrix" in kinds else (False,))]
     if all(count < 2 for _, count in axes.values()) and "matrix" not in kinds:
         forms.append(("", ("number", "vector"), False))
-    for axis, kind_of, by_rows in forms:
-        roles = {name: (letter, kind_of[count]) for name, (letter, count) in axes.items()}
-        form = LargeForm(scheme.n, axis, roles, 0, kinds, by_rows)
+    roles = [{name: (letter, kind_of[count]) for name, (letter, count) in axes.items()} for _, kind_of, _ in forms]
+    tried = [
+        LargeForm(scheme.n, axis, r, 0, kinds, by_rows) for r, (axis, _, by_rows) in zip(roles, forms, strict=True)
+    ]
+    return reused(None if scheme.code is None else (form_of, scheme.code), lambda: _first_that_holds(tried, scheme))
+
+
+def _first_that_holds(forms: list[LargeForm], scheme: Scheme) -> LargeForm | None:
+    for form in forms:
+        kinds = form.kinds
         try:
             pieces = [recorded_large(form, list(kinds), *function) for function in large_functions(scheme)]
         except (TypeError, KeyError, AttributeError):

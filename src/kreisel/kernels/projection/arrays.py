@@ -5,13 +5,15 @@ Values of invariants then have rounding errors of their own, of a few units in t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections, interval
@@ -112,18 +114,22 @@ class Observed:
 
     def __init__(self, scheme: Scheme, z: Floats):
         self.scheme, self.z = scheme, z
+        self.function: Callable[..., dict[str, Array]]
         sizes = [(letter, kind, layout.coordinate_count(kind, scheme.n)) for letter, kind in scheme.components]
         self._kinds = [kind for _, kind, _ in sizes]
         self.own = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
         self._known = [self._constants(lane) for lane in range(len(z))]
-        self.function = scheme.conserved or scheme.observe
-        try:
-            self.members = self._changing()
-        except Exception:  # not known in that form: whatever a function that expects arrays makes of it
-            if scheme.conserved is None:
-                raise
-            self.function = scheme.observe
-            self.members = self._changing()
+        in_form, self.members = reused(None if scheme.code is None else (Observed, scheme.code), self._found)
+        self.function = scheme.conserved if in_form and scheme.conserved else scheme.observe
+
+    def _found(self) -> tuple[bool, dict[str, Array]]:
+        """Whether the definitions are known in the form of the kernel, and the members."""
+        if self.scheme.conserved is not None:
+            self.function = self.scheme.conserved
+            with contextlib.suppress(Exception):  # whatever a function that expects arrays makes of that form
+                return True, self._changing()
+        self.function = self.scheme.observe
+        return False, self._changing()
 
     def _constants(self, lane: int) -> dict[str, Array]:
         """All that `observe` takes, of one lane."""
