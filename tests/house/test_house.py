@@ -25,7 +25,7 @@ RANK = {  # a part imports what stands on its own line or above
             ("record", "units"),
             ("baecklund", "implicit"),
             ("system", "reduction", "forces"),
-            ("method", "exact"),
+            ("method", "exact", "bodies"),
             ("physical", "kernels"),
             ("runs", "storage", "sweeps"),
             ("lab", "analysis", "viewer", "bench"),

@@ -159,6 +159,11 @@ def _value(x: Any) -> Any:
     return x.value if isinstance(x, TracedNumber) else x
 
 
+def with_slope(function: Callable[[Any], Any], x: Any, slope: Any) -> Any:
+    """function(x) of one number, whose derivative is known."""
+    return x._of(function(x.value), (x, slope)) if isinstance(x, TracedNumber) else function(x)
+
+
 def traced(tape: list[TracedNumber], x: Array, axes: int) -> Any:
     """x (..., *shape) with `axes` axes of its own as an array of that shape, or a number, each with its batch."""
     if axes == 0:

@@ -26,7 +26,7 @@ class Identity:
         return isinstance(other, Identity) and self._what is other._what
 
 
-MOST = 256  # kept, of each kind; a program has some tens of kilobytes
+MOST = 1024  # kept; those of a scheme have 0.05 to 1 megabyte together
 _cache: OrderedDict[Hashable, Any] = OrderedDict()
 _one_at_a_time = Lock()
 

@@ -21,16 +21,17 @@ def systems(
     as_json: AsJson = False,
 ) -> None:
     """List the systems, or print the record of one."""
-    from kreisel.system import REGISTRY, find
+    from kreisel.bodies import BODIES, KNOWN, find
     from kreisel.viewer.record import record, summary, table
 
     if name is not None:
         system = find(name)
         print(json.dumps(summary(system), indent=1) if as_json else record(system))
     elif as_json:
-        print_json([summary(system) for system in REGISTRY.values()])
+        print_json([summary(system) for system in KNOWN.values()])
     else:
-        print(table(REGISTRY.values()))
+        print(table(KNOWN.values()))
+        print(f"\nThe last {len(BODIES)} are bodies under forces, in SI units: kr.physical.")
 
 
 @app.command()

@@ -16,6 +16,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
+from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
 from kreisel.record.model import Model, axes_of
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
@@ -254,40 +255,20 @@ def _carried(system: System) -> list[str]:
 
 
 def _system(model: Model, record: Perturbation, own: list[Parameter], name: str | None) -> System:
-    """The record of the perturbed system, without what is known of the integrable part alone."""
+    """The record of the perturbed system.  Raises `InputError` for what is no name."""
     base = model.system
     if name is not None and (not isinstance(name, str) or not name.isprintable() or not name.strip()):
         raise InputError(f"name: expected a name, got {shown(name)}.")
     if name in REGISTRY:
         raise InputError(f"name: expected a name that no system of Kreisel has, got {shown(name)}.")
-    made = replace(
-        base,
+    return perturbed_record(
+        record,
+        {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in own}},
         name=name or f"perturbed-{base.name}",
         title=f"{base.title}, perturbed",
-        equations=f"{base.equations}; perturbed by {_in_words(record)}",
+        equations=f"{base.equations}; perturbed by {in_words(record)}",
         parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *own),
-        invariant={},
-        commuting=(),
-        lax=None,
-        inverse_inertia=None,
-        spin=None,
-        map=None,
-        baecklund=None,
-        relations=(),
-        top=None,
-        moments=None,
-        notes="",
-        perturbation=record,
     )
-    axes = {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in own}}
-    return _with_functions(made, axes)
-
-
-def _with_functions(made: System, axes: Mapping[str, int]) -> System:
-    record = kicks.perturbation_of(made)
-    names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
-    named: dict[str, Any] = {what: _naming(f, names) for what, f in _functions(made, axes).items()}
-    return replace(made, **named)
 
 
 def _with_own_casimirs(model: Model) -> System:
@@ -301,50 +282,6 @@ def _with_own_casimirs(model: Model) -> System:
     chosen = np.flatnonzero(parts)
     casimirs = (lambda *state: given(*state)[..., chosen]) if len(chosen) else None
     return replace(system, space=replace(space, casimirs=casimirs))
-
-
-def _in_words(record: Perturbation) -> str:
-    parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
-    parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
-    parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
-    return ", ".join(parts)
-
-
-def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
-    """Flow, energy and velocity of the perturbed system, those that the integrable one states."""
-    record = kicks.perturbation_of(system)
-    base = record.base
-    turned = base.frame is Frame.REST and (record.torque or record.damping or record.names(ORIENTATION))
-
-    def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
-        rates, _ = kicks.rates(system, _body(state, known), known, axes)
-        return tuple(x + y for x, y in zip(call(base.flow, state, known), rates, strict=True))
-
-    def energy(*state: Array, **known: Any) -> Array:
-        V, _ = kicks.potential(system, _body(state, known), known, axes)
-        out = call(base.energy, state, known) + V
-        if record.inertia:
-            M = algebra.axial(state[0])
-            out = out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
-        return out + kicks.energy_of_spin(system, state, known) if turned else out
-
-    def velocity(*state: Array, **known: Any) -> Array:
-        return kicks.velocity(system, state, known)
-
-    found = {"flow": flow, "energy": energy, "velocity": velocity}
-    return {what: function for what, function in found.items() if getattr(base, what) is not None}
-
-
-def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
-    return Body(state, known.get(ORIENTATION), known.get(TIME))
-
-
-def _naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
-    """The function as one that takes just these parameters by keyword."""
-    one = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
-    more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
-    function.__dict__["__signature__"] = inspect.Signature([one, *more])
-    return function
 
 
 def _try(model: Model) -> None:

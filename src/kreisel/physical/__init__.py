@@ -5,8 +5,8 @@
     seconds, motion = run.time * wheel.time_unit, wheel.motion(run.m, run.a)
 
 `Gyroscope` is the heavy symmetric top on a fixed point, `HeavyBody` any body on a fixed point, `FreeBody` any body
-without torque, `Ellipsoid` a body in an ideal fluid.  The third axis of the rest frame points up, gravity along
--p = (0, 0, -1); hat(v) x = v x x.
+without torque, `Satellite` one on an orbit, `Ellipsoid` a body in an ideal fluid.  The third axis of the rest frame
+points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.
 
 Arguments are numbers in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
 """
@@ -19,10 +19,17 @@ from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
+from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
+from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Plate, Satellite
 
 __all__ = [
+    "EARTH",
+    "SATURN",
     "SI",
+    "SOLAR_PRESSURE",
     "STANDARD_GRAVITY",
+    "SUN",
+    "Asteroid",
     "AxisStability",
     "Ellipsoid",
     "FreeBody",
@@ -30,5 +37,9 @@ __all__ = [
     "Gyroscope",
     "HeavyBody",
     "Motion",
+    "Orbit",
+    "Plate",
+    "Primary",
+    "Satellite",
     "Units",
 ]

@@ -218,9 +218,9 @@ def _corrections(plan: Plan) -> dict[str, float]:
 
 def is_own(attrs: Mapping[str, Any]) -> bool:
     """Whether a run is of a system of the user's own: an archive holds no code, so its model is not at hand."""
-    from kreisel.system import REGISTRY
+    from kreisel.bodies import KNOWN
 
-    return attrs["system"] not in REGISTRY
+    return attrs["system"] not in KNOWN
 
 
 def model_of(attrs: Mapping[str, Any]) -> Model:
@@ -228,7 +228,7 @@ def model_of(attrs: Mapping[str, Any]) -> Model:
 
     Raises `InputError` where they are damaged, and for a system of the user's own.
     """
-    from kreisel.system import find
+    from kreisel.bodies import find
 
     if is_own(attrs):
         raise InputError(

@@ -9,13 +9,13 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.bodies import find
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame, component_axes
 from kreisel.record.model import Model
 from kreisel.runs.describing import is_own, model_of
 from kreisel.storage.reading import a_run, parsed
-from kreisel.system import find
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,10 +11,10 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from kreisel.bodies import KNOWN, find
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.system import REGISTRY, find
 
 
 def load_system(name: str, file: Path | None) -> System:
@@ -25,7 +25,7 @@ def load_system(name: str, file: Path | None) -> System:
         raise InputError(f"There is no file {file}, which [system] names; it is looked for beside the TOML file.")
     own = own_systems(executed(file))
     if name in own:
-        if own[name].name in REGISTRY:
+        if own[name].name in KNOWN:
             raise InputError(
                 f"{file} calls its system {shown(own[name].name)}, as one of Kreisel's is called. Choose another name."
             )
@@ -58,4 +58,4 @@ def own_systems(defined: dict[str, Any]) -> dict[str, System]:
         if isinstance(value, Model) and value.system.perturbation is not None
         for name in (variable, value.system.name)
     }
-    return {k: v for k, v in (systems | perturbed).items() if REGISTRY.get(k) is not v}
+    return {k: v for k, v in (systems | perturbed).items() if KNOWN.get(k) is not v}

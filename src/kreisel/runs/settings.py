@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.bodies import BODIES
 from kreisel.errors import InputError, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
@@ -108,6 +109,11 @@ def check_model(model: Any) -> None:
     if not isinstance(model, Model):
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)), got {shown(model)}."
+        )
+    if BODIES.get(model.system.name, model.system) is not model.system:
+        raise InputError(
+            f"name: expected one that no body of Kreisel has, got {shown(model.system.name)}. Give another to "
+            "kr.perturbed(..., name=...)."
         )
 
 

@@ -245,8 +245,10 @@ def _blocks(run: xr.Dataset) -> Iterator[xr.Dataset]:
         yield block.assign_attrs(first=first)
 
 
-def _definition(run: xr.Dataset) -> Scheme:
-    """What computes the integrals from the states, as in the run."""
+def _definition(run: xr.Dataset) -> Scheme | None:
+    """What computes the integrals from the states, as in the run; None where forces take more than the state."""
+    if model_of(run.attrs).system.perturbation is not None:
+        return None
     return scheme(model_of(run.attrs), run.attrs["method"], run.attrs["dt"], order_of(run.attrs), oriented=False)
 
 

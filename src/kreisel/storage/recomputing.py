@@ -10,7 +10,10 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
+from kreisel.kernels import layout
+from kreisel.method.driven import COUNT
 from kreisel.method.observing import ORIENTATION
+from kreisel.record.perturbation import TIME
 from kreisel.runs.describing import is_own, model_of, versions
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, plan_of
@@ -45,7 +48,7 @@ def steps_again(run: xr.Dataset) -> list[str]:
         steps = min((row + 1) * attrs["every"], attrs["steps"]) - row * attrs["every"]
         saved = run[names].isel(time=slice(row, row + 2)).load()
         try:
-            here, nudged = (_next(attrs, saved, steps, nudge) for nudge in (0.0, NUDGE))
+            here, nudged = (_next(attrs, saved, steps, row * attrs["every"], nudge) for nudge in (0.0, NUDGE))
         except (InputError, RunError):
             continue  # a state at the edge of what the method takes
         for name in names:
@@ -58,10 +61,15 @@ def steps_again(run: xr.Dataset) -> list[str]:
     return []
 
 
-def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, nudge: float) -> dict[str, Array]:
-    """The row after the first of `saved`, from a start that is changed by `nudge`, relative."""
+def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
+    """The row after the first of `saved`, `before` steps on, from a start that is changed by `nudge`, relative."""
     plan = _plan_from_row(attrs, saved, steps)
     plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
+    letters = [letter for letter, _ in plan.scheme.components]
+    for clock, now in ((COUNT, float(before)), (TIME, before * attrs["dt"])):  # of forces that depend on time
+        if clock in letters:
+            kinds = plan.kinds[: letters.index(clock)]
+            plan.engine.z[:, sum(layout.coordinate_count(kind, plan.model.n) for kind in kinds)] = now
     *_, last = Integration(plan).blocks()
     return {name: value[-1] for name, value in last.items()}
 

@@ -109,9 +109,9 @@ def sweep(
 
 
 def _only_known(model: Model) -> None:
-    from kreisel.system import REGISTRY
+    from kreisel.bodies import KNOWN
 
-    if REGISTRY.get(model.system.name) is not model.system:
+    if KNOWN.get(model.system.name) is not model.system:
         raise InputError(
             f"{model.system.name} is a system of your own: workers need its Python file. Write a TOML file with "
             'file = "..." in [system], and run `kreisel sweep`.'

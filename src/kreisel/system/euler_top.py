@@ -25,7 +25,7 @@ def sums(*, J):
     """c_jk = 1/(J_j + J_k) off the diagonal."""
     one = identity(J.shape[-1])
     pairs = J[..., :, None] + J[..., None, :]
-    return {"c": (1 - one) / (pairs + one * (1 - pairs))}
+    return {"c": (1 - one) / (pairs * (1 - one) + one)}
 
 
 def inverse_inertia(M, *, c):  # Omega_jk = M_jk / (J_j + J_k)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.record.contract import System
 from kreisel.record.model import Model, State
-from kreisel.viewer.record import summary
+from kreisel.viewer.record import parameter_text, summary
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,7 +31,7 @@ def system_html(system: System) -> str:
     rows = [
         ("equations", system.equations),
         ("state", f"{state}; {where}"),
-        *((f"parameter {p.letter}", _parameter_text(p.meaning, p.default)) for p in system.parameters),
+        *((f"parameter {p.letter}", parameter_text(p)) for p in system.parameters),
         ("integrals", ", ".join(["Casimirs", *facts["integrals"]])),
         ("Lax pair", "yes" if facts["lax"] else "none known"),
         ("map", "none known" if facts["map"] is None else facts["map"]["source"]),
@@ -85,10 +85,6 @@ def run_html(run: xr.Dataset) -> str:
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
     warnings = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
     return _block(escape(attrs["title"]), _html_table(head) + table + warnings)
-
-
-def _parameter_text(meaning: str, default: Any) -> str:
-    return meaning + ("" if default is None else f" (default {default:g})")
 
 
 def _numbers_html(value: Any) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import InputError, brief
 from kreisel.kernels.layout import MACHINE_EPSILON
+from kreisel.method.driven import BALANCE
 from kreisel.runs.describing import is_own
 from kreisel.runs.drift import all_series, read_values
 from kreisel.runs.geometry import carried_letter, kinds_of, model_for
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
+SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is on no sphere
 MOST_GAP = 0.3  # radii between saved states beyond which a line would be a guess: dots then
 MOST_DOTS = 4000
 STATES_SHOWN = 120
@@ -55,7 +57,7 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run)
         one = run.isel(lane=0) if "lane" in run.dims else run
-        if one[vector].shape[1:] == (3,):
+        if one[vector].shape[1:] == (3,) and _keeps_its_length(one[vector]):
             _sphere(left.add_subplot(projection="3d"), one, vector, colours)
         else:
             _components(left.add_subplot(), one, vector, colours)
@@ -76,6 +78,11 @@ def _vector_letter(run: xr.Dataset) -> str:
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
     return carried_letter(run.attrs)
+
+
+def _keeps_its_length(vector: xr.DataArray) -> bool:
+    lengths = np.linalg.norm(read_values(vector[:MOST_ROWS]), axis=-1)
+    return not float(np.ptp(lengths)) > SAME_LENGTH * float(lengths.max())
 
 
 def _drawable(values: np.ndarray, letter: str) -> np.ndarray:
@@ -108,9 +115,9 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
-    if is_own(run.attrs):  # the flow is not at hand
+    model = None if is_own(run.attrs) else model_for(run, None)
+    if model is None or model.system.perturbation is not None:  # no flow of the state alone is at hand
         return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
-    model = model_for(run, None)
     kinds = dict(model.system.space.components)
     start = {k: read_values(run[k][0]) for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
@@ -143,7 +150,10 @@ def _draw_drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: 
         worst = np.fmax.reduce(changes) if changes else np.full(len(_thinned_time(compare)), np.nan)
         label = f"worst integral by {brief(compare.attrs['method'], MOST_TITLE)}"
         axes.plot(_thinned_time(compare), worst, color=theme.faint, label=label)
-    for number, (family, change) in enumerate(_envelopes(run, everything=reference).items()):
+    envelopes = _envelopes(run, everything=reference)
+    of_balance = not envelopes and BALANCE in run
+    envelopes |= _envelopes(run, everything=True, only=BALANCE) if of_balance else {}
+    for number, (family, change) in enumerate(envelopes.items()):
         colour = theme.colours[number % len(theme.colours)]
         label = family.replace("_eps", " of the map")
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
@@ -154,16 +164,17 @@ def _draw_drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: 
     axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(first, last))
     axes.set_ylim(bottom=1e-17)
-    axes.set_title("integrals of the flow" if reference else "what the method conserves")
+    title = "integrals of the flow" if reference else "what the method conserves"
+    axes.set_title("balance: the energy less the work done" if of_balance else title)
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
 
 
-def _envelopes(run: xr.Dataset, everything: bool) -> dict[str, np.ndarray]:
+def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
     """For each family of integrals the largest |change|, thinned, relative to the integral's scale."""
     edges = _edges(run.sizes["time"])
     out: dict[str, np.ndarray] = {}
     for series in all_series(run):
-        if series.conserved or everything:
+        if (series.conserved or everything) and only in ("", series.family):
             scale = series.step_scale + series.value_scale
             change = np.maximum.reduceat(abs(series.values - series.values[0]), edges) / (scale or 1.0)
             out[series.family] = np.maximum(out[series.family], change) if series.family in out else change

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from kreisel.method import Method
-from kreisel.record.contract import Map, System, keywords
+from kreisel.record.contract import Map, Parameter, System, keywords
 
 SHORT = {"skew": "so(n)", "symmetric": "Sym(n)", "vector": "R^n"}
 MAP_CLAIMS = {
@@ -59,8 +61,7 @@ def record(system: System) -> str:
     frame = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket"
     lines.append(f"  state       {state}; {frame}, F' = {{H, F}}")
     for p in system.parameters:
-        default = "" if p.default is None else f" (default {p.default:g})"
-        lines.append(f"  parameter   {p.letter}: {p.meaning}{default}")
+        lines.append(f"  parameter   {p.letter}: {parameter_text(p)}")
     lines.append(f"  integrals   {', '.join(facts['integrals'])}; Casimirs")
     for name in system.invariant:
         lines.append(f"  relation    {name} = 0 is invariant")
@@ -112,3 +113,11 @@ def method_record(method: Method) -> str:
 def _aligned(rows: list[tuple[str, ...]]) -> str:
     widths = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:-1]]
     return "\n".join("  ".join(cell.ljust(w) for cell, w in zip(row, [*widths, 0], strict=True)) for row in rows)
+
+
+def parameter_text(p: Parameter) -> str:
+    """What a parameter means, and its default."""
+    if p.default is None:
+        return p.meaning
+    value = f"{p.default:g}" if np.ndim(p.default) == 0 else str(np.asarray(p.default).tolist())
+    return f"{p.meaning} (default {value})"

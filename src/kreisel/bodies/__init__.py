@@ -1,0 +1,26 @@
+"""Ready-made bodies under forces, found by themselves: each file here that states `BODIES` has some."""
+
+import importlib
+import pkgutil
+
+from kreisel.errors import InputError, hint, shown
+from kreisel.record.contract import System
+from kreisel.system import REGISTRY
+
+__all__ = ["BODIES", "KNOWN", "find"]
+
+
+def _found_bodies() -> dict[str, System]:
+    modules = [importlib.import_module(f"{__name__}.{page.name}") for page in pkgutil.iter_modules(__path__)]
+    return {body.name: body for module in modules for body in getattr(module, "BODIES", ())}
+
+
+BODIES = _found_bodies()
+KNOWN = REGISTRY | BODIES  # whatever a name stands for
+
+
+def find(name: str) -> System:
+    """The system or body of that name.  Raises `InputError` with the nearest name."""
+    if name not in KNOWN:
+        raise InputError(f"No system is called {shown(name)}.{hint(name, KNOWN)} There are: {', '.join(KNOWN)}.")
+    return KNOWN[name]

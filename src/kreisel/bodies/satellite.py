@@ -1,0 +1,157 @@
+"""A rigid satellite on a Kepler orbit, in SI units: gravity, magnetic dipole, air, sunlight, torques, a wheel.
+
+State M in so(3)*, the momentum in the principal axes (body frame), and the orientation g, body to space:
+
+    M' = M x Omega + (torque of V) + tau
+    V = (mu/r^3) (tr J/2 - (3/2) u.J u) - b.B          u = r/|r|,  J = tr(I)/2 - I,  b the dipole of the satellite
+    B = -(k/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; the Earth's has k = 7.77e15 T m^3
+    tau = torque + sum over plates of c x F            c the centre of a plate, n its normal, A its area
+    F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x where x > 0, else 0
+        - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
+
+The first part of V is (mu/r^3) (3 u.I u - tr I)/2, the potential of gravity to second order in the size of the body.
+A satellite with a wheel has h x Omega beside, h the momentum of the wheel against the body.  Space is the frame of the
+elements of the orbit, with z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9]
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.algebra import cross, sqrt
+from kreisel.algebra.gradient import cos, sin
+from kreisel.bodies.kepler import TINY, eccentric_anomaly
+from kreisel.errors import InputError, shown
+from kreisel.forces.records import perturbed_record
+from kreisel.record.contract import Parameter
+from kreisel.record.perturbation import Force, Perturbation
+from kreisel.system import euler_top
+
+
+def place(t, rate, along, across, eccentricity):
+    """Where the satellite is in space, and its velocity."""
+    E = eccentric_anomaly(rate * t, eccentricity)
+    c, s = cos(E), sin(E)
+    return (c - eccentricity) * along + s * across, rate / (1 - eccentricity * c) * (c * across - s * along)
+
+
+def potential(g, t, *, J, rate, along, across, eccentricity, mu, field, dipole):
+    r, z = place(t, rate, along, across, eccentricity)[0] @ g, g[2]
+    square = r @ r
+    cube = square * sqrt(square)
+    gravity = mu * (J.sum() / 2 - 1.5 * (J @ (r * r)) / square)
+    return (gravity + field * (dipole @ (z - 3 * (z @ r) / square * r))) / cube
+
+
+def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, drag, sun, pressure, mirror, diffuse):
+    v, s = place(t, rate, along, across, eccentricity)[1] @ g, sun @ g
+    air = -density * drag / 2 * v
+    for plate in plates:
+        normal, centre, area = plate[:3], plate[3:6], plate[6]
+        lit = normal @ s
+        light = -pressure * ((1 - mirror) * s + 2 * (mirror * lit + diffuse / 3) * normal)
+        torque = torque + cross(centre, area * (positive(normal @ v) * air + positive(lit) * light))
+    return torque
+
+
+def torque_with_wheel(M, g, t, *, moments, wheel, **known):
+    return torque(g, t, **known) + cross(wheel, M / moments)
+
+
+def positive(x):
+    """x where x > 0, else 0."""
+    return (x + sqrt(x * x + TINY)) / 2
+
+
+def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu):
+    """The mass tensor, the mean motion, and the half axes of the orbit, vectors in space."""
+    J = moments.sum(-1, keepdims=True) / 2 - moments
+    (ci, si), (cn, sn), (cp, sp) = ((np.cos(x), np.sin(x)) for x in (inclination, node, perigee))
+    to_pericentre = np.stack([cn * cp - sn * sp * ci, sn * cp + cn * sp * ci, sp * si], -1)
+    ahead = np.stack([-cn * sp - sn * cp * ci, -sn * sp + cn * cp * ci, cp * si], -1)
+    a, b = semi_major_axis, semi_major_axis * np.sqrt(1 - eccentricity**2)
+    orbit = {"rate": np.sqrt(mu / a) / a, "along": a[..., None] * to_pericentre, "across": b[..., None] * ahead}
+    return {"J": J, **euler_top.sums(J=J), **orbit}
+
+
+def check_moments(value, name):
+    if not ((value > 0) & (2 * value <= value.sum(-1, keepdims=True) * (1 + 1e-12))).all():
+        raise InputError(
+            f"{name}: expected three principal moments > 0, none above the sum of the other two, got "
+            f"{shown(value.tolist())}. Usual cause: moments about different points."
+        )
+
+
+def check_eccentricity(value, name):
+    if not ((value >= 0) & (value < 1)).all():
+        raise InputError(f"{name}: expected an ellipse, 0 <= e < 1, got {shown(value.tolist())}.")
+
+
+def check_positive(value, name):
+    if not (value > 0).all():
+        raise InputError(f"{name}: expected a number > 0, got {shown(value.tolist())}.")
+
+
+def check_plates(value, name):
+    if value.ndim != 2 or value.shape[1] != 7 or (value[:, 6] < 0).any():
+        raise InputError(
+            f"{name}: expected rows of 7 numbers, the normal (3), the centre (3) and the area >= 0, got "
+            f"{shown(value.tolist())}."
+        )
+
+
+EARTH = 3.986004418e14  # m^3/s^2, WGS 84
+PARAMETERS = (
+    Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments),
+    Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),
+    Parameter("eccentricity", "scalar", "of the orbit", check_eccentricity, 0.0),
+    Parameter("inclination", "scalar", "of the orbit to the equator of the primary, rad", default=0.0),
+    Parameter("node", "scalar", "angle of the ascending node, rad", default=0.0),
+    Parameter("perigee", "scalar", "angle from the node to the pericentre, where t = 0, rad", default=0.0),
+    Parameter("mu", "scalar", "gravitational parameter of the primary, m^3/s^2", check_positive, EARTH),
+    Parameter("dipole", "vector", "magnetic moment, A m^2, along the principal axes", default=np.zeros(3)),
+    Parameter("field", "scalar", "k, the magnetic dipole of the primary, T m^3", default=0.0),
+    Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
+    Parameter("plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7))),
+    Parameter("density", "scalar", "of the air, kg/m^3", default=0.0),
+    Parameter("drag", "scalar", "drag coefficient of the plates", default=2.2),
+    Parameter("sun", "vector", "direction of the Sun in space, of length 1", default=np.array([1.0, 0.0, 0.0])),
+    Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.56e-6 at the distance of the Earth", default=0.0),
+    Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", default=0.0),
+    Parameter("diffuse", "scalar", "part of the light that plates scatter", default=0.0),
+)
+WHEEL = Parameter("wheel", "vector", "momentum of the wheel against the body, N m s, along the principal axes")
+ORBIT = ("rate", "along", "across", "eccentricity")
+LOADS = (*ORBIT, "torque", "plates", "density", "drag", "sun", "pressure", "mirror", "diffuse")
+DERIVED = {"J": 1, "c": 2, "rate": 0, "along": 1, "across": 1}  # axes
+
+
+def body(name, title, tau, *more):
+    parameters = (*PARAMETERS, *more)
+    axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2}[p.kind] for p in parameters}
+    gravity = Force(potential, ("g", "t"), ("J", *ORBIT, "mu", "field", "dipole"))
+    return perturbed_record(
+        Perturbation(base=euler_top.SYSTEM, potential=gravity, torque=tau),
+        axes | DERIVED,
+        name=name,
+        title=title,
+        equations="M' = M x Omega - dV/dg + tau,  V of gravity and a magnetic dipole, tau of plates and torques",
+        source="Hughes 1986, chapters 8 and 9",
+        space=replace(euler_top.SYSTEM.space, casimirs=None),
+        parameters=parameters,
+        integrals={},
+        derive=derive,
+        scaling="SI units.",
+        n=3,
+    )
+
+
+BODIES = (
+    body("satellite", "Satellite on a Kepler orbit", Force(torque, ("g", "t"), LOADS)),
+    body(
+        "satellite-with-wheel",
+        "Satellite with a wheel, on a Kepler orbit",
+        Force(torque_with_wheel, ("M", "g", "t"), ("moments", "wheel", *LOADS)),
+        WHEEL,
+    ),
+)

@@ -1,0 +1,83 @@
+"""The record of a perturbed system: flow, energy and velocity of the integrable one and of the forces together."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.forces import kicks
+from kreisel.forces.kicks import ORIENTATION, Body
+from kreisel.record.contract import Frame, System, call
+from kreisel.record.perturbation import TIME, Perturbation
+
+# What is known of the integrable part alone.
+UNKNOWN: dict[str, Any] = {
+    "invariant": {},
+    "commuting": (),
+    "lax": None,
+    "inverse_inertia": None,
+    "spin": None,
+    "map": None,
+    "baecklund": None,
+    "relations": (),
+    "top": None,
+    "moments": None,
+    "notes": "",
+}
+
+
+def perturbed_record(record: Perturbation, axes: Mapping[str, int], **stated: Any) -> System:
+    """The system of these forces; `axes` of each constant, without those of lanes; `stated`: fields of the record."""
+    made = replace(record.base, **{**UNKNOWN, **stated}, perturbation=record)
+    names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
+    named: dict[str, Any] = {what: _naming(f, names) for what, f in _functions(made, axes).items()}
+    return replace(made, **named)
+
+
+def in_words(record: Perturbation) -> str:
+    """The forces, for a line of text."""
+    parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
+    parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
+    parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
+    return ", ".join(parts)
+
+
+def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
+    """Flow, energy and velocity of the perturbed system, those that the integrable one states."""
+    record = kicks.perturbation_of(system)
+    base = record.base
+    turned = base.frame is Frame.REST and (record.torque or record.damping or record.names(ORIENTATION))
+
+    def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
+        rates, _ = kicks.rates(system, _body(state, known), known, axes)
+        return tuple(x + y for x, y in zip(call(base.flow, state, known), rates, strict=True))
+
+    def energy(*state: Array, **known: Any) -> Array:
+        V, _ = kicks.potential(system, _body(state, known), known, axes)
+        out = call(base.energy, state, known) + V
+        if record.inertia:
+            M = algebra.axial(state[0])
+            out = out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
+        return out + kicks.energy_of_spin(system, state, known) if turned else out
+
+    def velocity(*state: Array, **known: Any) -> Array:
+        return kicks.velocity(system, state, known)
+
+    found = {"flow": flow, "energy": energy, "velocity": velocity}
+    return {what: function for what, function in found.items() if getattr(base, what) is not None}
+
+
+def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
+    return Body(state, known.get(ORIENTATION), known.get(TIME))
+
+
+def _naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
+    """The function as one that takes just these parameters by keyword."""
+    one = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
+    more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
+    function.__dict__["__signature__"] = inspect.Signature([one, *more])
+    return function

@@ -1,0 +1,114 @@
+"""Kepler orbits, in SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.bodies import satellite
+from kreisel.errors import InputError, shown
+from kreisel.physical.measures import convert_fields, in_range, si_number
+
+
+class Primary(NamedTuple):
+    """What is orbited: gravitational parameter mu, m^3/s^2; radius, m; k of its magnetic dipole, T m^3."""
+
+    name: str
+    mu: float
+    radius: float
+    field: float = 0.0
+
+
+# mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
+# The dipole of the Earth along its axis: g_1^0 = -29404.8 nT of IGRF-13 (2020) times (6371.2 km)^3.
+EARTH = Primary("Earth", 3.986004418e14, 6_378_137.0, 7.6047e15)
+SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7)
+SUN = Primary("Sun", 1.3271244e20, 6.957e8)
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A Kepler orbit, at its pericentre at t = 0, in SI units.
+
+    semi_major_axis   m;  eccentricity, 0 <= e < 1
+    inclination, node, perigee   rad: to the equator of the primary; of the ascending node; from there to the pericentre
+    primary           `kr.physical.EARTH`, `SATURN`, `SUN`, or a `Primary` of your own
+
+    Space is the frame of these angles: its third axis is that of the primary.  Raises `InputError` for what is no
+    ellipse, and for orbits that hit the primary.
+    """
+
+    semi_major_axis: float
+    eccentricity: float = 0.0
+    inclination: float = 0.0
+    node: float = 0.0
+    perigee: float = 0.0
+    primary: Primary = EARTH
+
+    def __post_init__(self) -> None:
+        convert_fields(self, positive=True, semi_major_axis="m")
+        convert_fields(self, inclination="rad", node="rad", perigee="rad")
+        if not isinstance(self.primary, Primary):
+            raise InputError(f"primary: expected kr.physical.EARTH or another Primary, got {shown(self.primary)}.")
+        e = si_number(self.eccentricity, "1", "eccentricity")
+        if not 0 <= e < 1:
+            raise InputError(f"eccentricity: expected an ellipse, 0 <= e < 1, got {e:g}.")
+        object.__setattr__(self, "eccentricity", e)
+        if self.pericentre <= self.primary.radius:
+            raise InputError(
+                f"The orbit hits the {self.primary.name}: its pericentre is {self.pericentre:g} m from the centre, the "
+                f"radius is {self.primary.radius:g} m. Usual cause: an altitude for a semi-major axis, or km for m."
+            )
+        in_range("The orbit", lambda: self.mean_motion)
+
+    @classmethod
+    def circular(cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH) -> Orbit:
+        """A circular orbit so high above the surface, m."""
+        return cls(si_number(altitude, "m", "altitude") + primary.radius, 0.0, inclination, node, 0.0, primary)
+
+    @property
+    def mean_motion(self) -> float:
+        """sqrt(mu/a^3), rad/s."""
+        return math.sqrt(self.primary.mu / self.semi_major_axis) / self.semi_major_axis
+
+    @property
+    def period(self) -> float:
+        """Seconds."""
+        return 2 * math.pi / self.mean_motion
+
+    @property
+    def pericentre(self) -> float:
+        """The least distance from the centre of the primary, m."""
+        return self.semi_major_axis * (1 - self.eccentricity)
+
+    @property
+    def elements(self) -> dict[str, float]:
+        """The parameters of `kreisel.bodies.satellite` that are the orbit's."""
+        names = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee")
+        return {name: getattr(self, name) for name in names} | {"mu": self.primary.mu}
+
+    def at(self, time: Any) -> tuple[Array, Array]:
+        """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space."""
+        t = np.asarray(time, dtype=np.float64)[..., None]
+        known = {name: np.asarray(value) for name, value in self.elements.items()}
+        formulas = cast("Any", satellite)  # of a page, without types
+        half_axes, where = formulas.derive(moments=np.ones(3), **known), formulas.place
+        r, v = where(t, *(half_axes[name] for name in ("rate", "along", "across")), self.eccentricity)
+        return r, v
+
+    def frame(self, time: Any) -> Array:
+        """The axes of the orbit at times (...), as columns (..., 3, 3): up, ahead, and the normal of the orbit."""
+        r, v = self.at(time)
+        up = r / np.linalg.norm(r, axis=-1, keepdims=True)
+        normal = np.cross(r, v)
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.stack([up, np.cross(normal, up), normal], -1)
+
+    def rate(self, time: Any = 0.0) -> Any:
+        """The rate at which that frame turns about the normal, |r x v|/r^2, rad/s."""
+        r, v = self.at(time)
+        return np.linalg.norm(np.cross(r, v), axis=-1) / (r * r).sum(-1)

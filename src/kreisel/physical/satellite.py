@@ -1,0 +1,261 @@
+"""Satellites and moons on a Kepler orbit, in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.bodies import BODIES
+from kreisel.errors import InputError, shown
+from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
+from kreisel.physical.measures import convert_fields, in_range, scales_of, si_number, si_numbers, three
+from kreisel.physical.orbit import SATURN, Orbit
+from kreisel.record.model import Model, State
+from kreisel.units import Scales
+
+SOLAR_PRESSURE = 4.56e-6  # N/m^2 on what absorbs, at the distance of the Earth: 1361 W/m^2 over the speed of light
+
+
+class Plate(NamedTuple):
+    """A flat plate: outward normal and centre along the body axes, from the centre of mass, m; area, m^2."""
+
+    normal: Any
+    centre: Any
+    area: Any
+
+
+class Angles(NamedTuple):
+    """Of a satellite against the frame of its orbit, rad: turns about the normal, about ahead, about up."""
+
+    pitch: Array
+    roll: Array
+    yaw: Array
+
+
+class Frequencies(NamedTuple):
+    """Of small librations on a circular orbit, rad/s; NaN where they grow instead."""
+
+    pitch: float
+    roll_yaw_slow: float
+    roll_yaw_fast: float
+
+
+@dataclass(frozen=True, eq=False)
+class Satellite:
+    """A rigid satellite on a Kepler orbit, in SI units: a run of it is in SI units too.
+
+    inertia        classical inertia tensor about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
+    orbit          an `Orbit`; gravity acts to second order in the size of the satellite
+    magnetic_moment   (3,), A m^2, in the field of the primary's dipole, along its axis
+    torque         (3,), N m, steady
+    wheel          (3,), N m s, momentum of reaction wheels against the body, constant; None for no wheel
+    plates         `Plate`s, for drag and sunlight; each is seen from its front, and none is in a shadow
+    density, drag  of the air, kg/m^3, the same on the whole orbit, and the drag coefficient
+    light, sun     the pressure of sunlight, N/m^2 (`SOLAR_PRESSURE`), and the direction of the Sun in space
+    mirror, diffuse   parts of the light that are reflected and scattered
+
+    Vectors are along the body axes; a run has the momentum M along the principal axes.  Raises `InputError` for moments
+    that no body has.  The equations: `kreisel.bodies.satellite`.
+    """
+
+    inertia: Any
+    orbit: Orbit
+    magnetic_moment: Any = (0.0, 0.0, 0.0)
+    torque: Any = (0.0, 0.0, 0.0)
+    wheel: Any = None
+    plates: tuple[Plate, ...] = ()
+    density: float = 0.0
+    drag: float = 2.2
+    light: float = 0.0
+    sun: Any = (1.0, 0.0, 0.0)
+    mirror: float = 0.0
+    diffuse: float = 0.0
+    body: FreeBody = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.orbit, Orbit):
+            raise InputError(f"orbit: expected kr.physical.Orbit(...), got {shown(self.orbit)}.")
+        object.__setattr__(self, "body", FreeBody(self.inertia))
+        object.__setattr__(self, "inertia", self.body.inertia)
+        for name, unit in (("magnetic_moment", "A m^2"), ("torque", "N m"), ("sun", "1")):
+            object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
+        if self.wheel is not None:
+            object.__setattr__(self, "wheel", si_numbers(self.wheel, "N m s", "wheel", ((3,),)))
+        convert_fields(self, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
+        for name in ("density", "drag", "light", "mirror", "diffuse"):
+            if getattr(self, name) < 0:
+                raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name):g}.")
+        if self.mirror + self.diffuse > 1:
+            raise InputError(f"mirror + diffuse: expected at most 1, got {self.mirror + self.diffuse:g}.")
+        object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
+        self.model()
+
+    @classmethod
+    def cubesat(cls, orbit: Orbit, units: float = 3, mass: Any = None, **more: Any) -> Satellite:
+        """A homogeneous CubeSat of so many units of 10 cm on each other along its first axis, 1.33 kg each.
+
+        Its six sides are plates.  [CubeSat Design Specification, rev. 13, 2014]
+        """
+        long, side = 0.1 * si_number(units, "1", "units", positive=True), 0.1
+        weight = 1.33 * long / side if mass is None else si_number(mass, "kg", "mass", positive=True)
+        sides = np.array([long, side, side])
+        plates = [
+            Plate(sign * axis, sign * axis * sides / 2, np.prod(sides[axis == 0]))
+            for axis in np.eye(3)
+            for sign in (1, -1)
+        ]
+        return cls(FreeBody.box(weight, tuple(sides)).inertia, orbit, **{"plates": tuple(plates), **more})
+
+    @cached_property
+    def _principal_axes(self) -> Array:
+        return self.body.principal.axes
+
+    def model(self) -> Model:
+        """The system "satellite", or "satellite-with-wheel", with these numbers, in SI units and principal axes."""
+        along = self._principal_axes
+        rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
+        given = {
+            "moments": self.body.principal.moments,
+            **self.orbit.elements,
+            "dipole": self.magnetic_moment @ along,
+            "field": self.orbit.primary.field,
+            "torque": self.torque @ along,
+            "plates": rows or np.zeros((1, 7)),
+            "density": self.density,
+            "drag": self.drag,
+            "sun": _unit(self.sun, "sun"),
+            "pressure": self.light,
+            "mirror": self.mirror,
+            "diffuse": self.diffuse,
+        }
+        if self.wheel is None:
+            return BODIES["satellite"](**given)
+        return BODIES["satellite-with-wheel"](**given, wheel=self.wheel @ along)
+
+    def state(self, spin: Any = None, axis: Any = None) -> State:
+        """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
+
+        spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: that of the frame of the orbit at
+               t = 0, so that a satellite of `pointing()` is at rest against it
+        """
+        if spin is None:
+            Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
+            return self.model().state(M=self.inertia @ Omega @ self._principal_axes)
+        Omega = angular_velocity_of(spin, axis)
+        return self.model().state(M=in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes))
+
+    @cached_property
+    def _order(self) -> Array:
+        """The principal axes that yaw, roll and pitch turn about: of the least moment, the middle, the largest."""
+        return np.argsort(self.body.principal.moments, kind="stable")
+
+    @cached_property
+    def _axes_of_orbit(self) -> Array:
+        """Up, ahead and the normal along the body axes where the angles are 0, as columns: right-handed."""
+        axes = self._principal_axes[:, self._order]
+        return axes * np.array([1.0, np.sign(np.linalg.det(axes)), 1.0])
+
+    def pointing(self, yaw: Any = 0.0, pitch: Any = 0.0, roll: Any = 0.0) -> Array:
+        """The attitude at t = 0 with the axis of the least moment up and that of the largest along the normal.
+
+        Turned by these angles, rad, first about the normal, then about ahead, then about up: a unit quaternion (4,).
+        That attitude is the stable one on a circular orbit.
+        """
+        angles = [si_number(v, "rad", name) for v, name in ((pitch, "pitch"), (roll, "roll"), (yaw, "yaw"))]
+        R = self.orbit.frame(0.0)
+        for angle, axis in zip(angles, (2, 1, 0), strict=True):
+            R = R @ algebra.cayley(np.tan(angle / 2) * algebra.hat(np.eye(3)[axis]))
+        return algebra.unit_quaternion(R @ self._axes_of_orbit.T)
+
+    def orientation(self, attitude: Any = UPRIGHT) -> Array:
+        """The `orientation` for `kr.simulate`, of the principal axes, from the attitude of the body axes (..., 4)."""
+        return self.body.orientation(attitude)
+
+    def attitude(self, g: Any) -> Array:
+        """The inverse of `orientation`."""
+        return self.body.attitude(g)
+
+    def angles(self, run: Any) -> Angles:
+        """Pitch, roll and yaw (...) of a run against the frame of the orbit, from -pi to pi."""
+        g = algebra.rotation_matrix(np.asarray(run.g))
+        frame = self.orbit.frame(np.asarray(run.time))
+        lanes = g.ndim - frame.ndim
+        frame = frame.reshape(*frame.shape[:-2], *(1,) * lanes, 3, 3)
+        R = frame.mT @ g @ (self._principal_axes.T @ self._axes_of_orbit)  # R = R_3(pitch) R_2(roll) R_1(yaw)
+        return Angles(
+            np.arctan2(R[..., 1, 0], R[..., 0, 0]),
+            np.arcsin(np.clip(-R[..., 2, 0], -1, 1)),
+            np.arctan2(R[..., 2, 1], R[..., 2, 2]),
+        )
+
+    @property
+    def librations(self) -> Frequencies:
+        """Of small librations about `pointing()` on a circular orbit, by gravity alone.
+
+        [Hughes 1986, section 9.2]
+
+        pitch^2 = 3 n^2 k;  roll and yaw: w^4 - (1 + 3 k1 + k1 k3) n^2 w^2 + 4 k1 k3 n^4 = 0,
+        k = (I_r - I_y)/I_p,  k1 = (I_p - I_y)/I_r,  k3 = (I_p - I_r)/I_y.
+        """
+        y, r, p = self.body.principal.moments[self._order]
+        k, k1, k3 = (r - y) / p, (p - y) / r, (p - r) / y
+        middle = 1 + 3 * k1 + k1 * k3
+        with np.errstate(invalid="ignore"):
+            root = np.sqrt(middle * middle - 16 * k1 * k3)
+            found = self.orbit.mean_motion * np.sqrt([3 * k, (middle - root) / 2, (middle + root) / 2])
+        return Frequencies(*found.tolist())
+
+    def dt(self, duration: Any) -> float:
+        """A duration in seconds."""
+        return si_number(duration, "s", "dt")
+
+    def scales(self) -> Scales:
+        """The units of the variables of a run, for `kreisel.units.measured`."""
+        joule = ("J", 1.0)
+        return scales_of(1.0, M=("kg m^2/s", 1.0), energy=joule, work=joule, balance=joule)
+
+
+class Asteroid(Satellite):
+    """A moon or an asteroid on its orbit: a `Satellite` whose shape is an ellipsoid of constant density."""
+
+    @classmethod
+    def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit) -> Asteroid:
+        """With these principal diameters, m."""
+        return cls(FreeBody.ellipsoid(mass, three(diameters, "m", "diameters")).inertia, orbit)
+
+    @classmethod
+    def hyperion(cls) -> Asteroid:
+        """Saturn's moon VII, with half axes 190, 145, 114 km and e = 0.1.
+
+        [Wisdom, Peale, Mignard, Icarus 58 (1984) 137]
+
+        Mass 5.62e18 kg [Thomas et al., Nature 448 (2007) 50], which does not enter the motion; a period of 21.28 days.
+        """
+        mean_motion = 2 * np.pi / (21.28 * 86400)
+        orbit = Orbit((SATURN.mu / mean_motion**2) ** (1 / 3), 0.1, primary=SATURN)
+        return cls.ellipsoid(5.62e18, (3.80e5, 2.90e5, 2.28e5), orbit)
+
+
+def _plate(value: Any) -> Plate:
+    """Raises `InputError`."""
+    if not isinstance(value, tuple | list) or len(value) != 3:
+        raise InputError(f"plates: expected Plate(normal, centre, area), got {shown(value)}.")
+    normal, centre, area = value
+    size = si_number(area, "m^2", "area")
+    if size < 0:
+        raise InputError(f"area: expected a number >= 0, got {size:g}.")
+    return Plate(
+        _unit(si_numbers(normal, "1", "normal", ((3,),)), "normal"), si_numbers(centre, "m", "centre", ((3,),)), size
+    )
+
+
+def _unit(x: Array, name: str) -> Array:
+    length = np.linalg.norm(x)
+    if not length:
+        raise InputError(f"{name}: expected a direction, got the zero vector.")
+    return np.asarray(x / length)

@@ -1,0 +1,297 @@
+"""Satellites on Kepler orbits: the orbit, the torques by other formulas, librations, names, archives, bad input."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.algebra.gradient import value_and_gradient
+from kreisel.analysis.frequencies import lines_of
+from kreisel.bodies import BODIES, kepler, satellite
+from kreisel.physical import EARTH, SOLAR_PRESSURE, Asteroid, Orbit, Plate, Primary, Satellite
+from kreisel.storage.checking import check_archive
+from kreisel.storage.recomputing import steps_again
+
+ELLIPSE = Orbit("7000 km", 0.02, "51.6 deg", "20 deg", "70 deg")
+LOW = Orbit.circular("500 km", "97 deg")
+
+
+@pytest.mark.parametrize("e", [0.0, 0.1, 0.7, 0.9, 0.99, 0.999])
+def test_kepler(e: float) -> None:
+    """The place on the orbit to 1e-14, at the pericentre too, by Newton's method in many digits."""
+    draw = np.random.default_rng(int(1000 * e))
+    mean = np.concatenate([draw.uniform(-np.pi, np.pi, 60), 10.0 ** draw.uniform(-12, 0, 40)])
+    E = kepler.eccentric_anomaly(mean, e)
+    with mpmath.workdps(30):
+        for M, found in zip(mean.tolist(), E.tolist(), strict=True):
+            true = mpmath.findroot(lambda x, M=M: x - e * mpmath.sin(x) - M, found)
+            assert abs(mpmath.cos(true) - mpmath.cos(found)) < 1e-14
+            assert abs(mpmath.sin(true) - mpmath.sin(found)) < 1e-14
+
+
+def test_whole_turns_do_not_matter() -> None:
+    turns = 2 * np.pi * np.arange(-20, 21)
+    assert abs(kepler.eccentric_anomaly(1.3 + turns, 0.3) - kepler.eccentric_anomaly(1.3, 0.3)).max() < 1e-12
+
+
+def test_the_anomaly_has_a_derivative_everywhere() -> None:
+    """dE/dM = 1/(1 - e cos E), by the reverse sweep, at M = 0 and pi too."""
+    for mean in (0.0, 0.4, np.pi, -2.0):
+        _, (slope,) = value_and_gradient(lambda x: kepler.eccentric_anomaly(x, 0.4), [(np.array(mean), 0)])
+        assert slope == pytest.approx(1 / (1 - 0.4 * np.cos(kepler.eccentric_anomaly(mean, 0.4))), rel=1e-12)
+
+
+def test_orbit() -> None:
+    """Energy and angular momentum of the Kepler problem, the period, and the elements."""
+    t = np.linspace(0, 3 * ELLIPSE.period, 50)
+    r, v = ELLIPSE.at(t)
+    mu, a, e = EARTH.mu, ELLIPSE.semi_major_axis, ELLIPSE.eccentricity
+    distance = np.linalg.norm(r, axis=-1)
+    assert (v * v).sum(-1) / 2 - mu / distance == pytest.approx(-mu / (2 * a), rel=1e-12)
+    h = np.cross(r, v)
+    assert abs(h - h[0]).max() < 1e-12 * np.sqrt(mu * a)
+    assert np.linalg.norm(h[0]) == pytest.approx(np.sqrt(mu * a * (1 - e * e)), rel=1e-12)
+    assert h[0, 2] / np.linalg.norm(h[0]) == pytest.approx(np.cos(ELLIPSE.inclination), rel=1e-12)
+    assert distance[0] == pytest.approx(ELLIPSE.pericentre, rel=1e-14)
+    assert r[-1] == pytest.approx(r[0], abs=1e-5)
+    node = np.cross((0, 0, 1.0), h[0])
+    assert np.arctan2(node[1], node[0]) == pytest.approx(ELLIPSE.node, abs=1e-12)
+    frame = ELLIPSE.frame(t)
+    assert abs(frame.mT @ frame - np.eye(3)).max() < 1e-14
+    assert (np.linalg.det(frame) > 0).all()
+
+
+def moment(body: Satellite, g: np.ndarray, t: float, spin: np.ndarray) -> np.ndarray:
+    """The torque in the body, principal axes, by the record: M' - M x Omega."""
+    model, moments = body.model(), body.body.principal.moments
+    M = moments * spin
+    (rate,) = model.call(model.system.flow, algebra.hat(M), g=g, t=np.float64(t))
+    return algebra.axial(rate) - np.cross(M, spin)
+
+
+def by_hand(body: Satellite, g: np.ndarray, t: float, spin: np.ndarray) -> np.ndarray:
+    """The same by the textbook's formulas, vectors in principal axes."""
+    along, orbit = body.body.principal.axes, body.orbit
+    r, v = (x @ g for x in orbit.at(t))
+    distance = np.linalg.norm(r)
+    inertia, up = np.diag(body.body.principal.moments), r / np.linalg.norm(r)
+    total = 3 * orbit.primary.mu / distance**3 * np.cross(up, inertia @ up)
+    north = g[2]
+    field = -orbit.primary.field / distance**3 * (north - 3 * (north @ up) * up)
+    total = total + np.cross(body.magnetic_moment @ along, field) + body.torque @ along
+    sun, speed = body.sun / np.linalg.norm(body.sun) @ g, np.linalg.norm(v)
+    for plate in body.plates:
+        n, c = plate.normal @ along, plate.centre @ along
+        if n @ v > 0:
+            total = total + np.cross(c, -body.density / 2 * body.drag * plate.area * (n @ v / speed) * speed * v)
+        if (lit := n @ sun) > 0:
+            push = (1 - body.mirror) * sun + 2 * (body.mirror * lit + body.diffuse / 3) * n
+            total = total + np.cross(c, -body.light * plate.area * lit * push)
+    if body.wheel is not None:
+        total = total + np.cross(body.wheel @ along, spin)
+    return total
+
+
+LOADED = {
+    "magnetic_moment": (0.01, -0.02, 0.03),
+    "torque": (1e-8, 2e-8, -1e-8),
+    "density": 3e-12,
+    "light": SOLAR_PRESSURE,
+    "sun": (1.0, 2.0, -0.5),
+    "mirror": 0.3,
+    "diffuse": 0.2,
+    "plates": (
+        Plate((1, 0, 0), (0.1, 0.05, 0), "300 cm^2"),
+        Plate((-1, 2, 0.5), (0.0, 0.1, -0.1), 0.02),
+        Plate((0, -1, 0), (0.02, -0.1, 0.0), 0.05),
+    ),
+}
+TENSOR = np.array([[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.04]])
+
+
+@pytest.mark.parametrize("wheel", [None, (1e-3, -2e-3, 5e-4)], ids=["no wheel", "wheel"])
+def test_torques_by_other_formulas(wheel: object) -> None:
+    """Each part alone and all together; what is left out would show."""
+    draw = np.random.default_rng(3)
+    plates = {"plates": LOADED["plates"]}
+    parts = [{}, *({k: v} for k, v in LOADED.items() if k in ("magnetic_moment", "torque"))]
+    parts += [{**plates, "density": 3e-12}, {**plates, **{k: LOADED[k] for k in ("light", "sun", "mirror", "diffuse")}}]
+    for given in (*parts, LOADED):
+        body = Satellite(TENSOR, ELLIPSE, wheel=wheel, **given)
+        for _ in range(5):
+            g = algebra.rotation_matrix(algebra.unit(draw.normal(size=4)))
+            t, spin = draw.uniform(0, 2e4), 1e-2 * draw.normal(size=3)
+            want = by_hand(body, g, t, spin)
+            assert abs(moment(body, g, t, spin) - want).max() < 1e-11 * max(abs(want).max(), 1e-9)
+
+
+def test_a_torque_that_is_wrong_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mutant: the gradient of gravity by one part in a million too strong."""
+    right = satellite.BODIES[0].perturbation.potential.function
+
+    def wrong(*letters: object, mu: float, **known: object) -> object:
+        return right(*letters, mu=mu * (1 + 1e-6), **known)
+
+    body, g, spin = Satellite(TENSOR, ELLIPSE), np.eye(3), np.array([0.0, 1e-3, 1e-3])
+    monkeypatch.setitem(satellite.BODIES[0].perturbation.potential.__dict__, "function", wrong)
+    want = by_hand(body, g, 77.0, spin)
+    assert abs(moment(body, g, 77.0, spin) - want).max() > 1e-7 * abs(want).max()
+
+
+def librated(body: Satellite, dt: float, steps: int, every: int, **turned: float) -> object:
+    g = body.orientation(body.pointing(**turned))
+    return kr.simulate(body.model(), body.state(), dt=dt, steps=steps, every=every, orientation=g, progress=False)
+
+
+def test_upright_on_a_circular_orbit_stays() -> None:
+    """The relative equilibrium, in principal axes that are not those of the body."""
+    body = Satellite(TENSOR, LOW)
+    angles = body.angles(librated(body, 60.0, 600, 20))
+    assert max(abs(a).max() for a in angles) < 1e-7
+
+
+def test_angles_are_those_of_pointing() -> None:
+    body = Satellite(TENSOR, ELLIPSE)
+    run = librated(body, 1.0, 1, 1, yaw=0.3, pitch=-0.2, roll=0.1)
+    found = [a[0] for a in body.angles(run)]
+    assert found == pytest.approx([-0.2, 0.1, 0.3], abs=1e-12)
+
+
+def test_librations_have_the_frequencies_of_linear_theory() -> None:
+    body = Satellite((0.4, 0.9, 1.0), LOW)
+    run = librated(body, 60.0, 4000, 2, yaw=1e-4, pitch=1e-4, roll=1e-4)
+    angles, want = body.angles(run), body.librations
+    (pitch,) = lines_of(run.time.values, angles.pitch, 1).frequency
+    roll = sorted(lines_of(run.time.values, angles.roll, 2).frequency)
+    assert [pitch, *roll] == pytest.approx(list(want), rel=2e-4)
+
+
+@pytest.mark.parametrize("wheel", [None, (0.0, 0.0, 1e-4)], ids=["no wheel", "wheel"])
+def test_against_dop853(wheel: object) -> None:
+    body = Satellite.cubesat(ELLIPSE, 3, wheel=wheel, density=1e-13, light=SOLAR_PRESSURE, torque=(0, 0, 1e-9))
+    g = body.orientation(body.pointing(pitch=0.2, roll=0.1))
+    given = {"steps": 400, "dt": 30.0, "every": 100, "orientation": g, "progress": False}
+    run = kr.simulate(body.model(), body.state(), **given)
+    ref = kr.simulate(body.model(), body.state(), **given, method="dop853", tol=1e-12)
+    assert abs(run.M - ref.M).max() < 1e-6 * abs(ref.M).max()
+    assert abs(run.balance - run.balance[0]).max() < 1e-6 * abs(run.energy).max()
+
+
+def test_hyperion() -> None:
+    """(B - A)/C = 0.264.  [Wisdom, Peale, Mignard 1984]"""
+    body = Asteroid.hyperion()
+    A, B, C = body.body.principal.moments
+    assert (B - A) / C == pytest.approx(0.264, abs=5e-4)
+    assert body.orbit.period == pytest.approx(21.28 * 86400, rel=1e-12)
+    assert np.isfinite(body.model().constants["c"]).all()  # moments of 1e29
+
+
+def test_moments_of_any_size() -> None:
+    model = kr.EulerTop(J=(1e25, 2e25, 3e25))
+    assert model.constants["c"][0, 1] == pytest.approx(1 / 3e25, rel=1e-15)
+    assert not np.diag(model.constants["c"]).any()
+
+
+TOML = """
+[system]
+name = "satellite"
+moments = [0.0067, 0.033, 0.034]
+semi_major_axis = 6_878_137.0
+eccentricity = 0.01
+field = 7.6e15
+dipole = [0.0, 0.0, 1e-4]
+
+[state]
+M = [0.0, 1e-6, 3.7e-5]
+orientation = [1.0, 0.0, 0.0, 0.0]
+
+[run]
+dt = 60
+steps = 200
+
+[output]
+path = "satellite.zarr"
+"""
+
+
+def test_by_name_on_disk(tmp_path: Path) -> None:
+    """`kreisel run`, `check`, the same bits from Python; a change in the rows is found, at times other than 0."""
+    (tmp_path / "satellite.toml").write_text(TOML, encoding="utf-8")
+    command = [sys.executable, "-m", "kreisel", "run", "satellite.toml"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    whole = kr.open_run(tmp_path / "satellite.zarr").load()
+    assert whole.attrs["system"] == "satellite"
+    assert check_archive(tmp_path / "satellite.zarr")[1] == []
+    changed = whole.copy(deep=True)
+    changed["M"][101:] *= 1 + 1e-5
+    assert steps_again(changed)
+    model = BODIES["satellite"](
+        moments=(0.0067, 0.033, 0.034),
+        semi_major_axis=6_878_137.0,
+        eccentricity=0.01,
+        field=7.6e15,
+        dipole=(0, 0, 1e-4),
+    )
+    again = kr.simulate(
+        model, model.state(M=(0.0, 1e-6, 3.7e-5)), dt=60, steps=200, orientation=(1, 0, 0, 0), progress=False
+    )
+    for name in ("M", "g", "energy", "balance"):
+        assert (again[name].values == whole[name].values).all()
+
+
+def test_lanes_are_satellites() -> None:
+    """An ensemble over the inclination has the bits of single runs."""
+    inclinations = np.array([0.1, 0.9, 1.7])
+    given = {"moments": (0.0067, 0.033, 0.034), "semi_major_axis": 7e6, "field": 7.6e15, "dipole": (0, 0, 1e-4)}
+    asked = {"dt": 30.0, "steps": 50, "orientation": (1, 0, 0, 0), "progress": False, "observe": ()}
+    model = BODIES["satellite"](**given, inclination=inclinations)
+    together = kr.simulate(model, model.state(M=(0, 0, 3e-5)), **asked)
+    for lane, inclination in enumerate(inclinations):
+        one = BODIES["satellite"](**given, inclination=inclination)
+        alone = kr.simulate(one, one.state(M=(0, 0, 3e-5)), **asked)
+        assert abs(alone.M - together.M[:, lane]).max() < 1e-12 * abs(alone.M).max()
+
+
+BAD = {
+    "hits": (lambda: Orbit("500 km"), "hits the Earth"),
+    "hyperbola": (lambda: Orbit(7e6, 1.2), "0 <= e < 1"),
+    "negative e": (lambda: Orbit(7e6, -0.1), "0 <= e < 1"),
+    "units": (lambda: Orbit("3 kg"), "dimension of m"),
+    "primary": (lambda: Orbit(7e6, primary="Mars"), "expected kr.physical.EARTH"),
+    "triangle": (lambda: Satellite((1, 1, 3), LOW), "sum of the other two"),
+    "orbit": (lambda: Satellite((1, 1, 1), 7e6), "expected kr.physical.Orbit"),
+    "plate": (lambda: Satellite((1, 1, 1), LOW, plates=((1, 0),)), "expected Plate"),
+    "area": (lambda: Satellite((1, 1, 1), LOW, plates=(Plate((1, 0, 0), (0, 0, 0), -1),)), ">= 0"),
+    "normal": (lambda: Satellite((1, 1, 1), LOW, plates=(Plate((0, 0, 0), (0, 0, 0), 1),)), "zero vector"),
+    "mirror": (lambda: Satellite((1, 1, 1), LOW, mirror=0.8, diffuse=0.4), "at most 1"),
+    "density": (lambda: Satellite((1, 1, 1), LOW, density=-1), ">= 0"),
+    "moments": (lambda: BODIES["satellite"](moments=(1, 1, 3), semi_major_axis=7e6), "none above the sum"),
+    "ellipse": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, eccentricity=1.0), "ellipse"),
+    "size": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=-7e6), "number > 0"),
+    "rows": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, plates=[[1.0]]), "rows of 7"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name: str) -> None:
+    make, words = BAD[name]
+    with pytest.raises(kr.InputError, match=words):
+        make()
+
+
+def test_a_primary_of_your_own() -> None:
+    moon = Primary("Moon", 4.9028e12, 1.7374e6)
+    assert Orbit.circular("100 km", primary=moon).period == pytest.approx(7067, abs=10)
+
+
+def test_the_name_of_a_body_is_taken() -> None:
+    own = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), torque=lambda M: -0.1 * M, name="satellite")
+    with pytest.raises(kr.InputError, match="no body of Kreisel has"):
+        kr.simulate(own, own.state(M=(1, 2, 3)), dt=0.1, steps=1, progress=False)
