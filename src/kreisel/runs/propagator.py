@@ -349,7 +349,7 @@ class Propagator(StateForms):
 
 
 def _finite(x: Floats) -> bool:
-    return math.isfinite(np.vdot(x, x)) or bool(np.isfinite(x).all())  # the squares alone may overflow
+    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum alone may overflow
 
 
 def _require_finite(x: Floats) -> None:
