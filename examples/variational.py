@@ -16,6 +16,7 @@ import kreisel as kr
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
+from kreisel.method.scheme import Steps
 from kreisel.record.contract import call
 
 DT, STEPS, EVERY = 0.05, 1_000_000, 250
@@ -38,8 +39,8 @@ def rk4() -> tuple[np.ndarray, np.ndarray]:
         return tuple(z + dt / 6 * (a + 2 * b + 2 * c + d) for z, (a, b, c, d) in zip((M, P), slopes, strict=True))
 
     flow = scheme(TOP, "dop853", DT, None, False)
-    plan = replace(flow, rate=None, step=step, constants={**flow.constants, "dt": DT}, axes={**flow.axes, "dt": 0})
-    kinds = [kind for _, kind in plan.components]
+    plan = replace(flow, motion=Steps(step), constants={**flow.constants, "dt": DT}, axes={**flow.axes, "dt": 0})
+    kinds = plan.kinds
     start = layout.flatten(tuple(TOP.state(**START).values()), kinds)
     rows = np.empty((STEPS // EVERY + 1, 1, 6))
     rows[0] = start

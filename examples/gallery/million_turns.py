@@ -18,6 +18,7 @@ import kreisel as kr
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
+from kreisel.method.scheme import Steps
 from kreisel.record.contract import call
 from kreisel.viewer.charts import figure
 
@@ -45,8 +46,8 @@ def rk4(z0, dt, rows, every):
         return tuple(z + dt / 6 * (p + 2 * q + 2 * r + s) for z, (p, q, r, s) in zip((m, a), slopes, strict=True))
 
     flow = scheme(top, "dop853", dt, None, False)
-    plan = replace(flow, rate=None, step=step, constants={**flow.constants, "dt": dt}, axes={**flow.axes, "dt": 0})
-    kinds = [kind for _, kind in plan.components]
+    plan = replace(flow, motion=Steps(step), constants={**flow.constants, "dt": dt}, axes={**flow.axes, "dt": 0})
+    kinds = plan.kinds
     start = layout.flatten(tuple(z0.values()), kinds)
     out = np.empty((rows + 1, 1, 6))
     out[0] = start

@@ -17,6 +17,7 @@ from kreisel.exact.top_step import step, step_inside
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab.taylor import taylor
 from kreisel.method import scheme
+from kreisel.method.scheme import Steps
 from tops import SPECIAL
 
 ULP = 2.0**-52
@@ -160,8 +161,8 @@ def recorded(frame: str) -> tuple[Any, Callable[..., Any], dict[str, np.ndarray]
 
     known = {name: fixed, "alpha": np.array(0.7), "h": np.array(0.4)}
     plan = scheme(model, "suris", 0.4, None, True)
-    same = {"stages": {}, "close": None, "trajectory": None, "key": None}
-    return replace(plan, step=moved, constants=known, axes={name: 1, "alpha": 0, "h": 0}, **same), f, known
+    same = {"stages": {}, "trajectory": None, "definition_key": None, "kernel_key": None}
+    return replace(plan, motion=Steps(moved), constants=known, axes={name: 1, "alpha": 0, "h": 0}, **same), f, known
 
 
 @pytest.mark.parametrize("frame", ["rest", "moving"])

@@ -76,7 +76,7 @@ def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     kinds = [kind for _, kind in plan.components]
     state = (*x0, exact.random_rotation(n, exact.float_random(np.random.default_rng(1))))
     rate = compiled_rate(plan)(0.0, layout.flatten(state, kinds), flat_constants(plan, 1)[0][0])
-    flow = layout.flatten(plan.rate(*state, **plan.constants), kinds)
+    flow = layout.flatten(plan.motion.rate(*state, **plan.constants), kinds)
     assert abs(rate - flow).max() < FLOPS_TOLERANCE * (1 + abs(flow).max())
     omega = model.call(model.system.velocity, *x0)
     turn = omega @ state[-1] if model.system.frame is Frame.REST else state[-1] @ omega
@@ -278,7 +278,7 @@ def test_stages_are_one_step_each() -> None:
     for lane, steps in enumerate(fractions):
         z = x0
         for eps in (*steps, *steps):
-            z = plan.step(*z, **{**plan.constants, "eps": eps})
+            z = plan.motion.step(*z, **{**plan.constants, "eps": eps})
         assert abs(out[0, lane] - layout.flatten(z, ["skew", "vector"])).max() < FLOPS_TOLERANCE
     one = replace(plan, constants=fixed, stages={"eps": fractions[0]})
     z = one.advance(*x0)

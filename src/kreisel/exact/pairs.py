@@ -17,8 +17,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.baecklund import MOST_ORDER, one_stage, pade_zeros, stage_points
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
-from kreisel.method.scheme import Scheme
+from kreisel.method.observing import observer, with_orientation
+from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import call
 from kreisel.record.model import Model
 
@@ -41,9 +41,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     if record is None:
         raise TypeError(f"{body.system.name} states no Bäcklund transformation")
     conserved = ("casimir", "energy", *model.system.integrals)
-    observe, outcomes = observer(model, None, None, conserved=conserved)
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
+    observe, outcomes = observer(model, None, None, conserved=conserved, oriented=oriented)
 
     def prepare(x0: State) -> State:
         return (*carry(x0[:2]), *x0[2:])
@@ -73,8 +71,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         axes=axes,
         n=3,
         prepare=prepare,
-        step=step,
-        close=close if oriented else None,
+        motion=Steps(step, close if oriented else None),
         observe=lambda z, /, **constants: observe((*back(z[:2]), *z[2:]), **constants),
         reopen=prepare,
         outcomes=outcomes,

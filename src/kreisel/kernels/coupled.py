@@ -202,7 +202,7 @@ def _count_of_forces(scheme: Scheme) -> int:
 def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> str:
     """The function of a pair: it adds what acts on both."""
     coupling, tape = of(scheme), Tape("p")
-    kinds = [kind for _, kind in scheme.components]
+    kinds = scheme.kinds
     z, known = recorded_arguments(scheme, tape, {k: v for k, v in columns.items() if k != "p"}, tuple(kinds))
     for name, place in columns["p"].items():
         known[name] = recorded_numbers(tape, "p", place, np.shape(coupling.constants[name])[1:])

@@ -147,7 +147,7 @@ def code_of(
 ) -> Code:
     """The code of a scheme's step for the lanes of `constants` (lanes, count)."""
     special = tuple(special_constants(constants).items())  # which are folded into the code
-    key = None if scheme.code is None else (Code, scheme.code, len(constants), special, project)
+    key = None if scheme.kernel_key is None else (Code, scheme.kernel_key, len(constants), special, project)
 
     def make() -> Code:
         record = Recording(scheme, constants, columns, stage_columns)
@@ -200,7 +200,7 @@ class CpuEngine(SteppedEngine):
             source = printer(self.columns, self.stage_columns, head, EXACT)
             return Code(source, load_kernel(source).kernel, _large_work(scheme))
 
-        return reused(None if scheme.code is None else (Code, scheme.code), make)
+        return reused(None if scheme.kernel_key is None else (Code, scheme.kernel_key), make)
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self._between is not None:
@@ -266,7 +266,7 @@ def _program_between(
 ) -> tuple[Program | None, bool]:
     """The invariants on recorded numbers, None where there are none, and whether there would be too many lines."""
     members = tuple((name, tuple(chosen)) for name, chosen in observed.members.items())
-    key = None if scheme.code is None else (_program_between, scheme.code, members)
+    key = None if scheme.kernel_key is None else (_program_between, scheme.kernel_key, members)
 
     def make() -> tuple[Program | None, bool]:
         try:
@@ -337,10 +337,10 @@ def compiled_rows(
 
     `name` tells the functions of a scheme apart.
     """
-    if scheme.n > OBSERVED_N or scheme.numbers != "any":
+    if scheme.n > OBSERVED_N or not scheme.recordable:
         return None
     constants, columns = flat_constants(scheme, lanes)
-    key = None if scheme.key is None else (*name, scheme.key)
+    key = None if scheme.definition_key is None else (*name, scheme.definition_key)
     found = reused(key, lambda: _observing(scheme, function, columns))
     if found is None:
         return None

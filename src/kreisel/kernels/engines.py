@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from kreisel.errors import InputError, shown
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import CoupledSteps, Flow, JaxSteps, Orbits, Scheme, Steps
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
@@ -35,7 +35,7 @@ class Engine(Protocol):
         """What puts the state back on its invariants, if anything does."""
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        """Start again, for so many steps at most, from z, as many lanes, by a scheme of the same key.
+        """Start again, for so many steps at most, from z, as many lanes, by a scheme of the same motion.
 
         False where that takes a new engine.
         """
@@ -67,29 +67,31 @@ def engine_of(
         from kreisel.kernels.cuda import CudaEngine
 
         return CudaEngine(scheme, z, name, project)
-    if scheme.numbers == "jax" and scheme.step is not None:
-        from kreisel.kernels.jax import JaxEngine
+    match scheme.motion:
+        case Steps():
+            from kreisel.kernels.cpu import CpuEngine
 
-        return JaxEngine(scheme, z, dt, project)
-    if scheme.coupling is not None and scheme.coupling.drift is not None:
-        from kreisel.kernels.coupled import CoupledEngine
+            return CpuEngine(scheme, z, printer, project)
+        case CoupledSteps():
+            from kreisel.kernels.coupled import CoupledEngine
 
-        return CoupledEngine(scheme, z, project)
-    if scheme.step is not None:
-        from kreisel.kernels.cpu import CpuEngine
+            return CoupledEngine(scheme, z, project)
+        case JaxSteps():
+            from kreisel.kernels.jax import JaxEngine
 
-        return CpuEngine(scheme, z, printer, project)
-    if scheme.orbit is not None:
-        from kreisel.kernels.exact.engine import ClosedForm
+            return JaxEngine(scheme, z, dt, project)
+        case Orbits():
+            from kreisel.kernels.exact.engine import ClosedForm
 
-        return ClosedForm(scheme, z, dt, steps * dt, every).ready()
-    from kreisel.kernels.ode import ReferenceEngine
+            return ClosedForm(scheme, z, dt, steps * dt, every).ready()
+        case Flow():
+            from kreisel.kernels.ode import ReferenceEngine
 
-    return ReferenceEngine(scheme, z, dt)
+            return ReferenceEngine(scheme, z, dt)
 
 
 def _require_map(scheme: Scheme, name: str) -> None:
-    if scheme.numbers != "any" or scheme.step is None:
+    if not isinstance(scheme.motion, Steps):
         raise InputError(
             f"engine={shown(name)} runs maps, not method={shown(scheme.name)} for this system. Use engine='cpu'."
         )

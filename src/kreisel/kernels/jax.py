@@ -16,7 +16,7 @@ from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.arrays import InDoubles, gauss_newton, led, scales
 from kreisel.kernels.projection.program import recordable
 from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Flow, JaxSteps, Scheme
 from kreisel.reduction.double import double, jax
 
 jnp = jax.numpy
@@ -72,9 +72,9 @@ def _projection(
 
     They depend on the record, whose step is one function, and on eps.
     """
-    kinds, n = tuple(kind for _, kind in scheme.components), scheme.n
+    kinds, n = tuple(scheme.kinds), scheme.n
     own = sum(letter != ORIENTATION for letter, _ in scheme.components)
-    key = scheme.step, kinds, n, lanes, repr(scheme.constants.get("eps"))
+    key = steps_of(scheme).step, kinds, n, lanes, repr(scheme.constants.get("eps"))
     if key in _projections:
         return _projections[key]
 
@@ -134,18 +134,24 @@ def _projected(
     return projection if projection and projection.labels else None
 
 
+def steps_of(scheme: Scheme) -> JaxSteps:
+    """The step of JAX that a scheme states.  Raises `TypeError` where it states none."""
+    if not isinstance(scheme.motion, JaxSteps):
+        raise TypeError(f"the scheme {scheme.name} states no step of JAX")
+    return scheme.motion
+
+
 class JaxEngine:
     """A step of JAX in a compiled loop.  A lane whose step gives NaN stays where it was, and its step is named."""
 
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, project: bool = False):
         self.z = np.array(z0, dtype=np.float64)
         self._scheme, self._dt, self._done = scheme, dt, 0
-        self._kinds = [kind for _, kind in scheme.components]
+        self._kinds = scheme.kinds
         self._constants = {k: np.asarray(v, dtype=np.float64) for k, v in scheme.constants.items()}
-        if scheme.step is None:
-            raise TypeError(f"the scheme {scheme.name} states no step")
+        self._steps = steps_of(scheme)
         lanes = frozenset(k for k, v in self._constants.items() if v.ndim > scheme.axes[k])
-        self._loop = _compiled_loop(scheme.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
+        self._loop = _compiled_loop(self._steps.step, tuple(self._kinds), scheme.n, frozenset(self._constants), lanes)
         self.projection = _projected(scheme, self.z, self._constants, lanes) if project else None
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
@@ -187,18 +193,18 @@ class JaxEngine:
         step = self._done + count + 1
         state = layout.restore(self.z[lane], self._kinds, self._scheme.n)
         constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
-        why = self._scheme.explain(state, constants) if self._scheme.explain else "The step is not finite."
         where = f" of lane {lane}" if lanes > 1 else ""
+        why = self._steps.explain(state, constants)
         raise RunError(f"Step {step}{where} (time {step * self._dt:g}) could not be made. {why}")
 
 
 def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
     """The right-hand side y' = f(t, y, constants) of a scheme whose rate is of JAX arrays."""
-    kinds = [kind for _, kind in scheme.components]
+    kinds = scheme.kinds
     shapes = {k: np.shape(v)[np.ndim(v) - scheme.axes[k] :] for k, v in scheme.constants.items()}
-    if scheme.rate is None:
+    if not isinstance(scheme.motion, Flow):
         raise TypeError(f"the scheme {scheme.name} states no rate")
-    function = scheme.rate
+    function = scheme.motion.rate
 
     def rate(y: Array, row: Array) -> Array:
         constants, start = {}, 0

@@ -46,11 +46,11 @@ def _together(scheme: Scheme, rate: Rate, constants: Floats) -> Callable[[float,
 
 
 def _compiled(scheme: Scheme, lanes: int) -> Rate:
-    if scheme.numbers == "jax":
-        from kreisel.kernels.jax import compiled_rate as by_jax
+    if scheme.recordable:
+        return compiled_rate(scheme, lanes)
+    from kreisel.kernels.jax import compiled_rate as by_jax
 
-        return by_jax(scheme)
-    return compiled_rate(scheme, lanes)
+    return by_jax(scheme)
 
 
 class ReferenceEngine:
@@ -73,8 +73,7 @@ class ReferenceEngine:
         else:
             rates, starts = [_together(scheme, rate, constants)], self.z.reshape(1, -1).copy()
         self._counts = [(0.0, 0)] * len(starts)  # for each solver a number of dt and its steps within it
-        options = scheme.options or {}
-        tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
+        tolerances = {"rtol": scheme.options["rtol"], "atol": scheme.options["atol"]}
         with np.errstate(all="ignore"):
             self._solvers = [
                 DOP853(f, 0.0, start, np.inf, **tolerances)  # it keeps the array that it is given

@@ -14,7 +14,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.recorded_array import RecordedMatrix
 from kreisel.kernels.tape import Scalar, Tape, source_of
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Part, Scheme
 
 # A conjugate pair of Clebsch's system, n = 10, in 6700 lines: compiled in 35 s, run in 2.3 us; array code 28 s, 10 us.
 STRAIGHT_LINE_N, STRAIGHT_LINES = 10, 7000
@@ -27,23 +27,6 @@ STORERS = {
     "vector": "store",
     "scalar": "store_number",
 }
-
-
-class Part(NamedTuple):
-    """A function to be recorded: its name in a kernel, and the kinds of what it takes behind the state.
-
-    `staged`: whether it takes the constants of a stage too.
-    """
-
-    name: str
-    function: Callable[..., tuple[Array, ...]]
-    more: tuple[str, ...] = ()
-    staged: bool = True
-
-    @property
-    def letters(self) -> str:
-        """The constants that it takes."""
-        return "cs" if self.staged else "c"
 
 
 class RecordedFunction(NamedTuple):
@@ -94,10 +77,10 @@ class Recording:
     ):
         self.scheme, self.n = scheme, scheme.n
         self.columns = {"c": columns, "s": stage_columns or {}}
-        self.kinds = [kind for _, kind in scheme.components]
+        self.kinds = scheme.kinds
         self.places: list[tuple[str, slice, str]] = []
         self.work = 0  # about how many operations a step is, whatever the numbers
-        parts = _parts(scheme)
+        parts = scheme.motion.parts
         straight = scheme.n <= STRAIGHT_LINE_N
         if straight:
             self._straight_line(parts, constants)
@@ -131,7 +114,7 @@ class Recording:
         of_stage, pieces = _without(pieces, {*early, *late, *names_of(fixed)})
         return Varying(by_stage, early, fixed, late, of_stage, pieces)
 
-    def _straight_line(self, parts: list[Part], constants: Floats) -> None:
+    def _straight_line(self, parts: tuple[Part, ...], constants: Floats) -> None:
         """Record scalar code."""
         count = sum(layout.coordinate_count(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
@@ -151,7 +134,7 @@ class Recording:
             self.pieces.append(RecordedFunction(part, lines, new))
             self.words |= self.pieces[-1].words
 
-    def _array_code(self, parts: list[Part]) -> None:
+    def _array_code(self, parts: tuple[Part, ...]) -> None:
         square = (self.n, self.n)
         shapes = {"skew": square, "symmetric": square, "matrix": square, "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]
@@ -261,7 +244,7 @@ def recorded_numbers(tape: Tape, letter: str, place: slice, shape: tuple[int, ..
 
 def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
     """The shape of a constant, without the axes of lane and stage."""
-    shape = np.shape({**scheme.constants, **scheme.basis}[name] if letter == "c" else scheme.stages[name])
+    shape = np.shape(scheme.known[name] if letter == "c" else scheme.stages[name])
     return shape[len(shape) - scheme.axes[name] :]
 
 
@@ -328,19 +311,6 @@ def special_constants(constants: Floats) -> dict[str, float]:
         for j, first in enumerate(firsts)
         if first in (0.0, 1.0, -1.0) and (constants[:, j] == first).all()
     }
-
-
-def _parts(scheme: Scheme) -> list[Part]:
-    """The functions of a scheme that a kernel calls in turn."""
-    coupling = scheme.coupling
-    if coupling is not None and coupling.drift is not None and coupling.kick is not None:
-        parts = [Part("drift", coupling.drift), Part("kick", coupling.kick, coupling.forces)]
-    else:
-        function = scheme.step if scheme.step is not None else scheme.rate
-        if function is None:
-            raise TypeError(f"the scheme {scheme.name} states neither a step nor a rate")
-        parts = [Part("step", function)]
-    return [*parts, *([] if scheme.close is None else [Part("close", scheme.close, staged=False)])]
 
 
 def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:

@@ -23,13 +23,13 @@ class SteppedEngine:
         self.stages, self.stage_columns = flat_stages(scheme, len(self.z))
 
     def adopts(self, scheme: Scheme, z: Floats) -> bool:
-        """Go on from z by a scheme of the same code, with other constants; whether that can be."""
-        if scheme.code is None or scheme.code != self.scheme.code or len(z) != len(self.z):
+        """Go on from z by a scheme of the same kernel, with other constants; whether that can be."""
+        if scheme.kernel_key is None or scheme.kernel_key != self.scheme.kernel_key or len(z) != len(self.z):
             return False
         if scheme is not self.scheme:
             constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
             if special_constants(constants) != special_constants(self.constants):
-                return False  # other code
+                return False  # another kernel
             self.constants[:], self.stages[:] = constants, stages
             self.scheme = scheme
         self.z[:] = z

@@ -27,7 +27,7 @@ from kreisel.lab import exact
 from kreisel.lab.exact import Dual
 from kreisel.lab.fields import fraction
 from kreisel.lab.subject import Subject
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import JaxSteps, Scheme, Steps
 
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
@@ -92,7 +92,7 @@ class CompiledOrbit:
         if vectors is not None:
             rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)
         scheme = _scheme(what, vectors is not None)
-        if scheme.numbers == "jax":
+        if isinstance(scheme.motion, JaxSteps):
             from kreisel.kernels.jax import JaxEngine
 
             self._kernel: Any = JaxEngine(scheme, rows, 1.0)
@@ -130,13 +130,13 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
         axes={k: np.ndim(v) for k, v in constants.items()},
         n=3,
         prepare=lambda z: z,
-        step=_pushed_by_jax(what.step, _Fixed(fixed))
+        motion=JaxSteps(_pushed_by_jax(what.step, _Fixed(fixed)))
         if jax_numbers
-        else _pushed(replace(what, step=partial(what.step, **fixed))),
+        else Steps(_pushed(replace(what, step=partial(what.step, **fixed)))),
         observe=lambda z, /, **constants: {},
         reopen=lambda z: z,
         outcomes={},
-        numbers="jax" if jax_numbers else "any",
+        recordable=not jax_numbers,
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError, hint, shown
+from kreisel.method.observing import held_by_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Outcome, Scheme
 from kreisel.record.model import Model
@@ -61,10 +62,15 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
     order = record.order(order)
-    key, alike = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
+    key, without_dt = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
 
     def make() -> Scheme:
         made = record.make(model, dt, order, oriented)
-        return replace(made, key=key, code=alike if made.step_in_constants else key)
+        return replace(
+            made,
+            held=held_by_orientation(model, made.components),
+            definition_key=key,
+            kernel_key=without_dt if made.dt_in_constants else key,
+        )
 
     return reused(key if kept else None, make)

@@ -17,9 +17,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import Baecklund, Frame, call, component_axes
 from kreisel.record.model import Model
 
@@ -182,9 +182,7 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     Raises `InputError` for steps beyond the domain.
     """
     maps = Product(model, dt, order, oriented)
-    observe, outcomes = observer(model, None, None, conserved=("casimir", "energy", *model.system.integrals))
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
+    observe, outcomes = observer(model, None, None, ("casimir", "energy", *model.system.integrals), oriented=oriented)
     axes = dict.fromkeys(["mu", "mu_re", "mu_im", "rho", "rho_re", "rho_im"], 0)
     axes |= {f"{k}{j}": 2 for k in ("spin", "turn", "body") for j in (0, 1)}
     return Scheme(
@@ -194,8 +192,10 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         axes={**model.axes, **axes},
         n=model.n,
         prepare=lambda x0: x0,
-        step=maps.pair if maps.pairs else maps.close,
-        close=maps.close if maps.pairs and (maps.single or maps.spins or oriented) else None,
+        motion=Steps(
+            maps.pair if maps.pairs else maps.close,
+            maps.close if maps.pairs and (maps.single or maps.spins or oriented) else None,
+        ),
         observe=observe,
         reopen=lambda x: x,
         outcomes=outcomes,

@@ -74,8 +74,6 @@ def coupling_of(
     model: Model,
     where: Callable[[tuple[Array, ...], Mapping[str, Any]], Body],
     driven: bool,
-    drift: Callable[..., tuple[Array, ...]] | None = None,
-    kick: Callable[..., tuple[Array, ...]] | None = None,
     at_rows: Mapping[str, Any] | None = None,
 ) -> Coupling | None:
     """What the bodies of pairs do to each other; None without pairs.
@@ -100,8 +98,6 @@ def coupling_of(
         forces=(*model.system.space.kinds, *("scalar",) * driven),
         pull=pull,
         together=lambda outputs, z: with_totals(model, outputs, where(z, at_rows or {})),
-        drift=drift,
-        kick=kick,
     )
 
 

@@ -14,9 +14,9 @@ from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.pairs import exact_pair
 from kreisel.exact.rotor import Rotor
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Jump, Orbit, Scheme, Spin
+from kreisel.method.scheme import Jump, Orbit, Orbits, Scheme, Spin
 from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
 
@@ -28,7 +28,7 @@ def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array
     return TopMotion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
 
 
-def iterates(model: Model) -> Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit] | None:
+def iterates(model: Model) -> Orbits | None:
     """The iterates of a map that is D_eps in other variables, n = 3, in closed form; None where it is not known to be.
 
     Its clock counts steps: k of them are the flow over k tau, then the turn k theta about p.  In the moving frame
@@ -42,7 +42,7 @@ def iterates(model: Model) -> Callable[[tuple[Array, ...], Mapping[str, Array], 
     def orbit(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> Orbit:
         return _iterated(model, tuple(z0), given, fixed, sign, reach)
 
-    return orbit
+    return Orbits(orbit)
 
 
 def _iterated(
@@ -135,11 +135,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     free = system.moments is not None
     if not free and system.top is None:
         return exact_pair(model, dt, oriented)
-    observe, outcomes = observer(model, None, None, continuous=free)
+    observe, outcomes = observer(model, None, None, oriented=oriented, continuous=free)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model, continuous=free)
-
     return Scheme(
         name="exact",
         components=with_orientation(model, oriented),
@@ -149,8 +146,9 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         prepare=tuple,
         observe=observe,
         reopen=tuple,
-        orbit=_orbit_of_body(model, oriented) if free else _orbit_of_top(model, oriented),
-        jump=_spin(model) if free else _jump(model),
+        motion=Orbits(_orbit_of_body(model, oriented), _spin(model))
+        if free
+        else Orbits(_orbit_of_top(model, oriented), _jump(model)),
         outcomes=outcomes,
     )
 

@@ -8,9 +8,9 @@ from functools import lru_cache
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome
+from kreisel.method.observing import ORIENTATION, observer
 from kreisel.method.record import Method
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import JaxSteps, Scheme
 from kreisel.record.contract import Frame, Function, call
 from kreisel.record.model import Model
 
@@ -33,7 +33,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
             f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "
             "Leave it out, and use kreisel.reduction's Discrete.reconstruct."
         )
-    observe, outcomes = observer(model, dt, None)
+    observe, outcomes = observer(model, dt, None, oriented=oriented)
     count = len(space.letters)
 
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -57,8 +57,6 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
             "less."
         )
 
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
         name="lagrangian",
         components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()),
@@ -66,13 +64,12 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
         axes={**model.axes, "eps": 0},
         n=model.n,
         prepare=prepare,
-        step=_stepper(phi.step, phi.generator, model.system.frame, count),
+        motion=JaxSteps(_stepper(phi.step, phi.generator, model.system.frame, count), explain),
         observe=observe_all,
         reopen=prepare,
         outcomes=outcomes,
         options={"order": phi.order},
-        numbers="jax",
-        explain=explain,
+        recordable=False,
     )
 
 

@@ -85,9 +85,12 @@ def observer(
     to_user: Callable[..., tuple[Array, ...]] | None,
     conserved: Collection[str] = (),
     meanings: Mapping[str, str] | None = None,
+    oriented: bool = False,
     continuous: bool = False,
 ) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
-    """`observe` and its outcomes.  `to_user` takes the map's own variables to the user's.
+    """`observe` and its outcomes, with that of the orientation where there is one.
+
+    `to_user` takes the map's own variables to the user's.
 
     `continuous`: the method carries of q and -q the one that is continuous in time, which stays.
     """
@@ -95,6 +98,7 @@ def observer(
     table = functions(model, eps, 1 if to_user is None else 2, conserved, meanings)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
+    outcomes |= {ORIENTATION: orientation_outcome(model, continuous)} if oriented else {}
 
     def observe(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)

@@ -18,9 +18,9 @@ from kreisel.method.driven import (
     with_work,
     zero,
 )
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome
+from kreisel.method.observing import ORIENTATION, observer
 from kreisel.method.record import Method
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
@@ -34,7 +34,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     The orientation is carried as a matrix: g' = omega g in the rest frame, g' = g Omega in the moving frame.  Of a
     perturbed body also the time, t' = 1, and the work, where its forces need them.
     """
-    observe, outcomes = observer(model, None, None)
+    observe, outcomes = observer(model, None, None, oriented=oriented)
     space, record = model.system.space, model.system.perturbation
     require_orientation(model, oriented)
     count = len(space.letters)
@@ -65,8 +65,6 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
             out[ORIENTATION] = algebra.unit_quaternion(z[count])
         return with_work(out, z[-1]) if driven else out
 
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
     if driven:
         outcomes |= outcomes_of_work("not conserved by this method")
     outcomes |= outcomes_of_totals(model, "not conserved by this method")
@@ -77,12 +75,12 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         axes=model.axes,
         n=model.n,
         prepare=prepare,
-        rate=rate,
+        motion=Flow(rate),
         observe=observe_all,
         reopen=prepare,
         outcomes=outcomes,
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
-        numbers=model.system.numbers,
+        recordable=model.system.numbers == "any",
         coupling=coupling_of(
             model, lambda z, known: Body(z[:count], z[count] if oriented else None, where(z).get(TIME)), driven
         ),
@@ -93,9 +91,8 @@ def with_tolerance(scheme: Scheme, tol: float) -> Scheme:
     """The same with rtol = tol and atol = tol/1000; itself for the rtol that it has."""
     if tol == RTOL:
         return scheme
-    return replace(
-        scheme, options={**(scheme.options or {}), "rtol": tol, "atol": tol * ATOL / RTOL}, key=None, code=None
-    )
+    options = {**scheme.options, "rtol": tol, "atol": tol * ATOL / RTOL}
+    return replace(scheme, options=options, definition_key=None, kernel_key=None)
 
 
 METHOD = Method(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -97,15 +97,15 @@ class Guard:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Lanes that act on each other in pairs: a stage is `drift` of each lane, the sum of `pull` over pairs, `kick`.
+    """Lanes that act on each other in pairs: the sum of `pull` over pairs acts on each lane.
+
+    A flow adds it to its rates: to the first numbers, in order.  `CoupledSteps` hand it to their `kick`.
 
     pairs      (count, 2), lanes
     constants  of the pairs (count, ...), and `axes` of each without that of pairs
-    forces     the components of what acts on a lane
-    pull(*z1, *z2, **known)    -> forces on the first, forces on the second; known: those of the pair, and scalars
-    drift(*z, **known)         -> z; None for a flow, to whose `rate` forces add: to its first numbers, in order
-    kick(*z, *forces, **known) -> z
-    together(outputs, z)       -> outputs of rows (rows, lanes, ...), with what is of all lanes together
+    forces     the kinds of what acts on a lane
+    pull(*z1, *z2, **known)  -> forces on the first, forces on the second; known: those of the pair, and scalars
+    together(outputs, z)     -> outputs of rows (rows, lanes, ...), with what is of all lanes together
     """
 
     pairs: Array
@@ -114,66 +114,176 @@ class Coupling:
     forces: tuple[str, ...]
     pull: Callable[..., tuple[Array, ...]]
     together: Callable[[Mapping[str, Array], tuple[Array, ...]], dict[str, Array]]
-    drift: Callable[..., tuple[Array, ...]] | None = None
-    kick: Callable[..., tuple[Array, ...]] | None = None
+
+
+class Part(NamedTuple):
+    """A function that kernels call in turn: its name there, and the kinds of what it takes behind the state.
+
+    `staged`: whether it is called in every stage and takes the constants of the stage too.
+    """
+
+    name: str
+    function: Callable[..., tuple[Array, ...]]
+    more: tuple[str, ...] = ()
+    staged: bool = True
+
+    @property
+    def letters(self) -> str:
+        """The constants that it takes: c of the scheme, s of the stage."""
+        return "cs" if self.staged else "c"
+
+
+def _closing(close: Callable[..., tuple[Array, ...]] | None) -> tuple[Part, ...]:
+    return () if close is None else (Part("close", close, staged=False),)
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """A flow in closed form, or the iterates of a map.
+
+    orbit(z0, consts, reach) -> the states at any |time| <= reach, for one lane; of a map at whole times, in steps
+    jump                     the same of a top or a free body, which an engine knows at any time; or None
+    """
+
+    orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit | States]
+    jump: Jump | Spin | None = None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Nothing that is called in turn."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A map.
+
+    step(*z, **constants)  -> z  every stage once, in order, with the constants of the stage
+    close(*z, **constants) -> z  ends a step that has stages, once; None for nothing more to do
+    iterates               many steps at once, where they are known
+    """
+
+    step: Callable[..., tuple[Array, ...]]
+    close: Callable[..., tuple[Array, ...]] | None = None
+    iterates: Orbits | None = None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What kernels call in turn."""
+        return (Part("step", self.step), *_closing(self.close))
+
+
+@dataclass(frozen=True)
+class JaxSteps:
+    """A map of JAX arrays, in one stage; explain(z, constants) -> text says why the step from z gave NaN."""
+
+    step: Callable[..., tuple[Array, ...]]
+    explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] = lambda z, constants: "The step is not finite."
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What is called in turn."""
+        return (Part("step", self.step),)
+
+
+@dataclass(frozen=True)
+class CoupledSteps:
+    """A map of lanes that act on each other: a stage is `drift` of each lane, the sum over pairs, `kick` of each lane.
+
+    drift(*z, **constants)         -> z
+    kick(*z, *forces, **constants) -> z  forces, of these kinds, are what acts on the lane
+    close(*z, **constants)         -> z  as that of `Steps`
+    """
+
+    drift: Callable[..., tuple[Array, ...]]
+    kick: Callable[..., tuple[Array, ...]]
+    forces: tuple[str, ...]
+    close: Callable[..., tuple[Array, ...]] | None = None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What kernels call in turn."""
+        return (Part("drift", self.drift), Part("kick", self.kick, self.forces), *_closing(self.close))
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A right-hand side, for integrators of a library: rate(*z, **constants) -> z'."""
+
+    rate: Callable[..., tuple[Array, ...]]
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What a kernel calls."""
+        return (Part("rate", self.rate),)
+
+
+Motion = Steps | CoupledSteps | JaxSteps | Flow | Orbits
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """A method for one model.
+    """A method for one model: numbers, functions around its motion, and the motion, which says what kind it is.
 
-    prepare(x0)            -> z0        once
-    step(*z, **constants)  -> z         the map, compiled by an engine; None for a flow
-    close(*z, **constants) -> z         ends a step that has stages, once; None for nothing more to do
-    trajectory(x0)         -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
-                              their axes stand in `axes`.  `on(x0)` puts them in
-    rate(*z, **constants)  -> z'        the right-hand side, for methods of a library; None for a map
-    orbit(z0, consts, reach) -> Orbit or States: the states at any |time| <= reach in closed form, for one lane; a map,
-                                        which also states its step, has whole times and counts steps
-    jump                                the same as the flow of a top or a free body, which an engine knows at any time;
-                                        or None
-    observe(z, **constants) -> outputs  at saved steps; batch axes (time, lane) in front; also takes `basis`
-    conserved(z, **consts) -> outputs   as `observe`, in the form of an engine, of what the form does not keep by itself
-    reopen(x)              -> z         from an observed state back to the method's own variables
-    held(z)                -> arrays    constant along a trajectory, which bind an orientation to the state; or None
-    explain(z, constants)  -> text      why the step from z gave NaN, for implicit maps
-    coupling                            what lanes do to each other, in place of `step`; None for lanes on their own
-
-    A method that composes a step of several stages calls `step` once for each, in order: `stages` holds the
-    constants that vary with the stage, along an axis of their own.
+    prepare(x0)             -> z0        once
+    observe(z, **constants) -> outputs   at saved steps; batch axes (time, lane) in front; also takes `basis`
+    reopen(x)               -> z         from an observed state back to the method's own variables
+    trajectory(x0)          -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
+                               their axes stand in `axes`.  `on(x0)` puts them in
+    conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what the form does not keep itself
+    held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
+    coupling                             what lanes do to each other; None for lanes on their own
+    guard                                what the run must not exceed; None for nothing
     """
 
     name: str
     components: Components
-    constants: Mapping[str, Array]  # what step or rate takes by keyword: ([lane,] ...)
+    constants: Mapping[str, Array]  # what the motion takes by keyword: ([lane,] ...)
     axes: Mapping[str, int]  # of each constant, without the axes of lane and stage
     n: int
     prepare: Callable[[tuple[Array, ...]], tuple[Array, ...]]
     observe: Callable[..., dict[str, Array]]
     outcomes: Mapping[str, Outcome]
     reopen: Callable[[tuple[Array, ...]], tuple[Array, ...]]
-    step: Callable[..., tuple[Array, ...]] | None = None
-    rate: Callable[..., tuple[Array, ...]] | None = None
-    orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit | States] | None = None
-    jump: Jump | Spin | None = None
+    motion: Motion
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
-    close: Callable[..., tuple[Array, ...]] | None = None
-    options: Mapping[str, Any] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     guard: Guard | None = None
     trajectory: Callable[[tuple[Array, ...]], tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
-    numbers: str = "any"  # as in the record: what step and rate work on
+    recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
     conserved: Callable[..., dict[str, Array]] | None = None
-    explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
     coupling: Coupling | None = None
-    step_in_constants: bool = False  # whether dt enters `constants` and `stages` alone, beside what is observed
-    key: tuple[Any, ...] | None = None  # schemes with the same one differ in constants of the trajectory alone
-    code: tuple[Any, ...] | None = None  # those with the same one in constants alone, so they have the same kernel
+    dt_in_constants: bool = False  # whether dt enters `constants` and `stages` alone, beside what is observed
+    # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
+    definition_key: tuple[Any, ...] | None = None  # differ in constants of the trajectory alone
+    kernel_key: tuple[Any, ...] | None = None  # differ in constants alone, dt among them, and have one kernel
+
+    @property
+    def kinds(self) -> list[str]:
+        """The kinds of the components."""
+        return [kind for _, kind in self.components]
+
+    def component(self, z: tuple[Array, ...], letter: str) -> Array:
+        """The component of that letter."""
+        return z[[name for name, _ in self.components].index(letter)]
+
+    @property
+    def known(self) -> dict[str, Array]:
+        """All that `observe` takes by keyword."""
+        return {**self.constants, **self.basis}
+
+    @property
+    def orbits(self) -> Orbits | None:
+        """The states in closed form, of a flow or of the iterates of a map; None where it is not known."""
+        if isinstance(self.motion, Orbits):
+            return self.motion
+        return self.motion.iterates if isinstance(self.motion, Steps) else None
 
     @property
     def stage_count(self) -> int:
-        """How often `step` is called in a step of the method."""
+        """How many stages a step of the method has."""
         counts = {np.shape(v)[np.ndim(v) - self.axes[k] - 1] for k, v in self.stages.items()}
         if len(counts) > 1:
             raise ValueError(f"all constants of the stages of {self.name} need the same number of stages: {counts}")
@@ -190,9 +300,11 @@ class Scheme:
 
     def advance(self, *z: Array) -> tuple[Array, ...]:
         """A whole step by the definition: every stage once, then `close`.  Engines compile the same."""
-        if self.step is None:
+        if not isinstance(self.motion, Steps | JaxSteps):
             raise TypeError(f"the scheme {self.name} states no step")
         for stage in range(self.stage_count):
             varying = {k: np.take(v, stage, np.ndim(v) - self.axes[k] - 1) for k, v in self.stages.items()}
-            z = self.step(*z, **self.constants, **varying)
-        return z if self.close is None else self.close(*z, **self.constants)
+            z = self.motion.step(*z, **self.constants, **varying)
+        for part in self.motion.parts[1:]:
+            z = part.function(*z, **self.constants)
+        return z

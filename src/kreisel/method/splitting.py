@@ -39,9 +39,9 @@ from kreisel.method.driven import (
     zero,
 )
 from kreisel.method.integrable import Integrable, integrable
-from kreisel.method.observing import observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Outcome, Scheme
+from kreisel.method.scheme import CoupledSteps, Guard, Outcome, Scheme, Steps
 from kreisel.method.splitting_coefficients import ORDERS, splitting
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
@@ -193,6 +193,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
     observe, outcomes = _observer(body, order)
     stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
     constants = {"_last": np.array(a[-1] * dt), "_dt": np.array(dt)}
+    coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt)})
     return Scheme(
         name="splitting",
         components=(*with_orientation(model, oriented), *((name, "scalar") for name in body.extra)),
@@ -201,17 +202,16 @@ def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
         stages=stages,
         n=model.n,
         prepare=body.begin,
-        step=body.step if body.record.pair is None else None,
-        close=body.close,
+        motion=Steps(body.step, body.close)
+        if coupling is None
+        else CoupledSteps(body.drift, body.kick, coupling.forces, body.close),
         observe=observe,
         reopen=body.begin,
         outcomes=outcomes,
         options={"order": order},
-        step_in_constants=True,
+        dt_in_constants=True,
         guard=None if body.part.reach is None else _guard(body.part),
-        coupling=coupling_of(
-            model, body.where, body.driven, body.drift, body.kick, {"_node": np.zeros(()), "_dt": np.array(dt)}
-        ),
+        coupling=coupling,
     )
 
 
@@ -234,9 +234,7 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
     )
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
-    plain, outcomes = observer(model, None, None, conserved=names, meanings={"energy": energy}, continuous=True)
-    if body.oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model, continuous=True)
+    plain, outcomes = observer(model, None, None, names, {"energy": energy}, body.oriented, continuous=True)
     if body.driven:
         outcomes |= outcomes_of_work(oscillates)
     outcomes |= outcomes_of_totals(model, oscillates)

@@ -6,9 +6,9 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.exact import iterates
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
 
@@ -22,7 +22,10 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     phi = model.map
     eps = {"eps": dt}
     observe, outcomes = observer(
-        model, dt, (lambda *z, **known: model.call(phi.to_symmetric, *z, **eps, **known)) if order == 2 else None
+        model,
+        dt,
+        (lambda *z, **known: model.call(phi.to_symmetric, *z, **eps, **known)) if order == 2 else None,
+        oriented=oriented,
     )
     components = with_orientation(model, oriented)
     letters = model.system.space.letters
@@ -40,8 +43,6 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         new = call(phi.step, own, consts)
         return (*new, *(_turned_by_generator(model, own, new, g, consts) for g in z[len(letters) :]))
 
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
         name="suris",
         components=components,
@@ -49,8 +50,7 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         axes={**model.axes, "eps": 0},
         n=model.n,
         prepare=prepare,
-        step=step,
-        orbit=None if oriented else iterates(model),
+        motion=Steps(step, iterates=None if oriented else iterates(model)),
         observe=observe,
         reopen=reopen,
         outcomes=outcomes,

@@ -27,9 +27,9 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Scheme
+from kreisel.method.scheme import Guard, Scheme, Steps
 from kreisel.record.contract import Frame, System, call
 from kreisel.record.model import Model
 
@@ -53,7 +53,7 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     system, space = model.system, model.system.space
     fractions = symmetric_composition(order)
     energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
-    observe, outcomes = observer(model, None, None, conserved=("casimir", "noether"), meanings={"energy": energy})
+    observe, outcomes = observer(model, None, None, ("casimir", "noether"), {"energy": energy}, oriented)
     count = len(space.letters)
 
     def step(*z: Array, eps: Array, **consts: Array) -> State:
@@ -63,8 +63,6 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     def reopen(x: State) -> State:
         return (*x, 0 * x[0].sum(-1).sum(-1) if space.kinds[0] == "skew" else 0 * x[0].sum(-1))
 
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
         name="variational",
         components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
@@ -73,12 +71,12 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         stages={"eps": fractions * dt},
         n=model.n,
         prepare=reopen,
-        step=step,
+        motion=Steps(step),
         observe=lambda z, /, **constants: observe(z[:-1], **constants),
         reopen=reopen,
         outcomes=outcomes,
         options={"order": order},
-        step_in_constants=True,
+        dt_in_constants=True,
         guard=Guard(
             DEFECT,
             (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,

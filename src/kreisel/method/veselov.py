@@ -12,9 +12,9 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Scheme
+from kreisel.method.scheme import Guard, Scheme, Steps
 from kreisel.method.variational import DEFECT
 from kreisel.record.contract import Frame, call, keywords
 from kreisel.record.model import Model
@@ -32,7 +32,7 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """
     phi, space = model.map, model.system.space
     gamma = symmetric_composition(order)
-    observe, outcomes = observer(model, dt, None)
+    observe, outcomes = observer(model, dt, None, oriented=oriented)
     count, implicit = len(space.letters), phi.turn is not None
     extra = ((DEFECT, "scalar"),) if implicit else ()
 
@@ -57,8 +57,6 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         _check_domain(model, x0[:count], dt * float(abs(gamma).max()), order)
         return reopen(x0)
 
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
         name="veselov",
         components=(*with_orientation(model, oriented), *extra),
@@ -67,7 +65,7 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         stages={"eps": gamma * dt},
         n=model.n,
         prepare=prepare,
-        step=step,
+        motion=Steps(step),
         observe=(lambda z, /, **constants: observe(z[:-1], **constants)) if implicit else observe,
         reopen=reopen,
         outcomes=outcomes,

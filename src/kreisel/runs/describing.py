@@ -82,7 +82,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "parameters": json.dumps({k: v.tolist() for k, v in model.params.items()}),
         "start_sha256": checkpoint.hash_of_start(plan.start),
         "method": plan.scheme.name,
-        "options": json.dumps(dict(plan.scheme.options or {})),
+        "options": json.dumps(dict(plan.scheme.options)),
         **({} if plan.settings.observe is None else {"observe": json.dumps(plan.settings.observe)}),
         "engine": plan.where,
         "projection": plan.engine.projection.every if plan.engine.projection else 0,

@@ -176,11 +176,10 @@ class Integration:
         )
         guard = self.plan.scheme.guard
         if guard is not None:
-            letters = [letter for letter, _ in self.plan.scheme.components]
-            place = letters.index(guard.component)
 
             def within(rows: Floats) -> Array:
-                return layout.restore(rows, self.plan.kinds, self.plan.model.n)[place] <= guard.limit
+                z = layout.restore(rows, self.plan.kinds, self.plan.model.n)
+                return self.plan.scheme.component(z, guard.component) <= guard.limit
 
             self._require(within, guard.fault, guard.cause)
         projection = self.plan.engine.projection

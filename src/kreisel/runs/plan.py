@@ -17,8 +17,9 @@ from kreisel.kernels import layout
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method, find, scheme
-from kreisel.method.observing import ORIENTATION, held_by_orientation
+from kreisel.method.observing import ORIENTATION
 from kreisel.method.reference import with_tolerance
+from kreisel.method.scheme import Flow
 from kreisel.record.contract import component_axes
 from kreisel.record.model import Model, State
 
@@ -113,7 +114,7 @@ class Plan:
     @property
     def kinds(self) -> list[str]:
         """The kinds of the components that are stepped."""
-        return [kind for _, kind in self.scheme.components]
+        return self.scheme.kinds
 
     @property
     def computed(self) -> dict[str, Floats]:
@@ -161,8 +162,7 @@ class Plan:
         return {name: found[name] for name in self.outcomes}
 
     def _plainly(self, z: Floats) -> dict[str, Array]:
-        known = {**self.scheme.constants, **self.scheme.basis}
-        return self.variables(layout.restore(z, self.kinds, self.model.n), **known)
+        return self.variables(layout.restore(z, self.kinds, self.model.n), **self.scheme.known)
 
     def _shaped(self, z: Floats, outputs: Mapping[str, Array]) -> dict[str, Array]:
         out = {}
@@ -185,7 +185,7 @@ class Plan:
     @cached_property
     def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
         """`variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
-        if self.scheme.rate is not None or self.scheme.numbers != "any":
+        if isinstance(self.scheme.motion, Flow) or not self.scheme.recordable:
             return None
         from kreisel.kernels.cpu import compiled_observe
 
@@ -205,7 +205,6 @@ def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) 
         return _chosen(model, state, settings, orientation)
     method = settings.method or _default(model, settings)
     made = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
-    made = replace(made, held=held_by_orientation(model, made.components))
     if settings.tol is not None:
         made = with_tolerance(made, within_tolerances(settings.tol))
     observed(settings.observe, made)
@@ -236,7 +235,7 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Any) ->
     (choice,) = _choices(model, state, settings, orientation, each=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
-    return replace(plan, scheme=replace(plan.scheme, options={**(plan.scheme.options or {}), **chosen}))
+    return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
 
 
 def choices(model: Model, x0: Any, settings: Settings, orientation: Any = None) -> list[Choice]:
@@ -285,8 +284,7 @@ def _pilot(model: Model, state: State, settings: Settings, orientation: Any) -> 
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)
         z = layout.restore(out[0], plan.kinds, model.n)
-        letters = [letter for letter, _ in made.components]
-        if made.guard is not None and not (z[letters.index(made.guard.component)] <= made.guard.limit).all():
+        if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
             return None
         own = layout.flatten(z[: len(parts)], plan.kinds[: len(parts)])
         return Pilot(own, made.stage_count * getattr(plan.engine, "work", 1.0)) if np.isfinite(own).all() else None
@@ -330,7 +328,7 @@ def plan_of_times(
     check_model(model)
     state = checked_state(model, x0)
     made = scheme(model, named(method, "method"), dt, whole_order(order), orientation is not None)
-    if made.orbit is None:
+    if made.orbits is None:
         raise InputError(
             f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
             f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
@@ -379,8 +377,7 @@ def _lanes(
     plan, printer = plan.on(spread), None
     if engine == "large" or (engine is None and plan.n >= LARGE):
         plan, printer = _structured(plan, spread, engine)
-    kinds = [kind for _, kind in plan.components]
-    return plan, np.asarray(layout.flatten(plan.prepare(spread), kinds)), printer
+    return plan, np.asarray(layout.flatten(plan.prepare(spread), plan.kinds)), printer
 
 
 def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:

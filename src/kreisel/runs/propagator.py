@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +18,7 @@ from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.driven import COUNT
-from kreisel.method.observing import held_by_orientation
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Flow, Orbits, Scheme
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.at import wanted_times
@@ -76,9 +74,8 @@ def propagator(
             f"{system.system.name}: expected observe=() for bodies that act on each other in pairs, got "
             f"{shown(observe)}. kr.simulate observes them."
         )
-    if dt is None and (made.step is not None or made.orbit is None):
+    if dt is None and not isinstance(made.motion, Orbits):
         raise InputError(f"method={made.name!r} needs a step dt, got none.")
-    made = replace(made, held=held_by_orientation(system, made.components))
     settings = Settings(dt=step, steps=1, method=method, order=order, project=bool(project))
     return Propagator(system, made, settings.but(observe=observed(observe, made)), dt is not None)
 
@@ -187,15 +184,15 @@ class Propagator(StateForms):
 
     @property
     def _is_flow(self) -> bool:
-        return self._scheme.orbit is not None and self._scheme.step is None
+        return isinstance(self._scheme.motion, Orbits)
 
     def _require_steps(self, what: str) -> None:
-        if self._scheme.name == "suris" and (self._scheme.options or {}).get("order") == 2:
+        if self._scheme.name == "suris" and self._scheme.options.get("order") == 2:
             raise InputError(
                 f"{what}: expected a method whose steps may differ, got method='suris' of order 2, whose variables "
                 "depend on dt. Use method='baecklund', or order=1."
             )
-        if self.model.n >= LARGE or self._scheme.rate is not None:
+        if self.model.n >= LARGE or isinstance(self._scheme.motion, Flow):
             raise InputError(
                 f"{what}: expected a method that makes steps, or a closed form, and n < {LARGE}, got "
                 f"method={self._scheme.name!r}, n = {self.model.n}. Use kr.simulate."
@@ -215,9 +212,8 @@ class Propagator(StateForms):
             return self._states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
         made = self._scheme
         if h != self.dt:
-            order = (made.options or {}).get("order")
+            order = made.options.get("order")
             made = scheme(self.model, made.name, h, order, self._oriented, kept=False)
-            made = replace(made, held=self._scheme.held)
         start = self._timed(z, time, h)
         engine = self._begun(start, count, every, made)
         out = self._rows(engine, x, start, count, every)
@@ -248,13 +244,14 @@ class Propagator(StateForms):
             )
         if not timed:
             return z
-        flow = self._scheme.rate is not None
+        flow = isinstance(self._scheme.motion, Flow)
         z[:, self._column_of(TIME if flow else COUNT)] = finite_number(time, "time") / (1 if flow else self.dt)
         return z
 
     def _states(self, z: Floats, when: Floats) -> Floats:
         """By compiled jumps where all of them are right, else by orbits that are set up for this state."""
-        if self._scheme.jump is not None and len(when) <= FEW:
+        orbits = self._scheme.orbits
+        if orbits is not None and orbits.jump is not None and len(when) <= FEW:
             jumps = self._jumps.get(len(z))
             if jumps is None:
                 jumps = self._jumps[len(z)] = Jumps(self._scheme, len(z))
@@ -299,7 +296,7 @@ class Propagator(StateForms):
 
         Raises `InputError` for bad input and where no closed form is known, `RunError` where numbers overflow.
         """
-        if self._scheme.orbit is None:
+        if self._scheme.orbits is None:
             raise InputError(
                 f"No closed form of method={self._scheme.name!r} for {self.model.system.name} is known here. "
                 "Use .steps(state, n), or kr.simulate."
@@ -319,7 +316,7 @@ class Propagator(StateForms):
         """An engine at the start z: one that is at rest, or a new one; `made`: the scheme with another step."""
         made = self._scheme if made is None else made
         if made.trajectory is not None:
-            made = made.on(layout.restore(z, [kind for _, kind in made.components], made.n))
+            made = made.on(layout.restore(z, made.kinds, made.n))
         try:
             engine = self._at_rest[len(z)].pop()
         except (KeyError, IndexError):
@@ -335,8 +332,8 @@ class Propagator(StateForms):
             )
         guard, projection = self._scheme.guard, engine.projection
         if guard is not None:
-            place = [letter for letter, _ in self._scheme.components].index(guard.component)
-            if (layout.restore(out, self._own_kinds, self.model.n)[place] > guard.limit).any():
+            z = layout.restore(out, self._own_kinds, self.model.n)
+            if (self._scheme.component(z, guard.component) > guard.limit).any():
                 raise RunError(f"{guard.fault}. Usual cause: {guard.cause}")
         if projection is not None and projection.worst.any():
             beyond = projection.beyond(self.settings.dt * abs(engine.z).max(-1))

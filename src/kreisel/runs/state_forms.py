@@ -34,7 +34,7 @@ class StateForms:
         components = with_orientation(model, self._oriented)
         self.letters = tuple(letter for letter, _ in components)
         self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
-        self._own_kinds = [kind for _, kind in made.components]
+        self._own_kinds = made.kinds
         self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
         self.size = sum(layout.coordinate_count(kind, model.n) for kind in self._kinds)
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]

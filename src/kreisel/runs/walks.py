@@ -31,25 +31,25 @@ class Crossing(NamedTuple):
 class Walk:
     """States of a propagator as they are stepped, rows z (lanes, d), at the time t."""
 
-    def __init__(self, p: Propagator, x: Floats, time: float):
-        self._p, self._x, self.time = p, x, time
-        self.z = p.prepared(x)
+    def __init__(self, propagator: Propagator, x: Floats, time: float):
+        self._propagator, self._start, self.time = propagator, x, time
+        self.z = propagator.prepared(x)
 
     def to(self, time: float) -> None:
         """Go to a later time, in equal steps of at most dt."""
         gap = time - self.time
-        require_reach(self._p.dt, self.time, time)
+        require_reach(self._propagator.dt, self.time, time)
         if gap > SHORTEST_STEP:
-            count = max(1, math.ceil(gap / self._p.dt * (1 - WHOLE)))
+            count = max(1, math.ceil(gap / self._propagator.dt * (1 - WHOLE)))
             self.z, self.time = self.rows(gap / count, count, count)[-1], time
 
     def rows(self, h: float, count: int, every: int) -> Floats:
         """The states 0, every, ... of so many steps of length h from here; the walk itself stays."""
-        return self._p.stepped(self._x, self.z, self.time, h, count, every)
+        return self._propagator.stepped(self._start, self.z, self.time, h, count, every)
 
-    def after(self, z: Floats, time: float, h: float) -> Floats:
-        """The state a single step of length h after z."""
-        return self._p.stepped(self._x, z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
+    def one_step(self, z: Floats, time: float, h: float) -> Floats:
+        """The state after a single step of length h from z at that time; the walk itself stays."""
+        return self._propagator.stepped(self._start, z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
 
 
 def first_crossing(
@@ -57,19 +57,19 @@ def first_crossing(
 ) -> tuple[Floats, float, bool]:
     """The state where `quantity` of a state first changes its sign after `time`, or that at `end`."""
     require_reach(p.dt, time, end)
-    walk, many = Walk(p, x, time), FEWEST
-    value = _of(p, quantity, walk.z, time)
+    walk, block = Walk(p, x, time), FEWEST
+    value = _value(p, quantity, walk.z, time)
     side = np.sign(value) if abs(value) > AT_ZERO * _size(p, quantity, walk) else 0.0
     while walk.time < end:
         left = (end - walk.time) / p.dt * (1 - WHOLE)
-        count, h = (min(many, math.floor(left)), p.dt) if left >= 1 else (1, end - walk.time)
-        rows, many = walk.rows(h, count, 1), min(2 * many, MOST_ROWS)
+        count, h = (min(block, math.floor(left)), p.dt) if left >= 1 else (1, end - walk.time)
+        rows, block = walk.rows(h, count, 1), min(2 * block, MOST_ROWS)
         for k, row in enumerate(rows[1:]):
-            begun, before, value = walk.time + k * h, value, _of(p, quantity, row, walk.time + (k + 1) * h)
+            begun, before, value = walk.time + k * h, value, _value(p, quantity, row, walk.time + (k + 1) * h)
             new = np.sign(value)
             if side * new < 0 and rising in (None, new > 0):
                 at = _root(p, quantity, walk, rows[k], begun, h) if side * np.sign(before) > 0 else 0.0
-                return p.returned(walk.after(rows[k], begun, at), begun + at), begun + at, True
+                return p.returned(walk.one_step(rows[k], begun, at), begun + at), begun + at, True
             side = new or side
         walk.z, walk.time = rows[-1], end if left < 1 else walk.time + count * h
     return p.returned(walk.z, walk.time), walk.time, False
@@ -84,14 +84,14 @@ def require_reach(dt: float, time: float, end: float) -> None:
         )
 
 
-def _of(p: Propagator, quantity: Callable[[Floats], float], z: Floats, time: float) -> float:
+def _value(p: Propagator, quantity: Callable[[Floats], float], z: Floats, time: float) -> float:
     return quantity(p.returned(z, time))
 
 
 def _size(p: Propagator, quantity: Callable[[Floats], float], walk: Walk) -> float:
     """The size of a quantity within a step: a search may begin where the last one ended, at a value of rounding."""
-    after = walk.after(walk.z, walk.time, p.dt)
-    return max(abs(_of(p, quantity, z, t)) for z, t in ((walk.z, walk.time), (after, walk.time + p.dt)))
+    states = (walk.z, walk.time), (walk.one_step(walk.z, walk.time, p.dt), walk.time + p.dt)
+    return max(abs(_value(p, quantity, z, t)) for z, t in states)
 
 
 def _root(p: Propagator, quantity: Callable[[Floats], float], walk: Walk, z: Floats, begun: float, h: float) -> float:
@@ -99,7 +99,7 @@ def _root(p: Propagator, quantity: Callable[[Floats], float], walk: Walk, z: Flo
     from scipy.optimize import brentq
 
     def value(s: float) -> float:
-        return _of(p, quantity, walk.after(z, begun, s), begun + s)
+        return _value(p, quantity, walk.one_step(z, begun, s), begun + s)
 
     return float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
 

@@ -198,7 +198,7 @@ class Sweep:
         out: dict[str, Array] = {}
         for summary in summaries:
             out |= summary.result()
-        options = plan.scheme.options or {}
+        options = plan.scheme.options
         if isinstance(options.get("order"), int):
             chosen = (options["order"], plan.dt)
             out |= {name: np.full(plan.lanes, float(value)) for name, value in zip(CHOSEN, chosen, strict=True)}

@@ -22,7 +22,7 @@ from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.printing import split
 from kreisel.kernels.recording import indented, recorded_function
-from kreisel.method.scheme import Orbit, Scheme, Spin, States
+from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin, States
 
 AT_ONCE = 4096  # times that a function is asked for
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
@@ -96,10 +96,16 @@ TURN = """
 """
 
 
+def closed_form_of(scheme: Scheme) -> Orbits:
+    """That of a scheme.  Raises `TypeError` where it states none."""
+    if scheme.orbits is None:
+        raise TypeError(f"the scheme {scheme.name} states no orbit")
+    return scheme.orbits
+
+
 def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> list[Orbit | States]:
     """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` for what has none."""
-    if scheme.orbit is None:
-        raise TypeError(f"the scheme {scheme.name} states no orbit")
+    orbit = closed_form_of(scheme).orbit
     kinds = [kind for _, kind in scheme.components]
     starts = layout.restore(z0.copy(), kinds, scheme.n)  # an engine goes on changing its rows
     lanes = len(z0)
@@ -108,8 +114,7 @@ def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> li
         array = np.asarray(value, dtype=np.float64)
         constants[name] = np.broadcast_to(array, (lanes, *array.shape[array.ndim - scheme.axes[name] :]))
     return [
-        scheme.orbit(tuple(part[lane] for part in starts), {k: v[lane] for k, v in constants.items()}, reach)
-        for lane in which
+        orbit(tuple(part[lane] for part in starts), {k: v[lane] for k, v in constants.items()}, reach) for lane in which
     ]
 
 
@@ -131,7 +136,7 @@ class ClosedForm:
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float, every: int = 1):
         self.z = np.array(z0, dtype=np.float64)
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
-        self._done, self._jumped = 0, jumps.ROWS * every if isinstance(scheme.jump, Spin) else 0
+        self._done, self._jumped = 0, jumps.ROWS * every if isinstance(closed_form_of(scheme).jump, Spin) else 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         self._known: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Any] | None = None
@@ -205,7 +210,7 @@ class ClosedForm:
 
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""
-        if self._scheme.jump is None or len(times) > jumps.FEW:
+        if closed_form_of(self._scheme).jump is None or len(times) > jumps.FEW:
             out, which = np.empty((len(times), *self.z.shape)), list(range(len(self.z)))
         else:
             out, right = self._jumps.at(self._start, times)

@@ -174,7 +174,7 @@ def _map_source(oriented: bool) -> str:
 def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     from kreisel.kernels._numba.vector_type import register_width
 
-    jump = scheme.jump
+    jump = None if scheme.orbits is None else scheme.orbits.jump
     if jump is None:
         raise TypeError(f"the scheme {scheme.name} states no jump")
     state = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
@@ -284,7 +284,7 @@ class Jumps:
 
     def __init__(self, scheme: Scheme, lanes: int):
         self._constants, columns = flat_constants(scheme, lanes)
-        key = None if scheme.key is None else (Jumps, scheme.key)
+        key = None if scheme.definition_key is None else (Jumps, scheme.definition_key)
         self._jump = reused(key, lambda: load_kernel(_jump_source(scheme, columns)).jump)
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:

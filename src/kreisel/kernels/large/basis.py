@@ -55,7 +55,7 @@ class Basis:
     @staticmethod
     def of(form: LargeForm, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
         """The basis for the states z0."""
-        kinds = tuple(kind for _, kind in scheme.components)
+        kinds = tuple(scheme.kinds)
         p = np.asarray(scheme.constants[form.axis], dtype=np.float64)
         m = np.asarray(z0[kinds.index("skew")], dtype=np.float64)
         batch = np.broadcast_shapes(p.shape[:-1], m.shape[:-2])

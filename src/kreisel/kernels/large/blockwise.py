@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from kreisel.kernels.large import products
 from kreisel.kernels.large.basis import AXIS_NAME, TURN_NAME
-from kreisel.kernels.large.forms import INVERSE, LargeForm, LargeFunction, large_functions, recorded_large
+from kreisel.kernels.large.forms import INVERSE, LargeForm, LargeFunction, recorded_large
 from kreisel.kernels.large.levels import Levels, beyond, is_total
 from kreisel.kernels.large.matrix_products import MatrixProducts
 from kreisel.kernels.large.products import Upkeep
@@ -62,7 +62,7 @@ class Printer:
 
     def __init__(self, form: LargeForm, scheme: Scheme):
         self.form, self.scheme = form, scheme
-        self.kinds = [kind for _, kind in scheme.components]
+        self.kinds = scheme.kinds
         self.names = form.names(self.kinds)
         self.end = form.h  # of the loops over the entries
         self.work = Workspace(form.h)
@@ -72,7 +72,7 @@ class Printer:
         self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
     ) -> str:
         """The source; `columns` say where each constant stands in its row."""
-        pieces = [recorded_large(self.form, self.kinds, *function) for function in large_functions(self.scheme)]
+        pieces = [recorded_large(self.form, self.kinds, part) for part in self.scheme.motion.parts]
         if "matrix" not in self.kinds and all(self._stays_zero(piece) for piece in pieces):
             self.end = -(-self.form.h // VECTOR) * VECTOR
         places = self._places()

@@ -13,7 +13,7 @@ About an axis an orientation may be carried along, known by its columns or its r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from kreisel.kernels.large.products import Change, Inverse, Upkeep
 from kreisel.kernels.large.structured import StructuredColumns, StructuredMatrix, StructuredRows, StructuredVector
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.tape import Scalar, Tape, source_of
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Part, Scheme, Steps
 
 AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape
 INVERSE = "inverse"
@@ -159,10 +159,10 @@ class LargeForm:
             observe=basis.observer(scheme.observe) if basis else self._observer(scheme.observe),
             reopen=lambda x: into(scheme.reopen(x)),
             conserved=self._conserved(scheme.observe) if basis else None,
-            numbers="structured",
+            recordable=False,
             basis=basis.arrays if basis else {},
-            key=None,
-            code=None if scheme.code is None else (scheme.code, own),
+            definition_key=None,
+            kernel_key=None if scheme.kernel_key is None else (scheme.kernel_key, own),
         )
 
     def _conserved(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
@@ -228,9 +228,9 @@ def _momentum(value: Any) -> StructuredVector:
 
 def form_of(scheme: Scheme) -> LargeForm | None:
     """The form that a scheme with the constants of its trajectories has, found by recording it; None for none."""
-    if scheme.step is None or scheme.numbers != "any" or scheme.n < LEAST_N:
+    if not isinstance(scheme.motion, Steps) or not scheme.recordable or scheme.n < LEAST_N:
         return None
-    kinds = tuple(kind for _, kind in scheme.components)
+    kinds = tuple(scheme.kinds)
     if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
         return None
     axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _constant_names(scheme, letter)}
@@ -247,14 +247,16 @@ def form_of(scheme: Scheme) -> LargeForm | None:
     tried = [
         LargeForm(scheme.n, axis, r, 0, kinds, by_rows) for r, (axis, _, by_rows) in zip(roles, forms, strict=True)
     ]
-    return reused(None if scheme.code is None else (form_of, scheme.code), lambda: _first_that_holds(tried, scheme))
+    return reused(
+        None if scheme.kernel_key is None else (form_of, scheme.kernel_key), lambda: _first_that_holds(tried, scheme)
+    )
 
 
 def _first_that_holds(forms: list[LargeForm], scheme: Scheme) -> LargeForm | None:
     for form in forms:
         kinds = form.kinds
         try:
-            pieces = [recorded_large(form, list(kinds), *function) for function in large_functions(scheme)]
+            pieces = [recorded_large(form, list(kinds), part) for part in scheme.motion.parts]
         except (TypeError, KeyError, AttributeError):
             continue
         upkeep = pieces[0].upkeep
@@ -269,14 +271,6 @@ def _constant_names(scheme: Scheme, letter: str) -> list[str]:
     return [*(scheme.constants if letter == "c" else scheme.stages)]
 
 
-def large_functions(scheme: Scheme) -> Iterator[tuple[Callable[..., Any], str]]:
-    """The step and `close`, and the constants that they take."""
-    if scheme.step is not None:
-        yield scheme.step, "cs"
-    if scheme.close is not None:
-        yield scheme.close, "c"
-
-
 class LargeFunction(NamedTuple):
     """A recorded function: its lines, the new state, and what is done to a dense momentum."""
 
@@ -285,10 +279,10 @@ class LargeFunction(NamedTuple):
     upkeep: Upkeep | None
 
 
-def recorded_large(form: LargeForm, kinds: list[str], function: Callable[..., Any], letters: str) -> LargeFunction:
+def recorded_large(form: LargeForm, kinds: list[str], part: Part) -> LargeFunction:
     """A step or `close` on recorded numbers; TypeError where the form does not hold."""
-    tape = Tape("e" * (letters == "c"))
-    values = function(*form.state(tape, kinds), **form.known(tape, letters))
+    tape = Tape("" if part.staged else "e")
+    values = part.function(*form.state(tape, kinds), **form.known(tape, part.letters))
     new = form.outputs(values, kinds)
     if any(not isinstance(v, Scalar | float | int) for v in new):
         raise TypeError("a new state that is complex")

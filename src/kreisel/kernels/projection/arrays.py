@@ -119,7 +119,9 @@ class Observed:
         self._kinds = [kind for _, kind, _ in sizes]
         self.own = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
         self._known = [self._constants(lane) for lane in range(len(z))]
-        in_form, self.members = reused(None if scheme.code is None else (Observed, scheme.code), self._found)
+        in_form, self.members = reused(
+            None if scheme.kernel_key is None else (Observed, scheme.kernel_key), self._found
+        )
         self.function = scheme.conserved if in_form and scheme.conserved else scheme.observe
 
     def _found(self) -> tuple[bool, dict[str, Array]]:
@@ -136,7 +138,7 @@ class Observed:
         axes = self.scheme.axes
         return {
             name: np.asarray(value)[lane] if np.ndim(value) > axes[name] else value
-            for name, value in {**self.scheme.constants, **self.scheme.basis}.items()
+            for name, value in self.scheme.known.items()
         }
 
     def at(self, row: Any, lane: int) -> dict[str, Array]:
@@ -171,7 +173,7 @@ class Observed:
     def together(self, z: Floats) -> dict[str, Floats]:
         """`at` of all lanes, with the first numbers of `z`, by the definitions on arrays of all lanes."""
         rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
-        known = {**self.scheme.constants, **self.scheme.basis}
+        known = self.scheme.known
         found = self.scheme.observe(layout.restore(rows, self._kinds, self.scheme.n), **known)
         return {
             name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
