@@ -191,7 +191,7 @@ def test_resumed_by_the_code_of_another_processor(tmp_path: Path, monkeypatch: p
     code = (
         "import sys, numpy, kreisel as kr\n"
         "run = kr.resume(sys.argv[1], progress=False)\n"
-        "known = kr.runs.describing.model_of(run.attrs).constants\n"
+        "known = kr.runs.run_record.RunRecord.from_attrs(run.attrs).model.constants\n"
         "print(known['R'].tobytes().hex(), known['c'].tobytes().hex())"
     )
     found = set()

@@ -13,7 +13,6 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.runs.describing import is_own
 from kreisel.runs.geometry import (
     components,
     fixed_vector,
@@ -23,6 +22,7 @@ from kreisel.runs.geometry import (
     to_third_axis,
     vertical_and_axis,
 )
+from kreisel.runs.run_record import RunRecord
 from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
 
     Identities where there are none.
     """
-    if system is None and (is_own(a_run(run, "system").attrs) or not is_upright(model_for(run, None))):
+    if system is None and (RunRecord.of(run, "system").is_own or not is_upright(model_for(run, None))):
         return np.eye(3), np.eye(3)
     model = model_for(run, system)
     g = algebra.rotation_matrix(orientation_of(run)[0])

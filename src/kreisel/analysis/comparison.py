@@ -11,8 +11,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import drift
-from kreisel.runs.geometry import kinds_of
-from kreisel.storage.reading import a_run
+from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,11 +64,11 @@ def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
     """
     import pandas as pd
 
-    for each in (run, other):
-        a_run(each, "system", "n", "method")
+    records = [RunRecord.of(each, "system", "n", "method") for each in (run, other)]
     for key in ("system", "n"):
-        if run.attrs[key] != other.attrs[key]:
-            raise InputError(f"Runs of one system can be compared; {key} is {run.attrs[key]} and {other.attrs[key]}.")
+        first, second = (getattr(record, key) for record in records)
+        if first != second:
+            raise InputError(f"Runs of one system can be compared; {key} is {first} and {second}.")
     if run.sizes.get("lane") != other.sizes.get("lane"):
         raise InputError("Both runs must have the same lanes; take one lane of each with isel(lane=...).")
     i, j = _common(np.asarray(run["time"].values), np.asarray(other["time"].values))
@@ -78,9 +77,7 @@ def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
     table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
     with np.errstate(all="ignore"):
         table["ratio"] = table["second"] / table["first"]
-    names = [
-        f"{each.attrs['method']}, dt = {each.attrs['dt']:g}" if "dt" in each.attrs else "exact" for each in (run, other)
-    ]
+    names = [f"{record.method}, dt = {record.dt:g}" if record.stepped else "exact" for record in records]
     return Comparison(_distances(run.isel(time=i), other.isel(time=j)), table, (names[0], names[1]))
 
 
@@ -103,7 +100,7 @@ def _distances(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     lead = 1 + ("lane" in run.dims)
     data: dict[str, Any] = {}
     dims: tuple[Any, ...] = ()
-    for letter in kinds_of(run.attrs):
+    for letter in RunRecord.from_attrs(run.attrs).kinds:
         if letter not in run or letter not in other:
             raise InputError(f"expected two runs with {letter} of their state, got one without.")
         one, two = (np.asarray(each[letter].values).reshape((*each[letter].shape[:lead], -1)) for each in (run, other))

@@ -56,10 +56,10 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
                 f"The run has no {shown(name)}.{hint(name, map(str, run))} It has {', '.join(map(str, run))}."
             )
         return np.asarray(pick(run[name], index, name, lead).values)
-    from kreisel.runs.geometry import kinds_of
+    from kreisel.runs.run_record import RunRecord
 
-    letters = list(kinds_of(a_run(run, "system", rows=False).attrs))
-    missing = [letter for letter in letters if letter not in run]
+    record = RunRecord.of(run, "system", rows=False)
+    letters, missing = list(record.kinds), record.missing_from(run)
     if missing:
         raise InputError(f"expected a run with its state, got one without {', '.join(missing)}.")
     values = [np.asarray(run[letter].values) for letter in letters]

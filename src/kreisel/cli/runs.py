@@ -46,6 +46,7 @@ def run(
     from kreisel.runs.config import read
     from kreisel.runs.drift import broken, drift
     from kreisel.runs.own import load_system
+    from kreisel.runs.run_record import RunRecord
     from kreisel.runs.simulate import simulate
 
     asked = read(config)
@@ -63,15 +64,15 @@ def run(
             overwrite=overwrite,
         )
     seconds = time.perf_counter() - begun
-    table = drift(result)
+    table, record = drift(result), RunRecord.from_attrs(result.attrs)
     summary = {
         "archive": str(asked.path),
         "figure": str(asked.figure) if figure else None,
         "system": asked.name,
-        "method": result.attrs["method"],
-        "options": json.loads(result.attrs["options"]),
-        "dt": result.attrs["dt"],
-        "steps": result.attrs["steps"],
+        "method": record.method,
+        "options": json.loads(record.options),
+        "dt": record.dt,
+        "steps": record.steps,
         "rows": int(result.sizes["time"]),
         "seconds": round(seconds, 3),
     }
@@ -80,11 +81,11 @@ def run(
             save_figure(result, asked.figure)
         print_json({**summary, "drift": records(table), "broken": broken(table)})
         return shout(broken(table))
-    say(f"{result.attrs['title']}: {model}")
+    say(f"{record.title}: {model}")
     if summary["options"]:
         say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
     steps, rows = summary["steps"], summary["rows"]
-    say(f"{steps:,} steps of {result.attrs['dt']:g} in {seconds:.2f} s -> {asked.path} ({rows:,} rows)")
+    say(f"{steps:,} steps of {record.dt:g} in {seconds:.2f} s -> {asked.path} ({rows:,} rows)")
     print_drift(table)
     if figure:
         save_figure(result, asked.figure)
@@ -100,16 +101,17 @@ def resume(
 ) -> None:
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
     from kreisel.runs.drift import broken, drift
+    from kreisel.runs.run_record import RunRecord
     from kreisel.runs.simulate import resume as go_on
 
     with warnings_in_the_table():
         result = go_on(archive, extend=extend)
-    table = drift(result)
+    table, record = drift(result), RunRecord.from_attrs(result.attrs)
     if as_json:
-        summary = {"archive": str(archive), "steps": result.attrs["steps"], "drift": records(table)}
+        summary = {"archive": str(archive), "steps": record.steps, "drift": records(table)}
         print_json({**summary, "broken": broken(table)})
         return shout(broken(table))
-    say(f"{result.attrs['title']}: {result.attrs['steps']:,} steps, {result.sizes['time']:,} rows")
+    say(f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows")
     print_drift(table)
     return shout(broken(table))
 
@@ -167,8 +169,8 @@ def check(
     out: Annotated[Path | None, a_path("Write the rows that are whole to a new archive.", "--recover")] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
-    from kreisel.runs.describing import is_own
     from kreisel.runs.drift import broken, drift
+    from kreisel.runs.run_record import RunRecord
     from kreisel.storage.checking import check_archive, recover
     from kreisel.sweeps.broken_lanes import broken_lanes
 
@@ -187,8 +189,8 @@ def check(
             print_drift(table)
         for fault in faults:
             say(f"FAULT: {fault}")
-        if table is not None and result is not None and is_own(result.attrs):
-            say(f"{result.attrs['system']} is a system of your own: its integrals were not computed again")
+        if table is not None and result is not None and (record := RunRecord.from_attrs(result.attrs)).is_own:
+            say(f"{record.system} is a system of your own: its integrals were not computed again")
         say(f"{archive}: {condition(faults)}")
     if faults:
         raise typer.Exit(1)

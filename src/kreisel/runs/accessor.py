@@ -15,7 +15,7 @@ from kreisel.errors import InputError
 from kreisel.record.model import Model
 from kreisel.runs.citing import cite
 from kreisel.runs.drift import broken, drift
-from kreisel.storage.reading import a_run
+from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,9 +34,7 @@ class Kreisel:
     @property
     def model(self) -> Model:
         """The system with its parameters.  Raises `InputError` for a system of your own."""
-        from kreisel.runs.describing import model_of
-
-        return model_of(self._run.attrs)
+        return RunRecord.from_attrs(self._run.attrs).model
 
     def drift(self) -> pd.DataFrame:
         """`kr.drift(run)`."""
@@ -55,8 +53,8 @@ class Kreisel:
         return cite(self._run)
 
     def __repr__(self) -> str:
-        attrs, table = a_run(self._run, "title", "n", "steps", rows=False).attrs, self.drift()
-        head = f"<{attrs['title']}, n = {attrs['n']}, {attrs['steps']:,} steps>"
+        record, table = RunRecord.of(self._run, "title", "n", "steps", rows=False), self.drift()
+        head = f"<{record.title}, n = {record.n}, {record.steps:,} steps>"
         return "\n".join([head, table.to_string(), *broken(table)])
 
     def _repr_html_(self) -> str:

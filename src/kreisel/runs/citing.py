@@ -11,7 +11,8 @@ from kreisel.errors import InputError
 from kreisel.method import METHODS, default_method
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.storage.reading import as_made, order_of
+from kreisel.runs.run_record import RunRecord
+from kreisel.storage.reading import as_made
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,8 +51,9 @@ def cite(what: xr.Dataset | Model | System) -> str:
                 f"expected a run with its attributes, got one without {', '.join(missing)}. Give it as kr.simulate or "
                 "kr.open_run returned it."
             )
-        references, version = attrs["references"], attrs["source"].removeprefix("kreisel ")
-        method, order = attrs["method"], order_of(attrs)
+        record = RunRecord.from_attrs(attrs)
+        references, version = record.references, record.source.removeprefix("kreisel ")
+        method, order = record.method, record.order
     known = bibliography()
     here, unknown = _keys(references, known)
     keys = dict.fromkeys([*here, *(METHODS[method].cited(order) if method in METHODS else ())])

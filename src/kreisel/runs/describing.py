@@ -13,20 +13,18 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.record.model import Model
 from kreisel.runs.drift import KINDS
 from kreisel.runs.integration import block_rows
 from kreisel.runs.plan import Plan
+from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint
-from kreisel.storage.reading import an_object
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FORMAT = 1
 MOST_SCALES = 4096  # numbers in an attribute
 MANY_SAMPLES_N = 16  # beyond, there are fewer
 MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
@@ -64,36 +62,38 @@ def versions() -> dict[str, str]:
     return out | {p: importlib.metadata.version(p) for p in packages}
 
 
-def describe(plan: Plan) -> dict[str, Any]:
-    """Attributes of a run: everything needed to know what it is and to repeat it."""
-    model, system = plan.model, plan.model.system
-    return {
-        "Conventions": "CF-1.11",
-        "title": f"{system.title}: {plan.scheme.name}",
-        "source": f"kreisel {versions()['kreisel']}",
-        "references": system.source + (f"; {system.map.source}" if system.map else ""),
-        "kreisel_format": FORMAT,
-        "system": system.name,
-        "equations": system.equations,
-        "components": json.dumps(dict(system.space.components)),
-        "frame": system.frame.value,
-        "bracket": "plus" if system.space.sign > 0 else "minus",
-        "n": model.n,
-        "parameters": json.dumps({k: v.tolist() for k, v in model.params.items()}),
-        "start_sha256": checkpoint.hash_of_start(plan.start),
-        "method": plan.scheme.name,
-        "options": json.dumps(dict(plan.scheme.options)),
-        **({} if plan.settings.observe is None else {"observe": json.dumps(plan.settings.observe)}),
-        "engine": plan.where,
-        "projection": plan.engine.projection.every if plan.engine.projection else 0,
-        "dt": plan.dt,
-        "steps": plan.steps,
-        "every": plan.every,
-        "rows_in_block": block_rows(plan),
-        "complete": True,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": json.dumps(versions()),
-    }
+def describe(plan: Plan) -> RunRecord:
+    """What a run is: everything needed to know it and to repeat it."""
+    model, system, observe = plan.model, plan.model.system, plan.settings.observe
+    return RunRecord(
+        title=f"{system.title}: {plan.scheme.name}",
+        source=f"kreisel {versions()['kreisel']}",
+        references=system.source + (f"; {system.map.source}" if system.map else ""),
+        system=system.name,
+        equations=system.equations,
+        components=json.dumps(dict(system.space.components)),
+        frame=system.frame.value,
+        bracket="plus" if system.space.sign > 0 else "minus",
+        n=model.n,
+        parameters=parameters_of(model),
+        start_sha256=checkpoint.hash_of_start(plan.start),
+        method=plan.scheme.name,
+        options=json.dumps(dict(plan.scheme.options)),
+        observe=None if observe is None else json.dumps(observe),
+        engine=plan.where,
+        projection=plan.engine.projection.every if plan.engine.projection else 0,
+        dt=plan.dt,
+        steps=plan.steps,
+        every=plan.every,
+        rows_in_block=block_rows(plan),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        versions=json.dumps(versions()),
+    )
+
+
+def parameters_of(model: Model) -> str:
+    """The parameters of a model as a run has them."""
+    return json.dumps({k: v.tolist() for k, v in model.params.items()})
 
 
 def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
@@ -205,7 +205,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     coords: dict[str, Any] = {"time": ("time", saved_times(plan) if times is None else times, TIME)}
     if plan.batched:
         coords["lane"] = ("lane", np.arange(plan.lanes))
-    return xr.Dataset(data, coords, describe(plan))
+    return xr.Dataset(data, coords, describe(plan).to_attrs())
 
 
 CORRECTION = "largest_correction"  # of the state, by the projection, in units of eps_machine |state|
@@ -214,25 +214,3 @@ CORRECTION = "largest_correction"  # of the state, by the projection, in units o
 def _corrections(plan: Plan) -> dict[str, float]:
     found = plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
     return {name: largest for name, largest in found.items() if name in plan.outcomes}
-
-
-def is_own(attrs: Mapping[str, Any]) -> bool:
-    """Whether a run is of a system of the user's own: an archive holds no code, so its model is not at hand."""
-    from kreisel.bodies import KNOWN
-
-    return attrs["system"] not in KNOWN
-
-
-def model_of(attrs: Mapping[str, Any]) -> Model:
-    """The model that a run was made from, by its attributes.
-
-    Raises `InputError` where they are damaged, and for a system of the user's own.
-    """
-    from kreisel.bodies import find
-
-    if is_own(attrs):
-        raise InputError(
-            f"{attrs['system']} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
-            "give it as kr.resume(path, system=...), or run its TOML file or kr.simulate again with more steps."
-        )
-    return find(attrs["system"])(**an_object(attrs, "parameters"))

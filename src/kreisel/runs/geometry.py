@@ -2,43 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.bodies import find
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame, component_axes
 from kreisel.record.model import Model
-from kreisel.runs.describing import is_own, model_of
-from kreisel.storage.reading import a_run, parsed
+from kreisel.runs.run_record import RunRecord
+from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 UNIT = 1e-6  # how far a quaternion may be from length 1
-
-
-def kinds_of(attrs: Mapping[str, Any]) -> dict[str, str]:
-    """The kinds of the components of the state, by letter.  Raises `InputError` for damaged attributes."""
-    if not is_own(attrs):
-        return dict(find(attrs["system"]).space.components)
-    try:
-        kinds = parsed(attrs["components"], "The attribute components")
-        return {str(letter): str(kind) for letter, kind in kinds.items()}
-    except (KeyError, ValueError, AttributeError) as error:
-        raise InputError(f"The components among the attributes are damaged: {error}.") from error
-
-
-def carried_letter(attrs: Mapping[str, Any]) -> str:
-    """The vector that turns with the body (rest frame) or is seen from it (moving frame); else the first component."""
-    kinds = kinds_of(attrs)
-    return next((letter for letter in kinds if kinds[letter] == "vector"), next(iter(kinds)))
 
 
 def fixed_vector(model: Model, where: str) -> Array | None:
@@ -68,13 +49,13 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
 
 def model_for(run: xr.Dataset, system: Model | None) -> Model:
     """The model of a run, of the lanes that it has; a system of the user's own must be given.  Raises `InputError`."""
-    a_run(run, "system")
+    record = RunRecord.of(run, "system")
     if system is None:
-        if is_own(run.attrs):
-            raise InputError(f"{run.attrs['system']} is a system of your own: give it as system=...")
-        system = model_of(run.attrs)
-    if not isinstance(system, Model) or system.system.name != run.attrs["system"]:
-        raise InputError(f"The run is of {run.attrs['system']}, got {shown(system)} as its system.")
+        if record.is_own:
+            raise InputError(f"{record.system} is a system of your own: give it as system=...")
+        system = record.model
+    if not isinstance(system, Model) or system.system.name != record.system:
+        raise InputError(f"The run is of {record.system}, got {shown(system)} as its system.")
     n = run.attrs.get("n", system.n)
     if n != system.n:
         raise InputError(f"expected the system of the run, with n = {n}, got {shown(system)}, with n = {system.n}.")

@@ -17,8 +17,8 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import KINDS, read_values
 from kreisel.runs.plan import Plan
+from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import Settings
-from kreisel.storage.reading import order_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,17 +32,16 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     None where they cannot be measured: a system of the user's own, whose functions an archive has not, or a run without
     its states or its step.
     """
-    from kreisel.runs.describing import is_own, model_of, roundoff_scales
+    from kreisel.runs.describing import roundoff_scales
 
-    attrs = run.attrs
-    if "system" not in attrs or is_own(attrs) or "dt" not in attrs:
+    record = RunRecord.from_attrs(run.attrs)
+    if "system" not in run.attrs or record.is_own or not record.stepped:
         return None
     rows = np.unique(np.linspace(0, run.sizes["time"] - 1, ROWS).astype(int))
     some = run.isel(time=rows, lane=lanes) if "lane" in run.dims else run.isel(time=rows)
     try:
-        model = model_of(attrs)
-        model = model.lanes(some["lane"].values) if "lane" in run.coords else model
-        made = scheme(model, attrs["method"], attrs["dt"], order_of(attrs), ORIENTATION in run)
+        model = record.model.lanes(some["lane"].values) if "lane" in run.coords else record.model
+        made = scheme(model, record.method, record.dt, record.order, ORIENTATION in run)
         states = {k: read_values(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
     except (InputError, KeyError):
         return None
@@ -50,7 +49,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     plan = Plan(
         model=model,
         scheme=made,
-        settings=Settings(dt=attrs["dt"], steps=len(rows)),
+        settings=Settings(dt=record.dt, steps=len(rows)),
         first=np.zeros((len(lanes), width)),
         batched="lane" in run.dims,
         start={},

@@ -12,6 +12,7 @@ import contextlib
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -40,7 +41,7 @@ from kreisel.storage.opening import (
     _integration,
     _plan_of_run,
     _require_arrays,
-    archive_attributes,
+    archive_record,
     require_sound,
 )
 from kreisel.storage.replacing import (
@@ -75,7 +76,7 @@ class Archive:
         with self._disk("be opened again" if self._begun else "be created"):
             if not self._begun:
                 self._make_room()
-                attrs = {**describe(self.plan), "complete": False}
+                attrs = replace(describe(self.plan), complete=False).to_attrs()
                 group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
                 group.create_group(checkpoint.NAME.split("/")[0])
                 if self._overwrite:
@@ -209,22 +210,22 @@ def reopen(path: Path, extend: int | None, system: Model | None = None) -> tuple
     """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
     part = part_of(path)
     store = part if stands(part) else path
-    attrs = archive_attributes(store)
+    record = archive_record(store)
     require_sound(store)
     if store == part and stands(path) and not agreed(path):
         raise InputError(f"{path} stands where {part} is to go, and was not to be replaced. Move one of them away.")
     if store == path and extend is None:
-        raise InputError(f"{path} is finished: its {attrs['steps']:,} steps are done. --extend STEPS lengthens it.")
-    steps = attrs["steps"] if extend is None else extend
-    if extend is not None and extend < attrs["steps"]:
-        raise InputError(f"{path} has {attrs['steps']:,} steps: expected more for --extend, got {extend:,}.")
-    snapshot, start, known = _checkpoint(store, attrs)
-    plan = _plan_of_run(attrs, start, steps, system)
-    block = attrs["rows_in_block"] if snapshot.flushed else block_rows(plan)
+        raise InputError(f"{path} is finished: its {record.steps:,} steps are done. --extend STEPS lengthens it.")
+    steps = record.steps if extend is None else extend
+    if extend is not None and extend < record.steps:
+        raise InputError(f"{path} has {record.steps:,} steps: expected more for --extend, got {extend:,}.")
+    snapshot, start, known = _checkpoint(store, record)
+    plan = _plan_of_run(record, start, steps, system)
+    block = record.rows_in_block if snapshot.flushed else block_rows(plan)
     integration = _integration(plan, block)
     integration.restore(snapshot)
     if snapshot.flushed:
-        _require_arrays(store, plan, attrs, known)
+        _require_arrays(store, plan, record, known)
     archive = Archive(path, plan, begun=True, rows_in_block=block)
     with _DiskTrouble(archive, "be opened again"):
         if store == path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method import Scheme, scheme
-from kreisel.runs.describing import is_own, model_of, times_of
+from kreisel.runs.describing import times_of
 from kreisel.runs.drift import KINDS, lane_scales
+from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.opening import (
     MOST_INDEXED,
-    archive_attributes,
+    archive_record,
     is_cut,
     is_sweep,
     open_archive,
@@ -27,7 +28,6 @@ from kreisel.storage.opening import (
     require_sound,
     too_large,
 )
-from kreisel.storage.reading import observe_of, order_of
 from kreisel.storage.recomputing import lanes_again, steps_again
 from kreisel.storage.replacing import require_replaceable, settled, stands
 from kreisel.storage.verified import Damaged
@@ -50,12 +50,12 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     path = settled(path)
     if is_sweep(path):
         return check_sweep(path)
-    attrs = archive_attributes(path)
+    record = archive_record(path)
     require_sound(path)
-    cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, attrs) else []
+    cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, record) else []
     try:
         known = manifest.read(path)
-        changed = _file_faults(path, attrs, known)
+        changed = _file_faults(path, record, known)
         run = open_archive(path, indexed=False) if cut else ordered(opened(path, known))
     except InputError as error:
         return None, [*cut, *(([] if cut else _unreadable(path)) or [str(error)])]
@@ -78,10 +78,10 @@ def _unreadable(path: Path) -> list[str]:
     return [message for _, message in manifest.faults(path, known)] if known else []
 
 
-def _file_faults(path: Path, attrs: Mapping[str, Any], known: manifest.Listed) -> list[str]:
+def _file_faults(path: Path, record: RunRecord, known: manifest.Listed) -> list[str]:
     """What is wrong with files that are no chunks; an interrupted run may have some that are not listed yet."""
     found = manifest.faults(path, known)
-    if not is_cut(path, attrs):
+    if not is_cut(path, record):
         return [message for _, message in found]
     flushed = checkpoint.read(path)[0].flushed
     return [
@@ -151,10 +151,10 @@ def _unread(part: xr.Variable, name: str, where: str) -> list[str]:
 
 
 def _size_faults(run: xr.Dataset) -> list[str]:
-    attrs = run.attrs
-    expected = 1 + attrs["steps"] // attrs["every"] + (attrs["steps"] % attrs["every"] > 0)
+    record = RunRecord.from_attrs(run.attrs)
+    expected = 1 + record.steps // record.every + (record.steps % record.every > 0)
     rows = run.sizes.get("time", 0)
-    faults = [f"{expected} rows were expected, {rows} are there"] if attrs["complete"] and rows != expected else []
+    faults = [f"{expected} rows were expected, {rows} are there"] if record.complete and rows != expected else []
     return faults + too_large(run)
 
 
@@ -194,10 +194,10 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
     require_replaceable(out)
-    attrs = archive_attributes(path)
+    record = archive_record(path)
     require_sound(path)
     known = manifest.read(path) if manifest.begun(path) else None
-    run = open_archive(path, indexed=False) if is_cut(path, attrs) else ordered(opened(path, known))
+    run = open_archive(path, indexed=False) if is_cut(path, record) else ordered(opened(path, known))
     rows = run.sizes.get("time", 0)
     keep = np.ones(rows, dtype=bool)
     for name, (first, last, _) in damaged_rows(run):
@@ -225,37 +225,33 @@ def _number_faults(run: xr.Dataset) -> list[str]:
     the row before.
     """
     missing: list[str] = []
-    again = None if is_own(run.attrs) else _definition(run)
+    record = RunRecord.from_attrs(run.attrs)
+    again = None if record.is_own else _definition(record)
     if again is not None:
-        wanted = observe_of(run.attrs)
+        wanted = record.observed
         chosen = [k for k, o in again.outcomes.items() if wanted is None or k in wanted or o.kind == "state"]
         missing = [f"{name} is missing" for name in chosen if name not in run]
     faults = dict.fromkeys(missing)
     if "lane" in run.variables and (run["lane"].values != np.arange(run.sizes["lane"])).any():
         faults["lane does not count the lanes"] = None
-    for block in _blocks(run):
-        faults |= dict.fromkeys(_block_faults(block, run.attrs, None if missing else again))
+    step = max(1, record.rows_in_block)
+    for first in range(0, run.sizes["time"], step):
+        block = run.isel(time=slice(first, first + step)).load()
+        faults |= dict.fromkeys(_block_faults(block, first, record, None if missing else again))
     return list(faults) or steps_again(run)
 
 
-def _blocks(run: xr.Dataset) -> Iterator[xr.Dataset]:
-    step = max(1, run.attrs["rows_in_block"])
-    for first in range(0, run.sizes["time"], step):
-        block = run.isel(time=slice(first, first + step)).load()
-        yield block.assign_attrs(first=first)
-
-
-def _definition(run: xr.Dataset) -> Scheme | None:
+def _definition(record: RunRecord) -> Scheme | None:
     """What computes the integrals from the states, as in the run; None where forces take more than the state."""
-    if model_of(run.attrs).system.perturbation is not None:
+    if record.model.system.perturbation is not None:
         return None
-    return scheme(model_of(run.attrs), run.attrs["method"], run.attrs["dt"], order_of(run.attrs), oriented=False)
+    return scheme(record.model, record.method, record.dt, record.order, oriented=False)
 
 
-def _block_faults(block: xr.Dataset, attrs: Mapping[str, Any], again: Scheme | None) -> Iterator[str]:
-    first, time = block.attrs["first"], block["time"].values
+def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Scheme | None) -> Iterator[str]:
+    time = block["time"].values
     rows = np.arange(first, first + len(time), dtype=np.float64)
-    if "recovered" not in attrs and (time != times_of(rows, attrs["every"], attrs["steps"], attrs["dt"])).any():
+    if record.recovered is None and (time != times_of(rows, record.every, record.steps, record.dt)).any():
         yield "time is not that of the steps"
     if not (np.diff(time) > 0).all():
         yield "time does not increase"
@@ -265,10 +261,10 @@ def _block_faults(block: xr.Dataset, attrs: Mapping[str, Any], again: Scheme | N
             yield f"{name} is not finite at row {first + row}"
             return
     if again is not None:
-        yield from _recomputed(block, again)
+        yield from _recomputed(block, first, again)
 
 
-def _recomputed(block: xr.Dataset, again: Scheme) -> Iterator[str]:
+def _recomputed(block: xr.Dataset, first: int, again: Scheme) -> Iterator[str]:
     """Integrals of the saved states against the saved integrals."""
     kinds = {name: o.axes for name, o in again.outcomes.items() if o.kind == "state"}
     axial = again.n == 3
@@ -281,5 +277,5 @@ def _recomputed(block: xr.Dataset, again: Scheme) -> Iterator[str]:
             scale = size.reshape(np.shape(value)[1:] if len(size) > 1 else (-1,)) + abs(value)
             worst = float((off / np.maximum(scale, 1e-300)).max())
             if worst > RELATIVE:
-                rows = f"rows {block.attrs['first']} to {block.attrs['first'] + len(off) - 1}"
+                rows = f"rows {first} to {first + len(off) - 1}"
                 yield f"{name} does not belong to the saved states: it is off by {worst:.2g} relative in {rows}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import stat
@@ -17,13 +16,14 @@ from kreisel.errors import InputError
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
-from kreisel.runs.describing import FORMAT, in_memory, is_own, model_of, saved_times
+from kreisel.runs.describing import in_memory, parameters_of, saved_times
 from kreisel.runs.drift import KINDS
 from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.run_record import FORMAT, RunRecord
 from kreisel.runs.settings import Settings, check_model
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.reading import observe_of, order_of, parsed, place, tolerance_of
+from kreisel.storage.reading import parsed, place
 from kreisel.storage.replacing import LARGEST_METADATA, part_of, settled, stands
 
 if TYPE_CHECKING:
@@ -138,8 +138,8 @@ def is_sweep(store: Path) -> bool:
     return "kreisel_sweep" in metadata(store)
 
 
-def archive_attributes(store: Path) -> dict[str, Any]:
-    """The attributes of an archive, checked.  Raises `InputError` for what is not one."""
+def archive_record(store: Path) -> RunRecord:
+    """What an archive says that its run is, checked.  Raises `InputError` for what is not one."""
     attrs = metadata(store)
     if "kreisel_sweep" in attrs:
         raise InputError(f"{store} is a sweep: `kreisel check` reads it, and kr.open_run opens it by lane.")
@@ -151,7 +151,7 @@ def archive_attributes(store: Path) -> dict[str, Any]:
     if missing or wrong:
         fault = f"lack {', '.join(missing)}" if missing else f"are wrong in {', '.join(wrong)}"
         raise InputError(f"{store} is damaged: its attributes {fault}. Make it again from its TOML file.")
-    return attrs
+    return RunRecord.from_attrs(attrs)
 
 
 def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
@@ -160,9 +160,9 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
     With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
     `InputError` for what is not a Kreisel archive, and for a damaged one, here or when the damage is read.
     """
-    attrs = archive_attributes(path)
+    record = archive_record(path)
     require_sound(path)
-    run = _until_checkpoint(path, attrs) if is_cut(path, attrs) else opened(path, manifest.read(path), True)
+    run = _until_checkpoint(path, record) if is_cut(path, record) else opened(path, manifest.read(path), True)
     for name, variable in run.data_vars.items():
         if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
             raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")
@@ -183,10 +183,10 @@ def ordered(run: xr.Dataset) -> xr.Dataset:
     return run[sorted(run.data_vars, key=lambda name: (_place_in_run(run[name]), str(name)))]
 
 
-def is_cut(store: Path, attrs: Mapping[str, Any]) -> bool:
-    """Whether a run was interrupted, by its attributes and its manifest; a recovered archive counts as whole."""
+def is_cut(store: Path, record: RunRecord) -> bool:
+    """Whether a run was interrupted, by its record and its manifest; a recovered archive counts as whole."""
     unsealed = manifest.begun(store) and not manifest.whole(store)
-    return "recovered" not in attrs and (unsealed or not attrs["complete"])
+    return record.recovered is None and (unsealed or not record.complete)
 
 
 def opened(path: Path, known: manifest.Listed | None, every_array: bool = False) -> xr.Dataset:
@@ -229,26 +229,26 @@ def _array_lengths(store: Path) -> dict[str, int]:
     return found
 
 
-def _until_checkpoint(path: Path, attrs: Mapping[str, Any]) -> xr.Dataset:
+def _until_checkpoint(path: Path, record: RunRecord) -> xr.Dataset:
     """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
     import xarray as xr
 
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
     from kreisel.storage.continued import continued
 
-    attrs = {**attrs, "complete": False}
-    snapshot, start, known = _checkpoint(path, attrs)
+    attrs = {**metadata(path), "complete": False}
+    snapshot, start, known = _checkpoint(path, record)
     first = snapshot.flushed
     whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)
-    if len(snapshot.rows) == 0 or is_own(attrs):
+    if len(snapshot.rows) == 0 or record.is_own:
         return whole.assign_attrs(attrs)
-    plan = _plan_of_run(attrs, start, attrs["steps"])
-    _integration(plan, attrs["rows_in_block"]).restore(snapshot)  # which looks at it
+    plan = _plan_of_run(record, start, record.steps)
+    _integration(plan, record.rows_in_block).restore(snapshot)  # which looks at it
     times = saved_times(plan, first, first + len(snapshot.rows))
     rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
     if not first:
         return rest.assign_attrs(attrs)
-    _require_arrays(path, plan, attrs, known)
+    _require_arrays(path, plan, record, known)
     joined = {
         name: continued(variable, rest[name].variable) if "time" in variable.dims else variable
         for name, variable in whole.variables.items()
@@ -264,7 +264,7 @@ def _place_in_run(variable: xr.DataArray) -> int:
     return order.index(kind) if kind in order else len(order)
 
 
-def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[str, Floats], manifest.Listed]:
+def _checkpoint(store: Path, record: RunRecord) -> tuple[Snapshot, dict[str, Floats], manifest.Listed]:
     """The checkpoint of a store, and its manifest.  Raises `InputError` where one is damaged, or of another run."""
     from kreisel.storage.verified import Verified
 
@@ -272,7 +272,7 @@ def _checkpoint(store: Path, attrs: Mapping[str, Any]) -> tuple[Snapshot, dict[s
     known = manifest.read(store)
     for name in ("zarr.json", *({checkpoint.NAME} & known.keys())):
         Verified(store, known).verify(name)
-    if checkpoint.hash_of_start(start) != attrs["start_sha256"] or snapshot.flushed % attrs["rows_in_block"]:
+    if checkpoint.hash_of_start(start) != record.start_sha256 or snapshot.flushed % record.rows_in_block:
         raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
     return snapshot, start, known
 
@@ -283,7 +283,7 @@ def _integration(plan: Plan, rows_in_block: int) -> Integration:
     return Integration(plan, rows_in_block=rows_in_block)
 
 
-def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: manifest.Listed) -> None:
+def _require_arrays(store: Path, plan: Plan, record: RunRecord, known: manifest.Listed) -> None:
     """Raises `InputError` where a store that is to be written to has not the arrays of its run."""
     run = opened(store, known)
     outputs = {"time": np.zeros(1), **plan.example}
@@ -291,7 +291,7 @@ def _require_arrays(store: Path, plan: Plan, attrs: Mapping[str, Any], known: ma
         variable = run.variables.get(name)
         good = variable is not None and variable.dtype == np.float64 and variable.shape[1:] == value.shape[1:]
         whole = None if variable is None else variable.encoding.get("shards") or variable.encoding["chunks"]
-        if not good or whole != (attrs["rows_in_block"], *value.shape[1:]):
+        if not good or whole != (record.rows_in_block, *value.shape[1:]):
             raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
 
 
@@ -304,32 +304,29 @@ READING: dict[str, Any] = {
 }
 
 
-def _plan_of_run(
-    attrs: Mapping[str, Any], start: Mapping[str, Floats], steps: int, system: Model | None = None
-) -> Plan:
-    """The plan of a run from its attributes and its start; `system`: of a system of the user's own."""
+def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
+    """The plan of a run from its record and its start; `system`: of a system of the user's own."""
     asked = Settings.checked(
-        dt=attrs["dt"],
+        dt=record.dt,
         steps=steps,
-        every=attrs["every"],
-        method=attrs["method"],
-        order=order_of(attrs),
-        tol=tolerance_of(attrs),
-        engine=attrs.get("engine", "cpu"),
-        project=attrs["projection"] > 0,
-        observe=observe_of(attrs),
+        every=record.every,
+        method=record.method,
+        order=record.order,
+        tol=record.tolerance,
+        engine=record.engine,
+        project=record.projection > 0,
+        observe=record.observed,
     )
     state = {letter: value for letter, value in start.items() if letter != ORIENTATION}
-    model = model_of(attrs) if system is None else _same(system, attrs)
+    model = record.model if system is None else _same(system, record)
     return plan_of(model, state, asked, start.get(ORIENTATION))
 
 
-def _same(model: Model, attrs: Mapping[str, Any]) -> Model:
+def _same(model: Model, record: RunRecord) -> Model:
     """The model, if a run was made from one of its name and parameters.  Raises `InputError`."""
     check_model(model)
-    given = json.dumps({k: v.tolist() for k, v in model.params.items()})
-    if model.system.name != attrs["system"] or given != attrs["parameters"]:
+    if model.system.name != record.system or parameters_of(model) != record.parameters:
         raise InputError(
-            f"system: expected {attrs['system']} with the parameters {attrs['parameters']} of the run, got {model!r}."
+            f"system: expected {record.system} with the parameters {record.parameters} of the run, got {model!r}."
         )
     return model

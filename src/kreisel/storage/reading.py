@@ -83,47 +83,6 @@ def as_made(attrs: Mapping[str, Any]) -> Mapping[str, Any]:
     return attrs
 
 
-def an_object(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """An attribute that holds a JSON object.  Raises `InputError`."""
-    if not isinstance(attrs.get(name), str):
-        raise InputError(
-            f"expected the attributes of a run, got no text {name}. Usual cause: a sweep, whose lanes are no runs, "
-            "or an operation of xarray, which drops attributes."
-        )
-    value = parsed(attrs[name], f"The attribute {name}")
-    if not isinstance(value, dict):
-        raise InputError(f"The attribute {name} is damaged: expected an object, got {attrs[name][:80]!r}.")
-    return value
-
-
-def order_of(attrs: Mapping[str, Any]) -> int | tuple[int, ...] | None:
-    """The order of the method, among the options of a run.  Raises `InputError`."""
-    order = an_object(attrs, "options").get("order")
-    if isinstance(order, list) and all(isinstance(v, int) for v in order):
-        return tuple(order)
-    if not isinstance(order, int | None):
-        raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
-    return order
-
-
-def tolerance_of(attrs: Mapping[str, Any]) -> float | None:
-    """The tolerance of an adaptive method, among the options of a run; None of a fixed step.  Raises `InputError`."""
-    tol = an_object(attrs, "options").get("rtol")
-    if not isinstance(tol, float | None):
-        raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
-    return tol
-
-
-def observe_of(attrs: Mapping[str, Any]) -> list[str] | None:
-    """What a run observes beside its state, or None for all.  Raises `InputError`."""
-    if "observe" not in attrs:
-        return None
-    names = parsed(attrs["observe"], "The attribute observe")
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"The attribute observe is damaged: expected a list of names, got {shown(names)}.")
-    return names
-
-
 def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
     """The Dataset of a run itself, with these attributes and, unless `rows` is false, its rows along time in front.
 

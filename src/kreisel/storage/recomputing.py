@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +13,12 @@ from kreisel.kernels import layout
 from kreisel.method.driven import COUNT
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.perturbation import TIME
-from kreisel.runs.describing import is_own, model_of, versions
+from kreisel.runs.describing import versions
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import Settings
-from kreisel.storage.reading import order_of, parsed, tolerance_of
+from kreisel.storage.reading import parsed
 from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of
 
 if TYPE_CHECKING:
@@ -36,19 +36,19 @@ def steps_again(run: xr.Dataset) -> list[str]:
     A row may differ by `CLOSE` (dop853: `LOOSE`, or 100 times its tolerance), and by a hundredth of the effect of a
     relative change of the start by 1e-10.  Nothing is compared where a row takes too long.
     """
-    attrs, rows = run.attrs, run.sizes["time"]
-    each = attrs["every"] * run.sizes.get("lane", 1)
+    record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
+    each = record.every * run.sizes.get("lane", 1)
     count = min(SAMPLES, rows - 1, MOST_STEPS // each)
-    if is_own(attrs) or count < 1 or "recovered" in attrs:
+    if record.is_own or count < 1 or record.recovered is not None:
         return []
     names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") in ("state", "orientation")]
-    tol = tolerance_of(attrs)
+    tol = record.tolerance
     close = CLOSE if tol is None else max(LOOSE, 100 * tol)
     for row in np.unique(np.linspace(0, rows - 2, count).astype(int)).tolist():
-        steps = min((row + 1) * attrs["every"], attrs["steps"]) - row * attrs["every"]
+        steps = min((row + 1) * record.every, record.steps) - row * record.every
         saved = run[names].isel(time=slice(row, row + 2)).load()
         try:
-            here, nudged = (_next(attrs, saved, steps, row * attrs["every"], nudge) for nudge in (0.0, NUDGE))
+            here, nudged = (_next(record, saved, steps, row * record.every, nudge) for nudge in (0.0, NUDGE))
         except (InputError, RunError):
             continue  # a state at the edge of what the method takes
         for name in names:
@@ -61,12 +61,12 @@ def steps_again(run: xr.Dataset) -> list[str]:
     return []
 
 
-def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
+def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
     """The row after the first of `saved`, `before` steps on, from a start that is changed by `nudge`, relative."""
-    plan = _plan_from_row(attrs, saved, steps)
+    plan = _plan_from_row(record, saved, steps)
     plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
     letters = [letter for letter, _ in plan.scheme.components]
-    for clock, now in ((COUNT, float(before)), (TIME, before * attrs["dt"])):  # of forces that depend on time
+    for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # of forces that depend on time
         if clock in letters:
             kinds = plan.kinds[: letters.index(clock)]
             plan.engine.z[:, sum(layout.coordinate_count(kind, plan.model.n) for kind in kinds)] = now
@@ -74,16 +74,16 @@ def _next(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int, before: int, 
     return {name: value[-1] for name, value in last.items()}
 
 
-def _plan_from_row(attrs: Mapping[str, Any], saved: xr.Dataset, steps: int) -> Plan:
+def _plan_from_row(record: RunRecord, saved: xr.Dataset, steps: int) -> Plan:
     start = saved.isel(time=0)
-    model = model_of(attrs)
+    model = record.model
     asked = Settings(
-        dt=attrs["dt"],
+        dt=record.dt,
         steps=steps,
         every=steps,
-        method=attrs["method"],
-        order=order_of(attrs),
-        tol=tolerance_of(attrs),
+        method=record.method,
+        order=record.order,
+        tol=record.tolerance,
         engine="cpu",
         project=False,
     )

@@ -62,18 +62,18 @@ def state_html(state: State) -> str:
 def run_html(run: xr.Dataset) -> str:
     """What a run is, and how far its Casimirs and integrals drift."""
     from kreisel.runs.drift import broken, drift
-    from kreisel.storage.reading import a_run
+    from kreisel.runs.run_record import RunRecord
 
     needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
-    attrs, found = a_run(run, *needed, rows=False).attrs, drift(run)
+    record, found = RunRecord.of(run, *needed, rows=False), drift(run)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
-    steps = f"{attrs['steps']:,} steps of {attrs['dt']:g}, " if "dt" in attrs else ""
+    steps = f"{record.steps:,} steps of {record.dt:g}, " if record.stepped else ""
     rows = f"{run.sizes.get('time', 1):,} saved states"
     head = [
-        ("equations", attrs["equations"]),
-        ("parameters", attrs["parameters"] if len(attrs["parameters"]) < 200 else "…"),
-        ("run", f"n = {attrs['n']}{lanes}; {steps}{rows}"),
-        ("method", f"{attrs['method']} {attrs['options']}"),
+        ("equations", record.equations),
+        ("parameters", record.parameters if len(record.parameters) < 200 else "…"),
+        ("run", f"n = {record.n}{lanes}; {steps}{rows}"),
+        ("method", f"{record.method} {record.options}"),
     ]
     titles = ("integral", "conserved", "start", "max |change|", "ulps")
     body = "".join(
@@ -84,7 +84,7 @@ def run_html(run: xr.Dataset) -> str:
     )
     table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
     warnings = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(found))
-    return _block(escape(attrs["title"]), _html_table(head) + table + warnings)
+    return _block(escape(record.title), _html_table(head) + table + warnings)
 
 
 def _numbers_html(value: Any) -> str:

@@ -9,10 +9,9 @@ import numpy as np
 from kreisel.errors import InputError, brief
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
-from kreisel.runs.describing import is_own
 from kreisel.runs.drift import all_series, read_values
-from kreisel.runs.geometry import carried_letter, kinds_of, model_for
-from kreisel.storage.reading import a_run
+from kreisel.runs.geometry import model_for
+from kreisel.runs.run_record import RunRecord
 from kreisel.viewer.style import Theme, theme_of
 
 if TYPE_CHECKING:
@@ -39,15 +38,12 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     `theme` is "light" or "dark".  Raises `InputError` if it is of another system, if the run lacks the vector that is
     drawn, and for states at given times (`kr.at`), which are no run.
     """
-    for each in (run, compare):
-        if each is not None or each is run:
-            a_run(each, "system", "title", "method", "n", "steps")
-        if each is not None and "dt" not in each.attrs:
-            raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
-    if compare is not None and compare.attrs["system"] != run.attrs["system"]:
-        raise InputError(
-            f"Runs of one system can be compared, got {run.attrs['system']} and {compare.attrs['system']}."
-        )
+    runs = [run] if compare is None else [run, compare]
+    records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
+    if not all(record.stepped for record in records):
+        raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
+    if records[-1].system != records[0].system:
+        raise InputError(f"Runs of one system can be compared, got {records[0].system} and {records[1].system}.")
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -55,29 +51,28 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     with mpl.rc_context(cast("Any", colours.rc)), np.errstate(all="ignore"):
         figure = Figure(figsize=(9.2, 4.4), layout="constrained")
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
-        vector = _vector_letter(run)
+        vector = _vector_letter(run, records[0])
         one = run.isel(lane=0) if "lane" in run.dims else run
         if one[vector].shape[1:] == (3,) and _keeps_its_length(one[vector]):
             _sphere(left.add_subplot(projection="3d"), one, vector, colours)
         else:
             _components(left.add_subplot(), one, vector, colours)
-        _draw_drifts(right.add_subplot(), run, compare, colours)
-        figure.suptitle(_title(run, compare), fontsize=10)
+        _draw_drifts(right.add_subplot(), runs, records, colours)
+        figure.suptitle(_title(*records), fontsize=10)
     return figure
 
 
-def _title(run: xr.Dataset, compare: xr.Dataset | None) -> str:
-    attrs = run.attrs
-    beside = "" if compare is None else f" beside {brief(compare.attrs['method'], MOST_TITLE)}"
-    return f"{brief(attrs['title'], MOST_TITLE)}{beside}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}"
+def _title(run: RunRecord, *others: RunRecord) -> str:
+    beside = "".join(f" beside {brief(other.method, MOST_TITLE)}" for other in others)
+    return f"{brief(run.title, MOST_TITLE)}{beside}, n = {run.n}, {run.steps:,} steps of {run.dt:g}"
 
 
-def _vector_letter(run: xr.Dataset) -> str:
+def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
     """The component that is drawn: the vector one of a pair (m, a), the position of (x, q)."""
-    missing = [name for name in kinds_of(run.attrs) if name not in run]
+    missing = record.missing_from(run)
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
-    return carried_letter(run.attrs)
+    return record.carried
 
 
 def _keeps_its_length(vector: xr.DataArray) -> bool:
@@ -115,13 +110,14 @@ def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
-    model = None if is_own(run.attrs) else model_for(run, None)
+    record = RunRecord.from_attrs(run.attrs)
+    model = None if record.is_own else model_for(run, None)
     if model is None or model.system.perturbation is not None:  # no flow of the state alone is at hand
         return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
     kinds = dict(model.system.space.components)
     start = {k: read_values(run[k][0]) for k in kinds}
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
-    return float(speed * run.attrs["dt"] * run.attrs["every"])
+    return float(speed * record.dt * record.every)
 
 
 def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
@@ -143,12 +139,12 @@ def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
     axes.legend(ncols=min(values.shape[1], 6), loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
-def _draw_drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: Theme) -> None:
-    reference = run.attrs["method"] == "dop853"
-    if compare is not None:
+def _draw_drifts(axes: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
+    run, record, reference = runs[0], records[0], records[0].method == "dop853"
+    for compare, other in zip(runs[1:], records[1:], strict=True):
         changes = list(_envelopes(compare, everything=True).values())
         worst = np.fmax.reduce(changes) if changes else np.full(len(_thinned_time(compare)), np.nan)
-        label = f"worst integral by {brief(compare.attrs['method'], MOST_TITLE)}"
+        label = f"worst integral by {brief(other.method, MOST_TITLE)}"
         axes.plot(_thinned_time(compare), worst, color=theme.faint, label=label)
     envelopes = _envelopes(run, everything=reference)
     of_balance = not envelopes and BALANCE in run
@@ -158,9 +154,9 @@ def _draw_drifts(axes: Any, run: xr.Dataset, compare: xr.Dataset | None, theme: 
         label = family.replace("_eps", " of the map")
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
     ends = [0.0, *read_values(run["time"][[0, -1]]).tolist()]
-    first, last = min(ends), max(ends) if max(ends) > min(ends) else run.attrs["dt"]
+    first, last = min(ends), max(ends) if max(ends) > min(ends) else record.dt
     time = np.linspace(0, last, 400)[1:]
-    width = MACHINE_EPSILON * np.sqrt(time / run.attrs["dt"])
+    width = MACHINE_EPSILON * np.sqrt(time / record.dt)
     axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
     axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(first, last))
     axes.set_ylim(bottom=1e-17)

@@ -24,11 +24,10 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.runs.describing import is_own
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import carried_letter, fixed_vector, kinds_of, model_for, orientation_of, to_third_axis
+from kreisel.runs.geometry import fixed_vector, model_for, orientation_of, to_third_axis
+from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
-from kreisel.storage.reading import a_run
 from kreisel.viewer import bodies
 from kreisel.viewer.style import THEMES
 from kreisel.viewer.thinning import mixed
@@ -49,20 +48,20 @@ LONGEST_TEXT = 300
 
 def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for what is no run, lacks its state, or has no such lane."""
-    a_run(run, "system")
+    record = RunRecord.of(run, "system")
     if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
     if "lane" in run.dims:
         run = run.isel(lane=within(lane, "lane", 0, run.sizes["lane"] - 1))
-    missing = [letter for letter in kinds_of(run.attrs) if letter not in run]
+    missing = record.missing_from(run)
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
-    letter = carried_letter(run.attrs)
+    letter = record.carried
     rows = _frame_rows(run[letter], MOST_FRAMES)
     frames = run.isel(time=rows)
-    if not all(np.isfinite(frames[each].values).all() for each in kinds_of(run.attrs)):
+    if not all(np.isfinite(frames[each].values).all() for each in record.kinds):
         raise InputError("expected a run whose state is finite, got one with NaN or infinity.")
-    shown = _Shown(frames, letter, None if is_own(run.attrs) else model_for(frames, None))
+    shown = _Shown(frames, record, None if record.is_own else model_for(frames, None))
     tip = shown.tip
     if not (np.isfinite(tip).all() and np.isfinite(shown.carried).all()):
         raise InputError(f"{letter} is not finite at every saved time; `kreisel check` says where.")
@@ -132,10 +131,10 @@ def _frame_rows(variable: xr.DataArray, most: int) -> Array:
 
 
 def _facts(run: xr.Dataset, lane: int, frames: int) -> list[str]:
-    attrs, rows = run.attrs, run.sizes["time"]
-    out = [str(attrs.get("equations", ""))]
-    if "dt" in attrs:
-        out.append(f"{attrs['method']}, n = {attrs['n']}, {attrs['steps']:,} steps of {attrs['dt']:g}")
+    record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
+    out = [str(run.attrs.get("equations", ""))]
+    if record.stepped:
+        out.append(f"{record.method}, n = {record.n}, {record.steps:,} steps of {record.dt:g}")
     out.append(f"{rows:,} saved states" + (f", {frames:,} shown, the extremes among them" if frames < rows else ""))
     return [*out, *([f"lane {lane}"] if "lane" in run.coords else [])]
 
@@ -143,11 +142,11 @@ def _facts(run: xr.Dataset, lane: int, frames: int) -> list[str]:
 class _Shown:
     """Tip, turns, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up."""
 
-    def __init__(self, run: xr.Dataset, letter: str, model: Model | None):
-        self.run, self.letter, self.model = run, letter, model
-        self.kinds = kinds_of(run.attrs)
+    def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None):
+        self.run, self.record, self.model = run, record, model
+        self.letter, self.kinds = record.carried, record.kinds
         self.space = run.attrs.get("frame") == Frame.REST.value
-        self.carried = np.asarray(run[letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
+        self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
         self.turn: Array | None = None
         self.arrow: Array | None = None
         self.body: dict[str, Any] | None = None
@@ -157,7 +156,7 @@ class _Shown:
         self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
 
     def _choose(self) -> None:
-        plain = self.carried.shape[1] == 3 and int(self.run.attrs["n"]) == 3
+        plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
             self._particle()
         elif plain and ORIENTATION in self.run:
@@ -286,7 +285,8 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
                 "change": packed(np.where(high >= -low, high, low), "f4"),
             }
         )
-    steps = float(time[-1] - time[0]) / run.attrs["dt"] if "dt" in run.attrs else 0.0
+    record = RunRecord.from_attrs(run.attrs)
+    steps = float(time[-1] - time[0]) / record.dt if record.stepped else 0.0
     return {"series": series, "edges": packed(time[edges], "f8"), "band": MACHINE_EPSILON, "steps": steps}
 
 

@@ -1,0 +1,163 @@
+"""What a run is, typed: the one place where the attributes of its Dataset are written and read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from kreisel.errors import InputError, shown
+from kreisel.record.model import Model
+from kreisel.storage.reading import a_run, as_made, parsed
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """The attributes of a run, under their own names; properties read what is JSON in them.
+
+    A Dataset may lack some, which xarray has dropped or which a run of `kr.at` has not: `InputError` when one of them
+    is asked for.
+    """
+
+    Conventions: str = "CF-1.11"
+    title: str
+    source: str
+    references: str
+    kreisel_format: int = FORMAT
+    system: str
+    equations: str
+    components: str  # JSON
+    frame: str
+    bracket: str
+    n: int
+    parameters: str  # JSON
+    start_sha256: str
+    method: str
+    options: str  # JSON
+    observe: str | None = None  # JSON; None for all
+    engine: str = "cpu"
+    projection: int
+    dt: float
+    steps: int
+    every: int
+    rows_in_block: int
+    complete: bool = True
+    created: str
+    versions: str  # JSON
+    recovered: str | None = None
+
+    @classmethod
+    def from_attrs(cls, attrs: Mapping[str, Any]) -> RunRecord:
+        """What the attributes of a Dataset or of an archive say.  Raises `InputError` for damaged ones."""
+        as_made(attrs)
+        record = object.__new__(cls)
+        record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
+        return record
+
+    @classmethod
+    def of(cls, run: Any, *attributes: str, rows: bool = True) -> RunRecord:
+        """That of a Dataset, looked at as by `a_run`."""
+        return cls.from_attrs(a_run(run, *attributes, rows=rows).attrs)
+
+    def to_attrs(self) -> dict[str, Any]:
+        """The attributes."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            raise (AttributeError if name.startswith("_") else InputError)(
+                f"expected the attributes of a run, got none named {name}. Usual cause: a sweep, whose lanes are no "
+                "runs, an operation of xarray, which drops attributes, or kr.at, which makes no steps."
+            )
+
+    @property
+    def stepped(self) -> bool:
+        """Whether it says that steps were made, of which length; those of `kr.at` are states at given times."""
+        return "dt" in self.__dict__
+
+    @cached_property
+    def _options(self) -> dict[str, Any]:
+        return _an_object(self.options, "options")
+
+    @property
+    def order(self) -> int | tuple[int, ...] | None:
+        """The order of the method.  Raises `InputError`."""
+        order = self._options.get("order")
+        if isinstance(order, list) and all(isinstance(v, int) for v in order):
+            return tuple(order)
+        if not isinstance(order, int | None):
+            raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
+        return order
+
+    @property
+    def tolerance(self) -> float | None:
+        """The tolerance of an adaptive method; None of a fixed step.  Raises `InputError`."""
+        tol = self._options.get("rtol")
+        if not isinstance(tol, float | None):
+            raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
+        return tol
+
+    @property
+    def observed(self) -> list[str] | None:
+        """What is observed beside the state, or None for all.  Raises `InputError`."""
+        if self.observe is None:
+            return None
+        names = parsed(self.observe, "The attribute observe")
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise InputError(f"The attribute observe is damaged: expected a list of names, got {shown(names)}.")
+        return names
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is of a system of the user's own: an archive holds no code, so its model is not at hand."""
+        from kreisel.bodies import KNOWN
+
+        return self.system not in KNOWN
+
+    @cached_property
+    def model(self) -> Model:
+        """The model that the run was made from.
+
+        Raises `InputError` where attributes are damaged, and for a system of the user's own.
+        """
+        from kreisel.bodies import find
+
+        if self.is_own:
+            raise InputError(
+                f"{self.system} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
+                "give it as kr.resume(path, system=...), or run its TOML file or kr.simulate again with more steps."
+            )
+        return find(self.system)(**_an_object(self.parameters, "parameters"))
+
+    @cached_property
+    def kinds(self) -> dict[str, str]:
+        """The kinds of the components of the state, by letter.  Raises `InputError`."""
+        from kreisel.bodies import find
+
+        if not self.is_own:
+            return dict(find(self.system).space.components)
+        return {str(letter): str(kind) for letter, kind in _an_object(self.components, "components").items()}
+
+    @property
+    def carried(self) -> str:
+        """The vector that turns with the body (rest frame) or is seen from it (moving frame); else the first letter."""
+        return next((letter for letter, kind in self.kinds.items() if kind == "vector"), next(iter(self.kinds)))
+
+    def missing_from(self, run: xr.Dataset) -> list[str]:
+        """The components of the state that a Dataset lacks."""
+        return [letter for letter in self.kinds if letter not in run]
+
+
+def _an_object(text: str, name: str) -> dict[str, Any]:
+    value = parsed(text, f"The attribute {name}")
+    if not isinstance(value, dict):
+        raise InputError(f"The attribute {name} is damaged: expected an object, got {text[:80]!r}.")
+    return value
