@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -22,7 +22,7 @@ from kreisel.record.model import Model
 from kreisel.system import REGISTRY
 
 SYSTEMS = [name for name, s in REGISTRY.items() if s.inverse_inertia is not None and s.n in (None, 3)]
-variational = sys.modules["kreisel.method.variational"]
+variational = importlib.import_module("kreisel.method.variational")
 ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 
 

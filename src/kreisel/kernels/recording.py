@@ -80,7 +80,7 @@ class Recording:
         self.kinds = scheme.kinds
         self.places: list[tuple[str, slice, str]] = []
         self.work = 0  # about how many operations a step is, whatever the numbers
-        parts = scheme.motion.parts
+        parts = scheme.parts
         straight = scheme.n <= STRAIGHT_LINE_N
         if straight:
             self._straight_line(parts, constants)
@@ -114,7 +114,7 @@ class Recording:
         of_stage, pieces = _without(pieces, {*early, *late, *names_of(fixed)})
         return Varying(by_stage, early, fixed, late, of_stage, pieces)
 
-    def _straight_line(self, parts: tuple[Part, ...], constants: Floats) -> None:
+    def _straight_line(self, parts: list[Part], constants: Floats) -> None:
         """Record scalar code."""
         count = sum(layout.coordinate_count(kind, self.n) for kind in self.kinds)
         self.state = [f"z{i}" for i in range(count)]
@@ -134,7 +134,7 @@ class Recording:
             self.pieces.append(RecordedFunction(part, lines, new))
             self.words |= self.pieces[-1].words
 
-    def _array_code(self, parts: tuple[Part, ...]) -> None:
+    def _array_code(self, parts: list[Part]) -> None:
         square = (self.n, self.n)
         shapes = {"skew": square, "symmetric": square, "matrix": square, "vector": (self.n,), "scalar": ()}
         self.state = [f"z{i}" for i in range(len(self.kinds))]

@@ -17,7 +17,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import as_matrix, observer, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import Baecklund, Frame, call, component_axes
@@ -98,8 +98,7 @@ class Product:
                     "spin", self.model.call(self.record.spin, *own), lambda theta: self.dt * theta
                 )
             if self.oriented:
-                g = algebra.rotation_matrix(x0[self.count]) if self.model.n == 3 else x0[self.count]
-                constants |= self._orientation_turns(own, g)
+                constants |= self._orientation_turns(own, as_matrix(self.model, x0[self.count]))
         return constants, stages
 
     def pair(

@@ -14,6 +14,7 @@ from kreisel.errors import InputError
 from kreisel.exact import rotor_step, top_step
 from kreisel.forces.kicks import perturbation_of
 from kreisel.method.composition import symmetric_composition
+from kreisel.method.observing import turned_by_map
 from kreisel.record.contract import Frame, Map, System, call
 from kreisel.record.model import Model
 
@@ -96,10 +97,7 @@ def _composed(base: System, phi: Map, order: int) -> Integrable:
             more = {**known, "eps": float(fraction) * h}
             old = own if phi.symmetric else call(phi.from_symmetric, own, more)
             new = call(phi.step, old, more)
-            if g:
-                X = call(phi.generator, (*old, *new), more)
-                turn = algebra.turn_left(X, g[0]) if base.frame is Frame.REST else algebra.turn_right(g[0], X)
-                g = (turn,)
+            g = tuple(turned_by_map(phi, base.frame, old, new, more, h) for h in g)
             own = new if phi.symmetric else call(phi.to_symmetric, new, more)
         return tuple(own), g
 

@@ -8,10 +8,10 @@ from functools import lru_cache
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.method.observing import ORIENTATION, observer
+from kreisel.method.observing import ORIENTATION, as_matrix, observer, turned_by_map
 from kreisel.method.record import Method
 from kreisel.method.scheme import JaxSteps, Scheme
-from kreisel.record.contract import Frame, Function, call
+from kreisel.record.contract import Frame, Function, Map, call
 from kreisel.record.model import Model
 
 SINGULAR = 1e-12
@@ -37,7 +37,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     count = len(space.letters)
 
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
-        return (*x0[:count], *(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:]))
+        return (*x0[:count], *(as_matrix(model, g) for g in x0[count:]))
 
     def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         out = observe(z, **constants)
@@ -64,7 +64,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
         axes={**model.axes, "eps": 0},
         n=model.n,
         prepare=prepare,
-        motion=JaxSteps(_stepper(phi.step, phi.generator, model.system.frame, count), explain),
+        motion=JaxSteps(_stepper(phi, model.system.frame, count), explain),
         observe=observe_all,
         reopen=prepare,
         outcomes=outcomes,
@@ -74,17 +74,13 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
 
 
 @lru_cache(64)
-def _stepper(step: Function, generator: Function | None, frame: Frame, count: int) -> Function:
+def _stepper(phi: Map, frame: Frame, count: int) -> Function:
     """The step of state and orientation; the same function for the same record, so that it is compiled once."""
 
     def both(*z: Array, **consts: Array) -> tuple[Array, ...]:
         own = z[:count]
-        new = call(step, own, consts)
-        return (*new, *(turned(own, new, g, consts) for g in z[count:]))
-
-    def turned(old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: Mapping[str, Array]) -> Array:
-        X = call(generator, (*old, *new), consts)
-        return algebra.turn_left(X, g) if frame is Frame.REST else algebra.turn_right(g, X)
+        new = call(phi.step, own, consts)
+        return (*new, *(turned_by_map(phi, frame, own, new, consts, g) for g in z[count:]))
 
     return both
 

@@ -10,7 +10,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.method.scheme import Components, Outcome
-from kreisel.record.contract import Frame, component_axes, keywords
+from kreisel.record.contract import Frame, Map, call, component_axes, keywords
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
@@ -25,6 +25,23 @@ def orientation_component(n: int) -> tuple[str, str]:
 def with_orientation(model: Model, oriented: bool) -> Components:
     """The components of the state that a scheme steps."""
     return model.system.space.components + ((orientation_component(model.n),) if oriented else ())
+
+
+def turned(frame: Frame, X: Array, g: Array) -> Array:
+    """The orientation turned by cay(X): from the left in the rest frame, from the right in the moving one."""
+    return algebra.turn_left(X, g) if frame is Frame.REST else algebra.turn_right(g, X)
+
+
+def turned_by_map(
+    phi: Map, frame: Frame, old: tuple[Array, ...], new: tuple[Array, ...], known: Mapping[str, Array], g: Array
+) -> Array:
+    """The orientation turned along with a step of a map, by its generator."""
+    return turned(frame, call(phi.generator, (*old, *new), known), g)
+
+
+def as_matrix(model: Model, g: Array) -> Array:
+    """The orientation, as `orientation_component` has it, as an orthogonal matrix."""
+    return algebra.rotation_matrix(g) if model.n == 3 else g
 
 
 def functions(

@@ -18,7 +18,7 @@ from kreisel.method.driven import (
     with_work,
     zero,
 )
-from kreisel.method.observing import ORIENTATION, observer
+from kreisel.method.observing import ORIENTATION, as_matrix, observer
 from kreisel.method.record import Method
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.contract import Frame, call
@@ -43,8 +43,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     beside = ((TIME, "scalar"),) * timed + ((WORK, "scalar"),) * driven
 
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
-        turns = tuple(algebra.rotation_matrix(g) if model.n == 3 else g for g in x0[count:])
-        return (*x0[:count], *turns, *(zero(model.system, x0) for _ in beside))
+        return (*x0[:count], *(as_matrix(model, g) for g in x0[count:]), *(zero(model.system, x0) for _ in beside))
 
     def where(z: tuple[Array, ...]) -> dict[str, Array]:
         return dict(zip((ORIENTATION,) * oriented + (TIME,) * timed, z[count:], strict=False))

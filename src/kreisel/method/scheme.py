@@ -133,10 +133,6 @@ class Part(NamedTuple):
         return "cs" if self.staged else "c"
 
 
-def _closing(close: Callable[..., tuple[Array, ...]] | None) -> tuple[Part, ...]:
-    return () if close is None else (Part("close", close, staged=False),)
-
-
 @dataclass(frozen=True)
 class Orbits:
     """A flow in closed form, or the iterates of a map.
@@ -147,11 +143,6 @@ class Orbits:
 
     orbit: Callable[[tuple[Array, ...], Mapping[str, Array], float], Orbit | States]
     jump: Jump | Spin | None = None
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """Nothing that is called in turn."""
-        return ()
 
 
 @dataclass(frozen=True)
@@ -167,11 +158,6 @@ class Steps:
     close: Callable[..., tuple[Array, ...]] | None = None
     iterates: Orbits | None = None
 
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """What kernels call in turn."""
-        return (Part("step", self.step), *_closing(self.close))
-
 
 @dataclass(frozen=True)
 class JaxSteps:
@@ -179,11 +165,6 @@ class JaxSteps:
 
     step: Callable[..., tuple[Array, ...]]
     explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] = lambda z, constants: "The step is not finite."
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """What is called in turn."""
-        return (Part("step", self.step),)
 
 
 @dataclass(frozen=True)
@@ -200,22 +181,12 @@ class CoupledSteps:
     forces: tuple[str, ...]
     close: Callable[..., tuple[Array, ...]] | None = None
 
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """What kernels call in turn."""
-        return (Part("drift", self.drift), Part("kick", self.kick, self.forces), *_closing(self.close))
-
 
 @dataclass(frozen=True)
 class Flow:
     """A right-hand side, for integrators of a library: rate(*z, **constants) -> z'."""
 
     rate: Callable[..., tuple[Array, ...]]
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        """What a kernel calls."""
-        return (Part("rate", self.rate),)
 
 
 Motion = Steps | CoupledSteps | JaxSteps | Flow | Orbits
@@ -275,6 +246,22 @@ class Scheme:
         return {**self.constants, **self.basis}
 
     @property
+    def parts(self) -> list[Part]:
+        """The functions of the motion that kernels call in turn."""
+        match self.motion:
+            case Steps(step, close):
+                parts = [Part("step", step)]
+            case JaxSteps(step):
+                parts, close = [Part("step", step)], None
+            case CoupledSteps(drift, kick, forces, close):
+                parts = [Part("drift", drift), Part("kick", kick, forces)]
+            case Flow(rate):
+                parts, close = [Part("rate", rate)], None
+            case Orbits():
+                parts, close = [], None
+        return parts if close is None else [*parts, Part("close", close, staged=False)]
+
+    @property
     def orbits(self) -> Orbits | None:
         """The states in closed form, of a flow or of the iterates of a map; None where it is not known."""
         if isinstance(self.motion, Orbits):
@@ -305,6 +292,5 @@ class Scheme:
         for stage in range(self.stage_count):
             varying = {k: np.take(v, stage, np.ndim(v) - self.axes[k] - 1) for k, v in self.stages.items()}
             z = self.motion.step(*z, **self.constants, **varying)
-        for part in self.motion.parts[1:]:
-            z = part.function(*z, **self.constants)
-        return z
+        close = self.motion.close if isinstance(self.motion, Steps) else None
+        return z if close is None else close(*z, **self.constants)

@@ -39,7 +39,7 @@ from kreisel.method.driven import (
     zero,
 )
 from kreisel.method.integrable import Integrable, integrable
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import as_matrix, observer, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import CoupledSteps, Guard, Outcome, Scheme, Steps
 from kreisel.method.splitting_coefficients import ORDERS, splitting
@@ -110,7 +110,7 @@ class Splitting:
 
     def turn(self, g: State) -> Array | None:
         """The orientation as a matrix."""
-        return None if not g else algebra.rotation_matrix(g[0]) if self.model.n == 3 else g[0]
+        return as_matrix(self.model, g[0]) if g else None
 
     def time(self, more: Mapping[str, Array], node: Array, known: Constants) -> Any:
         """The time at a node of the step."""
@@ -245,7 +245,7 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
         if record.names(TIME):
             where[TIME] = more[COUNT] * body.dt
         if record.names(ORIENTATION):
-            where[ORIENTATION] = algebra.rotation_matrix(g[0]) if model.n == 3 else g[0]
+            where[ORIENTATION] = body.turn(g)
         out = plain((*own, *g), **constants, **where)
         return with_work(out, more[WORK]) if body.driven else out
 

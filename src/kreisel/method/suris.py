@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.exact import iterates
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import observer, turned_by_map, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.contract import Frame, call
+from kreisel.record.contract import call
 from kreisel.record.model import Model
 
 
@@ -41,7 +40,7 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     def step(*z: Array, **consts: Array) -> tuple[Array, ...]:
         own = z[: len(letters)]
         new = call(phi.step, own, consts)
-        return (*new, *(_turned_by_generator(model, own, new, g, consts) for g in z[len(letters) :]))
+        return (*new, *(turned_by_map(phi, model.system.frame, own, new, consts, g) for g in z[len(letters) :]))
 
     return Scheme(
         name="suris",
@@ -56,13 +55,6 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         outcomes=outcomes,
         options={"order": order},
     )
-
-
-def _turned_by_generator(
-    model: Model, old: tuple[Array, ...], new: tuple[Array, ...], g: Array, consts: dict[str, Array]
-) -> Array:
-    X = call(model.map.generator, (*old, *new), consts)
-    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
 
 
 def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:

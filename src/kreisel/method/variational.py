@@ -27,10 +27,10 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme, Steps
-from kreisel.record.contract import Frame, System, call
+from kreisel.record.contract import System, call
 from kreisel.record.model import Model
 
 NEWTON_STEPS = 4
@@ -184,7 +184,7 @@ def _turned_like_the_vector(system: System, state: State, X: Array, g: Array, ep
     """The orientation, turned like the vector; first by the spin, if any, which leaves the vector alone."""
     turns = [] if system.spin is None else [eps / 2 * call(system.spin, state, consts)]
     for Y in (*turns, system.space.sign * X):
-        g = algebra.turn_left(Y, g) if system.frame is Frame.REST else algebra.turn_right(g, Y)
+        g = turned(system.frame, Y, g)
     return g
 
 

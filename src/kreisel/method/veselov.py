@@ -12,11 +12,11 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import observer, turned, turned_by_map, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme, Steps
 from kreisel.method.variational import DEFECT
-from kreisel.record.contract import Frame, call, keywords
+from kreisel.record.contract import call, keywords
 from kreisel.record.model import Model
 
 LIMIT = 1e-13  # of the error of X
@@ -40,10 +40,10 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         own = z[:count]
         if implicit:
             X, defect = call(phi.turn, own, consts)
-            turned = (_turned_by(model, X, g) for g in z[count:-1])
-            return (*call(phi.move, (*own, X), consts), *turned, algebra.maximum(z[-1], defect))
+            along = (turned(model.system.frame, X, g) for g in z[count:-1])
+            return (*call(phi.move, (*own, X), consts), *along, algebra.maximum(z[-1], defect))
         new = call(phi.step, own, consts)
-        return (*new, *(_turned_by(model, call(phi.generator, (*own, *new), consts), g) for g in z[count:]))
+        return (*new, *(turned_by_map(phi, model.system.frame, own, new, consts, g) for g in z[count:]))
 
     def reopen(x: State) -> State:
         return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0]) if implicit else x
@@ -80,10 +80,6 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         if implicit
         else None,
     )
-
-
-def _turned_by(model: Model, X: Array, g: Array) -> Array:
-    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
 
 
 def _check_domain(model: Model, state: State, longest: float, order: int) -> None:

@@ -9,9 +9,8 @@ SHA-256 of every file (`kreisel.storage.manifest`).  Archives are data: arrays a
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -73,7 +72,7 @@ class Archive:
     def __enter__(self) -> Archive:
         import zarr
 
-        with self._disk("be opened again" if self._begun else "be created"):
+        with _disk(self.path, "be opened again" if self._begun else "be created"):
             if not self._begun:
                 self._make_room()
                 attrs = replace(describe(self.plan), complete=False).to_attrs()
@@ -107,9 +106,6 @@ class Archive:
                 )
             remove(self.part)
 
-    def _disk(self, what: str) -> _DiskTrouble:
-        return _DiskTrouble(self, what)
-
     def _require_there(self) -> None:
         """Raises `RunError` where the store is no longer the folder that it was: Zarr would make a new one."""
         try:
@@ -129,7 +125,7 @@ class Archive:
         stop = start + len(next(iter(block.values())))
         values = {"time": saved_times(self.plan, start, stop), **block}
         number = start // self._rows_in_block
-        with self._disk("be written"):
+        with _disk(self.path, "be written"):
             self._require_there()
             names = [f"{name}/c/{number}{'/0' * (value.ndim - 1)}" for name, value in values.items()]
             if start == 0:
@@ -144,32 +140,31 @@ class Archive:
 
     def _create(self, values: Mapping[str, Array], attrs: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Create every array at its full length and write the numbers of the lanes.  Returns their chunks' names."""
-        from zarr.codecs import Crc32cCodec, ZstdCodec
+        from kreisel.storage.verified import made_array
 
         block, rows = self._rows_in_block, self.plan.rows
         chunk = chunk_rows(block)
-        codecs = [ZstdCodec(level=1), Crc32cCodec()]
         if self.plan.batched:
             lanes = np.arange(self.plan.lanes)
-            self._group.create_array(
+            made_array(
+                self._group,
                 "lane",
                 data=lanes,
                 chunks=lanes.shape,
                 dimension_names=("lane",),
-                compressors=codecs,
                 attributes={"long_name": "lane"},
                 config={"write_empty_chunks": True},
                 overwrite=True,
             )
         for name, value in values.items():
-            self._group.create_array(
+            made_array(
+                self._group,
                 name,
                 shape=(rows, *value.shape[1:]),
                 chunks=(chunk, *value.shape[1:]),
                 shards=(block, *value.shape[1:]) if chunk < block else None,
                 dtype=value.dtype,
                 dimension_names=("time",) if name == "time" else dimensions(self.plan, name, value.shape),
-                compressors=codecs,
                 attributes=dict(attrs[name]),
                 fill_value=np.nan,
                 overwrite=True,
@@ -179,7 +174,7 @@ class Archive:
 
     def checkpoint(self, snapshot: Snapshot) -> None:
         """Write down where the run stands; everything before is kept whatever happens."""
-        with self._disk("be written"):
+        with _disk(self.path, "be written"):
             self._require_there()
             checkpoint.write(self.part, snapshot, self._start)
 
@@ -187,7 +182,7 @@ class Archive:
         """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
         from kreisel.storage.verified import consolidated
 
-        with self._disk("be finished"):
+        with _disk(self.path, "be finished"):
             self._require_there()
             of_variables = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
             consolidated(self.part, of_variables, complete=True)
@@ -227,7 +222,7 @@ def reopen(path: Path, extend: int | None, system: Model | None = None) -> tuple
     if snapshot.flushed:
         _require_arrays(store, plan, record, known)
     archive = Archive(path, plan, begun=True, rows_in_block=block)
-    with _DiskTrouble(archive, "be opened again"):
+    with _disk(path, "be opened again"):
         if store == path:
             os.replace(path, part)
         _continue(part, plan, snapshot, block)
@@ -236,7 +231,7 @@ def reopen(path: Path, extend: int | None, system: Model | None = None) -> tuple
 
 def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
     """Make a store ready to go on after its finished blocks: not complete any more, and as long as the plan."""
-    from kreisel.storage.verified import edited
+    from kreisel.storage.verified import edited, note_versions
 
     manifest.unseal(part, snapshot.flushed // block)
     known = manifest.listed(part)
@@ -244,30 +239,20 @@ def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
         name = path.relative_to(part).as_posix()
         if manifest.is_scratch(name) or (manifest.is_chunk(name) and name not in known):
             path.unlink()  # what a kill left, half written or not yet listed
-    changed = json.dumps(versions())
     with edited(part) as group:
-        resumed = {} if group.attrs["versions"] == changed else {"resumed": changed}
-        group.attrs.update({"complete": False, "steps": plan.steps, "rows_in_block": block, **resumed})
+        group.attrs.update({"complete": False, "steps": plan.steps, "rows_in_block": block})
+        note_versions(group, versions())
         for _, array in group.arrays() if snapshot.flushed else ():
             if array.metadata.dimension_names[0] == "time" and array.shape[0] != plan.rows:
                 array.resize((plan.rows, *array.shape[1:]))
 
 
-class _DiskTrouble:
+@contextlib.contextmanager
+def _disk(path: Path, what: str) -> Iterator[None]:
     """Turns what the file system says into one message with the fix."""
-
-    def __init__(self, archive: Archive, what: str):
-        self._archive, self._what = archive, what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if isinstance(error, OSError):
-            archive = self._archive
-            kept = ""
-            if (archive.part / checkpoint.NAME).exists():
-                kept = f" What was done until the last checkpoint is kept: `kreisel resume {archive.path}` goes on."
-            raise disk_trouble(error, archive.path, self._what, kept) from error
+    try:
+        yield
+    except OSError as error:
+        there = (part_of(path) / checkpoint.NAME).exists()
+        kept = f" What was done until the last checkpoint is kept: `kreisel resume {path}` goes on." if there else ""
+        raise disk_trouble(error, path, what, kept) from error

@@ -197,25 +197,30 @@ def opened(path: Path, known: manifest.Listed | None, every_array: bool = False)
     import xarray as xr
 
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
-    from kreisel.storage.verified import Verified
+    from kreisel.storage.verified import verified
 
-    store: Any = path
-    if known is not None:
-        store = Verified(path, known)
-        for name in manifest.metadata_files(path) + [n for n in known if every_array and n.endswith("zarr.json")]:
-            store.verify(name)
-    lengths = _array_lengths(path)
+    store: Any = path if known is None else verified(path, known, every_array)
+    lengths, options = _array_lengths(path), {"create_default_indexes": False}
+    if len(set(lengths.values())) < 2:
+        return dataset(path, store, **options)
+    parts = [dataset(path, store, drop_variables=set(lengths) - {name}, **options) for name in lengths]
+    return xr.merge([part.isel(time=slice(0, min(lengths.values()))) for part in parts], combine_attrs="override")
+
+
+def dataset(path: Path, store: Any, **options: Any) -> xr.Dataset:
+    """The arrays of a store of that path, read when they are asked for.  Raises `InputError` for what is damaged."""
+    import xarray as xr
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            if len(set(lengths.values())) < 2:
-                return xr.open_dataset(store, **READING)
-            parts = [xr.open_dataset(store, drop_variables=set(lengths) - {name}, **READING) for name in lengths]
+            return xr.open_dataset(
+                store, engine="zarr", consolidated=False, cache=False, mask_and_scale=False, **options
+            )
     except InputError:
         raise
     except Exception as error:  # whatever a damaged store makes the libraries raise
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
-    return xr.merge([part.isel(time=slice(0, min(lengths.values()))) for part in parts], combine_attrs="override")
 
 
 def _array_lengths(store: Path) -> dict[str, int]:
@@ -293,15 +298,6 @@ def _require_arrays(store: Path, plan: Plan, record: RunRecord, known: manifest.
         whole = None if variable is None else variable.encoding.get("shards") or variable.encoding["chunks"]
         if not good or whole != (record.rows_in_block, *value.shape[1:]):
             raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
-
-
-READING: dict[str, Any] = {
-    "engine": "zarr",
-    "consolidated": False,
-    "cache": False,
-    "mask_and_scale": False,
-    "create_default_indexes": False,
-}
 
 
 def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:

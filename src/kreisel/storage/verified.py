@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import json
 import os
 import stat
 import warnings
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import zarr
+from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.core.buffer import Buffer, BufferPrototype, cpu, default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
@@ -92,6 +94,26 @@ class Verified(LocalStore):
     ) -> list[Buffer | None]:
         """The same of several."""
         return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
+
+
+def verified(store: Path, known: manifest.Listed, every_array: bool, partial: bool = False) -> Verified:
+    """A store to be read, its metadata compared; with `every_array` those that are listed must be there."""
+    found = Verified(store, known, partial=partial)
+    for name in manifest.metadata_files(store) + [n for n in known if every_array and n.endswith("zarr.json")]:
+        found.verify(name)
+    return found
+
+
+def made_array(group: zarr.Group, name: str, **layout: Any) -> None:
+    """Create an array, compressed as those of runs and sweeps are."""
+    group.create_array(name, compressors=[ZstdCodec(level=1), Crc32cCodec()], **layout)
+
+
+def note_versions(group: zarr.Group, versions: Mapping[str, str]) -> None:
+    """Note in `resumed` what goes on with a store, where it is other than what began it."""
+    now = json.dumps(versions)
+    if group.attrs["versions"] != now:
+        group.attrs["resumed"] = now
 
 
 @contextlib.contextmanager

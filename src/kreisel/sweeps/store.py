@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, disk_trouble
-from kreisel.runs.describing import dimensions, saved_times, versions
+from kreisel.runs.describing import TIME, dimensions, saved_times, versions
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
 from kreisel.storage.opening import metadata, require_sound
@@ -101,7 +101,7 @@ class Store:
 
     def _fit(self) -> None:
         """Compare the metadata with the manifest; note other versions; remove what a kill left half written."""
-        from kreisel.storage.verified import Verified, edited
+        from kreisel.storage.verified import Verified, edited, note_versions
 
         if manifest.whole(self.part):
             return
@@ -109,10 +109,8 @@ class Store:
         for name in ("zarr.json", *(f"{name}/zarr.json" for name in self._arrays())):
             store.verify(name)
         _sweep_up(self.part)
-        changed = json.dumps(versions())
         with edited(self.part) as group:
-            if group.attrs["versions"] != changed:
-                group.attrs["resumed"] = changed
+            note_versions(group, versions())
 
     def _arrays(self) -> dict[str, dict[str, Any]]:
         """Every array as Zarr makes it."""
@@ -146,7 +144,8 @@ class Store:
 
     def _create(self, overwrite: bool) -> None:
         import zarr
-        from zarr.codecs import Crc32cCodec, ZstdCodec
+
+        from kreisel.storage.verified import made_array
 
         plan, system = self._plans[0], self.sweep.system
         attrs = {
@@ -168,16 +167,11 @@ class Store:
         }
         self.part.parent.mkdir(parents=True, exist_ok=True)
         group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
-        codecs = [ZstdCodec(level=1), Crc32cCodec()]
         if TRAJECTORIES in self.sweep.save:
             times = saved_times(plan)
-            said: dict[str, Any] = {"long_name": "time", "units": "1", "axis": "T"}
-            group.create_array(
-                "time", data=times, chunks=times.shape, dimension_names=("time",), compressors=codecs, attributes=said
-            )
+            made_array(group, "time", data=times, chunks=times.shape, dimension_names=("time",), attributes=TIME)
         for name, layout in self._arrays().items():
-            more: dict[str, Any] = layout
-            group.create_array(name, compressors=codecs, **more)
+            made_array(group, name, **layout)
         group.create_group("engine")
         (self.part / manifest.BLOCKS).mkdir()
         if overwrite:

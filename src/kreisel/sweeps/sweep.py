@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage import manifest
 from kreisel.storage.checkpoint import Lock, signals_wait
-from kreisel.storage.opening import require_sound, target
+from kreisel.storage.opening import dataset, require_sound, target
 from kreisel.storage.reading import shallow
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
@@ -175,29 +174,11 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
 
 def open_sweep(path: Path) -> xr.Dataset:
     """The Dataset of a sweep, opened lazily; lanes of blocks that are not done have failed = 255."""
-    import xarray as xr
-
-    from kreisel.storage.verified import Verified
+    from kreisel.storage.verified import verified
 
     attrs = sweep_attributes(path)
     require_sound(path)
-    store = Verified(path, known := manifest.read(path), partial=not attrs["complete"])
-    for name in {*manifest.metadata_files(path), *(n for n in known if n.endswith("zarr.json"))}:
-        store.verify(name)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return xr.open_dataset(
-                store,  # type: ignore[arg-type]
-                engine="zarr",
-                consolidated=False,
-                cache=False,
-                mask_and_scale=False,
-            )
-    except InputError:
-        raise
-    except Exception as error:  # whatever a damaged store makes the libraries raise
-        raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
+    return dataset(path, verified(path, manifest.read(path), every_array=True, partial=not attrs["complete"]))
 
 
 def failures(run: xr.Dataset) -> pd.DataFrame:

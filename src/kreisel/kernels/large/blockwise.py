@@ -72,7 +72,7 @@ class Printer:
         self, columns: Mapping[str, slice], stage_columns: Mapping[str, slice], head: str, options: str
     ) -> str:
         """The source; `columns` say where each constant stands in its row."""
-        pieces = [recorded_large(self.form, self.kinds, part) for part in self.scheme.motion.parts]
+        pieces = [recorded_large(self.form, self.kinds, part) for part in self.scheme.parts]
         if "matrix" not in self.kinds and all(self._stays_zero(piece) for piece in pieces):
             self.end = -(-self.form.h // VECTOR) * VECTOR
         places = self._places()

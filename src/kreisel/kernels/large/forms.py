@@ -256,7 +256,7 @@ def _first_that_holds(forms: list[LargeForm], scheme: Scheme) -> LargeForm | Non
     for form in forms:
         kinds = form.kinds
         try:
-            pieces = [recorded_large(form, list(kinds), part) for part in scheme.motion.parts]
+            pieces = [recorded_large(form, list(kinds), part) for part in scheme.parts]
         except (TypeError, KeyError, AttributeError):
             continue
         upkeep = pieces[0].upkeep
