@@ -214,3 +214,31 @@ def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
     columns = [np.broadcast_to(np.asarray(v, dtype=kind), np.broadcast_shapes(batch, np.shape(v))) for v in found]
     spread = np.broadcast_arrays(*columns)
     return np.stack(spread, -1).reshape((*spread[0].shape, *shape))
+
+
+def value_and_jacobian(
+    function: Callable[..., Sequence[Any]], x: Sequence[Any], constants: Sequence[tuple[Array, int]] = ()
+) -> tuple[list[Any], list[list[Any]]]:
+    """Values and derivatives d f_i/d x_j of a function of the numbers x, each with its batch, and of (constant, axes)."""
+    tape: list[TracedNumber] = []
+    given = [TracedNumber(tape, v) for v in x]
+    known = [traced(tape, v, axes) for v, axes in constants]
+    values = function(given, *known)
+    moves = [place < len(given) for place in range(len(tape))]  # which numbers change with x
+    for node in tape:
+        moves[node.place] = moves[node.place] or any(moves[parent.place] for parent, _ in node.parents)
+    return [_value(v) for v in values], [_slopes(tape, moves, v, len(given)) for v in values]
+
+
+def _slopes(tape: list[TracedNumber], moves: Sequence[bool], out: Any, count: int) -> list[Any]:
+    slopes: list[Any] = [0] * max(len(tape), count)
+    if isinstance(out, TracedNumber):
+        slopes[out.place] = 1
+        for node in reversed(tape[: out.place + 1]):
+            here = slopes[node.place]
+            if isinstance(here, int) and here == 0:
+                continue
+            for parent, slope in node.parents:
+                if moves[parent.place]:
+                    slopes[parent.place] = slopes[parent.place] + here * slope
+    return slopes[:count]

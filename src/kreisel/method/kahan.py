@@ -1,0 +1,276 @@
+"""method="kahan": Kahan's discretization of flows that are quadratic in the state, and compositions of it.
+
+For x' = f(x) = Q(x, x) + B x + c, Q symmetric and bilinear, the step is
+
+    (x' - x)/dt = Q(x, x') + B (x + x')/2 + c,   so   x' = x + dt (1 - dt/2 f'(x))^-1 f(x):
+
+one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals of
+the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the numbers
+1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too.  The orientation turns by the Cayley transform of
+dt/2 Omega((x + x')/2).
+[Kahan, unpublished notes, 1993; Hirota, Kimura 2000; Petrera, Pfadler, Suris 2011]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.gradient import value_and_jacobian
+from kreisel.algebra.reuse import reused
+from kreisel.errors import InputError
+from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
+from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.record import Method
+from kreisel.method.scheme import Guard, Outcome, Scheme
+from kreisel.record.contract import Frame, PhaseSpace, call
+from kreisel.record.model import Model
+
+MOST_COORDINATES = 15  # e(5); straight-line code of the elimination grows like their cube
+SMALLEST_PIVOT = 0.01
+DEFECT = "defect"
+POINTS = 3  # at which third differences are taken
+
+State = tuple[Array, ...]
+
+
+def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """Kahan's step with dt, of order 2, or composed to order 4, 6 or 8.
+
+    The largest 1 - (a pivot of the linear equation) is carried along as the component "defect" and guarded.
+    """
+    space = model.system.space
+    count = len(space.letters)
+    linear = tuple(name for name, function in model.system.integrals.items() if _is_linear(model, function))
+    energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
+    observe_all, outcomes = observer(model, None, None, conserved=linear, meanings={"energy": energy})
+    deformed = order == 2 and is_euler_top(model)
+
+    def step(*z: Array, eps: Array, **consts: Array) -> State:
+        new, pivots = advance(model, z[:count], eps, consts)
+        turned = (_turned(model, z[:count], new, g, eps, consts) for g in z[count:-1])
+        defect = z[-1]
+        for pivot in pivots:
+            defect = algebra.maximum(defect, 1 - pivot)
+        return (*new, *turned, defect)
+
+    def reopen(x: State) -> State:
+        return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
+
+    def observe(z: State, /, **constants: Array) -> dict[str, Array]:
+        out = observe_all(z[:-1], **constants)
+        return out | (euler_integrals(model, out, dt, constants) if deformed else {})
+
+    if deformed:
+        outcomes |= {
+            name + "_eps": Outcome("integral", f"deformed {name}, conserved exactly by the map", conserved=True)
+            for name in ("casimir", "energy")
+        }
+    if oriented:
+        outcomes[ORIENTATION] = orientation_outcome(model)
+    return Scheme(
+        name="kahan",
+        components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
+        constants=dict(model.constants),
+        axes={**model.axes, "eps": 0},
+        stages={"eps": symmetric_composition(order) * dt},
+        n=model.n,
+        prepare=reopen,
+        step=step,
+        observe=observe,
+        reopen=reopen,
+        outcomes=outcomes,
+        options={"order": order},
+        guard=Guard(
+            DEFECT,
+            1 - SMALLEST_PIVOT,
+            "The linear equation of Kahan's step is singular, or close to it",
+            "a step in which the state changes by more than itself. Use a smaller dt.",
+        ),
+    )
+
+
+def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array]) -> tuple[State, list[Any]]:
+    """The step of order 2, and the pivots of its linear equation."""
+    space = model.system.space
+    numbers = _numbers(space, state)
+    known = {name: value for name, value in consts.items() if name in model.axes}
+
+    def rates(x: Sequence[Any], *values: Any) -> list[Any]:
+        own = _components(space, x, model.n)
+        return _numbers(space, tuple(call(model.system.flow, own, dict(zip(known, values, strict=True)))))
+
+    f, slopes = value_and_jacobian(rates, numbers, [(value, model.axes[name]) for name, value in known.items()])
+    matrix = [[(i == j) - eps / 2 * slope for j, slope in enumerate(row)] for i, row in enumerate(slopes)]
+    change, pivots = eliminate(matrix, [eps * v for v in f])
+    return _components(space, [x + y for x, y in zip(numbers, change, strict=True)], model.n), pivots
+
+
+def eliminate(matrix: list[list[Any]], right: list[Any]) -> tuple[list[Any], list[Any]]:
+    """The solution of a linear equation near the identity, and the pivots, none of which is moved."""
+    rows = [[*row, b] for row, b in zip(matrix, right, strict=True)]
+    pivots = []
+    for k, row in enumerate(rows):
+        pivots.append(row[k])
+        inverse = 1 / row[k]
+        row[k + 1 :] = [inverse * v for v in row[k + 1 :]]
+        for other in rows[k + 1 :]:
+            other[k + 1 :] = [v - other[k] * w for v, w in zip(other[k + 1 :], row[k + 1 :], strict=True)]
+    found: list[Any] = []
+    for k, row in reversed(list(enumerate(rows))):
+        value = row[-1]
+        for v, x in zip(row[k + 1 : -1], found, strict=True):
+            value = value - v * x
+        found.insert(0, value)
+    return found, pivots
+
+
+def _numbers(space: PhaseSpace, state: State) -> list[Any]:
+    """The independent coordinates, each with its batch."""
+    flat = [algebra.coordinates_of(kind, z) for kind, z in zip(space.kinds, state, strict=True)]
+    return [z[..., i][()] for z in flat for i in range(z.shape[-1])]
+
+
+def _components(space: PhaseSpace, numbers: Sequence[Any], n: int) -> State:
+    parts, rest = [], list(numbers)
+    for kind in space.kinds:
+        count = _count(kind, n)
+        own, rest = rest[:count], rest[count:]
+        if all(isinstance(v, float | np.ndarray | np.floating) for v in own):
+            x = np.stack(np.broadcast_arrays(*own), -1)
+        else:
+            x = np.empty(count, dtype=object)
+            x[:] = own
+        parts.append(algebra.skew(x, n) if kind == "skew" else algebra.symmetric(x, n) if kind == "symmetric" else x)
+    return tuple(parts)
+
+
+def _count(kind: str, n: int) -> int:
+    if kind.startswith("R^"):
+        return int(kind[2:])
+    return {"skew": n * (n - 1) // 2, "symmetric": n * (n + 1) // 2, "vector": n}[kind]
+
+
+def _turned(model: Model, old: State, new: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
+    middle = tuple((x + y) / 2 for x, y in zip(old, new, strict=True))
+    X = eps / 2 * call(model.system.velocity, middle, consts)
+    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
+
+
+# -- what is known of a flow, over the rational numbers ------------------------------------------------
+
+
+def is_quadratic(model: Model) -> bool:
+    """Whether the flow is quadratic in the state, for these parameters: third differences vanish over Q."""
+    return bool(reused((is_quadratic, model.key), lambda: _differences_vanish(model, model.system.flow, 3)))
+
+
+def _is_linear(model: Model, function: Callable[..., Any]) -> bool:
+    return _differences_vanish(model, function, 2)
+
+
+def _differences_vanish(model: Model, function: Callable[..., Any] | None, order: int) -> bool:
+    """Whether differences of that order vanish at random points, where parameters that vary are mixed at random."""
+    rng = np.random.default_rng(1)
+    known = {name: _one_lane(value, model.axes[name], rng) for name, value in model.constants.items()}
+    signs = {2: (1, -2, 1), 3: (-1, 3, -3, 1)}[order]
+    for _ in range(POINTS):
+        start, along = (_random_numbers(model, rng) for _ in range(2))
+        total: Any = 0
+        for k, sign in enumerate(signs):
+            state = _components(model.system.space, [x + k * y for x, y in zip(start, along, strict=True)], model.n)
+            try:
+                value = call(function, state, known)
+            except (TypeError, AttributeError, ZeroDivisionError, InputError):  # no rational function
+                return False
+            parts = value if isinstance(value, tuple) else (value,)
+            total = total + sign * np.concatenate([np.ravel(np.asarray(v, dtype=object)) for v in parts])
+        if any(v != 0 for v in total):
+            return False
+    return True
+
+
+def _random_numbers(model: Model, rng: np.random.Generator) -> list[Fraction]:
+    count = sum(_count(kind, model.n) for kind in model.system.space.kinds)
+    return [Fraction(int(a), int(b)) for a, b in zip(rng.integers(-99, 99, count), rng.integers(1, 99, count), strict=True)]
+
+
+def _one_lane(value: Array, axes: int, rng: np.random.Generator) -> Any:
+    """A constant of one lane, or a random mean over lanes: what holds for it holds for each."""
+    flat = np.asarray(value)
+    exact = np.vectorize(Fraction, otypes=[object])(flat) if flat.dtype != object else flat
+    if flat.ndim == axes:
+        return exact if axes else exact[()]
+    lanes = exact.reshape((-1, *flat.shape[flat.ndim - axes :]))
+    weights = [Fraction(int(w), 1000) for w in rng.integers(1, 1000, len(lanes))]
+    return sum(w * lane for w, lane in zip(weights, lanes, strict=True)) / sum(weights)
+
+
+def _has_a_quadratic_flow(model: Model) -> bool:
+    system = model.system
+    return (
+        system.flow is not None
+        and system.numbers == "any"
+        and system.perturbation is None
+        and sum(_count(kind, model.n) for kind in system.space.kinds) <= MOST_COORDINATES
+        and is_quadratic(model)
+    )
+
+
+# -- Euler's top -----------------------------------------------------------------------------------------
+
+
+def is_euler_top(model: Model) -> bool:
+    """Whether the flow is x_i' = alpha_i x_j x_k, with an energy: exactly, in one lane."""
+    if model.n != 3 or model.system.space.kinds != ("skew",) or model.system.energy is None:
+        return False
+    rng = np.random.default_rng(2)
+    known = {name: _one_lane(value, model.axes[name], rng) for name, value in model.constants.items()}
+    x = np.array([Fraction(int(v), 7) for v in rng.integers(1, 99, 3)], dtype=object)
+    rate = algebra.axial(call(model.system.flow, (algebra.hat(x),), known)[0])
+    energy = [call(model.system.energy, (algebra.hat(sign * x),), known) for sign in (1, -1, 0)]
+    return bool(
+        all(v == w for v, w in zip(rate, _alphas(model, known) * _others(x), strict=True))
+        and energy[0] == energy[1]
+        and energy[2] == 0
+    )
+
+
+def _others(x: Array) -> Array:
+    return x[..., algebra.SECOND] * x[..., algebra.THIRD]
+
+
+def _alphas(model: Model, known: Mapping[str, Array]) -> Array:
+    """The alpha_i: the rate of x_i at x = (1, 1, 1)."""
+    ones = algebra.hat(np.ones(3, dtype=np.int8))
+    return algebra.axial(call(model.system.flow, (ones,), known)[0])
+
+
+def euler_integrals(
+    model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]
+) -> dict[str, Array]:
+    """|M|^2/D and H/D, D = 1 - dt^2/12 sum alpha_j alpha_k x_i^2."""
+    x = algebra.axial(seen[model.system.space.letters[0]])
+    own = {name: value for name, value in known.items() if name in model.axes}
+    D = 1 - dt * dt / 12 * (_others(_alphas(model, own)) * x * x).sum(-1)
+    return {"casimir_eps": seen["casimir"] / algebra.vec(D), "energy_eps": seen["energy"] / D}
+
+
+METHOD = Method(
+    name="kahan",
+    title="Kahan's discretization of quadratic flows, and compositions of it",
+    needs=f"a flow that is quadratic in a state of at most {MOST_COORDINATES} coordinates",
+    applies=_has_a_quadratic_flow,
+    orders=ORDERS,
+    default=2,
+    poisson="no",
+    conserves="linear integrals; deformed integrals of the Euler top (order 2)",
+    sources=("kahan1993", "hirota2000", "petrera2011"),
+    make=kahan,
+    composed=COMPOSED,
+)
