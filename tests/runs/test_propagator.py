@@ -25,6 +25,7 @@ CASES = [
     ("clebsch", 3, "baecklund", 4),
     ("euler-top", 3, "veselov", 2),
     ("heavy-top", 3, "variational", 2),
+    ("heavy-top", 3, "kahan", 4),
     ("heavy-top", 3, "dop853", None),
     ("neumann", 3, "suris", 1),
     ("lagrange-top", 3, "exact", None),

@@ -409,6 +409,7 @@ SHAPES: dict[str, tuple[Any, Any, dict[str, Any]]] = {
     ),
     "dop853": (TOP, LANES, {"method": "dop853"}),
     "variational": (TOP, LANES, {"method": "variational"}),
+    "kahan": (TOP, LANES, {"method": "kahan", "order": 4, "orientation": (1, 0, 0, 0)}),
     "veselov": (
         kr.EulerTop(J=(1, 2, 2.5)),
         {"M": RNG.standard_normal((2, 3))},

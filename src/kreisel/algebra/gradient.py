@@ -219,7 +219,7 @@ def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
 def value_and_jacobian(
     function: Callable[..., Sequence[Any]], x: Sequence[Any], constants: Sequence[tuple[Array, int]] = ()
 ) -> tuple[list[Any], list[list[Any]]]:
-    """Values and derivatives d f_i/d x_j of a function of the numbers x, each with its batch, and of (constant, axes)."""
+    """f_i and d f_i/d x_j of a function of the numbers x, each with its batch, and of constants (value, axes)."""
     tape: list[TracedNumber] = []
     given = [TracedNumber(tape, v) for v in x]
     known = [traced(tape, v, axes) for v, axes in constants]

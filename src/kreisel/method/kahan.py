@@ -4,8 +4,8 @@ For x' = f(x) = Q(x, x) + B x + c, Q symmetric and bilinear, the step is
 
     (x' - x)/dt = Q(x, x') + B (x + x')/2 + c,   so   x' = x + dt (1 - dt/2 f'(x))^-1 f(x):
 
-one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals of
-the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the numbers
+one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals
+of the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the numbers
 1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too.  The orientation turns by the Cayley transform of
 dt/2 Omega((x + x')/2).
 [Kahan, unpublished notes, 1993; Hirota, Kimura 2000; Petrera, Pfadler, Suris 2011]
@@ -197,7 +197,9 @@ def _differences_vanish(model: Model, function: Callable[..., Any] | None, order
 
 def _random_numbers(model: Model, rng: np.random.Generator) -> list[Fraction]:
     count = sum(_count(kind, model.n) for kind in model.system.space.kinds)
-    return [Fraction(int(a), int(b)) for a, b in zip(rng.integers(-99, 99, count), rng.integers(1, 99, count), strict=True)]
+    return [
+        Fraction(int(a), int(b)) for a, b in zip(rng.integers(-99, 99, count), rng.integers(1, 99, count), strict=True)
+    ]
 
 
 def _one_lane(value: Array, axes: int, rng: np.random.Generator) -> Any:
@@ -251,9 +253,7 @@ def _alphas(model: Model, known: Mapping[str, Array]) -> Array:
     return algebra.axial(call(model.system.flow, (ones,), known)[0])
 
 
-def euler_integrals(
-    model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]
-) -> dict[str, Array]:
+def euler_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]) -> dict[str, Array]:
     """|M|^2/D and H/D, D = 1 - dt^2/12 sum alpha_j alpha_k x_i^2."""
     x = algebra.axial(seen[model.system.space.letters[0]])
     own = {name: value for name, value in known.items() if name in model.axes}
