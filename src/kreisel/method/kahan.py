@@ -25,10 +25,10 @@ from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import ORIENTATION, observer, orientation_outcome, with_orientation
+from kreisel.method.observing import observer, turned, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Outcome, Scheme
-from kreisel.record.contract import Frame, PhaseSpace, call
+from kreisel.method.scheme import Guard, Outcome, Scheme, Steps
+from kreisel.record.contract import PhaseSpace, call
 from kreisel.record.model import Model
 
 MOST_COORDINATES = 15  # e(5); straight-line code of the elimination grows like their cube
@@ -48,16 +48,18 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     count = len(space.letters)
     linear = tuple(name for name, function in model.system.integrals.items() if _is_linear(model, function))
     energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
-    observe_all, outcomes = observer(model, None, None, conserved=linear, meanings={"energy": energy})
+    observe_all, outcomes = observer(
+        model, None, None, conserved=linear, meanings={"energy": energy}, oriented=oriented
+    )
     deformed = order == 2 and is_euler_top(model)
 
     def step(*z: Array, eps: Array, **consts: Array) -> State:
         new, pivots = advance(model, z[:count], eps, consts)
-        turned = (_turned(model, z[:count], new, g, eps, consts) for g in z[count:-1])
+        follow = (_followed(model, z[:count], new, g, eps, consts) for g in z[count:-1])
         defect = z[-1]
         for pivot in pivots:
             defect = algebra.maximum(defect, 1 - pivot)
-        return (*new, *turned, defect)
+        return (*new, *follow, defect)
 
     def reopen(x: State) -> State:
         return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
@@ -71,8 +73,6 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
             name + "_eps": Outcome("integral", f"deformed {name}, conserved exactly by the map", conserved=True)
             for name in ("casimir", "energy")
         }
-    if oriented:
-        outcomes[ORIENTATION] = orientation_outcome(model)
     return Scheme(
         name="kahan",
         components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
@@ -81,7 +81,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         stages={"eps": symmetric_composition(order) * dt},
         n=model.n,
         prepare=reopen,
-        step=step,
+        motion=Steps(step),
         observe=observe,
         reopen=reopen,
         outcomes=outcomes,
@@ -156,10 +156,10 @@ def _count(kind: str, n: int) -> int:
     return {"skew": n * (n - 1) // 2, "symmetric": n * (n + 1) // 2, "vector": n}[kind]
 
 
-def _turned(model: Model, old: State, new: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
+def _followed(model: Model, old: State, new: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
     middle = tuple((x + y) / 2 for x, y in zip(old, new, strict=True))
     X = eps / 2 * call(model.system.velocity, middle, consts)
-    return algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
+    return turned(model.system.frame, X, g)
 
 
 # -- what is known of a flow, over the rational numbers ------------------------------------------------

@@ -54,7 +54,7 @@ class Satellite:
     magnetic_moment   (3,), A m^2, in the field of the primary's dipole, along its axis
     torque         (3,), N m, steady
     wheel          (3,), N m s, momentum of reaction wheels against the body, constant; None for no wheel
-    plates         `Plate`s, for drag and sunlight; each is seen from its front, and none is in a shadow
+    plates         `Plate` records, for drag and sunlight; each is seen from its front, and none is in a shadow
     density, drag  of the air, kg/m^3, the same on the whole orbit, and the drag coefficient
     light, sun     the pressure of sunlight, N/m^2 (`SOLAR_PRESSURE`), and the direction of the Sun in space
     mirror, diffuse   parts of the light that are reflected and scattered
