@@ -43,6 +43,12 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     conserved = ("casimir", "energy", *model.system.integrals)
     observe, outcomes = observer(model, None, None, conserved=conserved, oriented=oriented)
 
+    def observed(z: State, /, **constants: Array) -> dict[str, Array]:
+        out = observe((*back(z[:2]), *z[2:]), **constants)
+        if body is not model:  # on a leaf <x, q> = 0 is <M, P> = 0, which (x, q) do not show and rounding would lose
+            out["casimir"] = np.stack([out["casimir"][..., 0], algebra.dot(algebra.axial(z[0]), z[1])], -1)
+        return out
+
     def prepare(x0: State) -> State:
         return (*carry(x0[:2]), *x0[2:])
 
@@ -72,7 +78,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         n=3,
         prepare=prepare,
         motion=Steps(step, close if oriented else None),
-        observe=lambda z, /, **constants: observe((*back(z[:2]), *z[2:]), **constants),
+        observe=observed,
         reopen=prepare,
         outcomes=outcomes,
         trajectory=trajectory,
