@@ -122,28 +122,28 @@ class Product:
         return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
     def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
-        """The constants of the trajectory at these points (..., points), computed in extended precision where there is.
-
-        The platform has it, or not.
-        """
+        """The constants of the trajectory (..., points), in extended precision where the platform has it."""
         wide = np.clongdouble if np.iscomplexobj(mus) else np.longdouble
 
         def at_points(x: Array, axes: int) -> Array:
-            lead = x.ndim - axes
-            shape = (*x.shape[:lead], len(mus), *x.shape[lead:])
-            return np.broadcast_to(np.expand_dims(x, lead), shape).astype(np.longdouble)
+            x, lead = x.astype(np.longdouble), x.ndim - axes
+            if len(mus) == 1:
+                return x
+            shape = x.shape[:lead], x.shape[lead:]
+            return np.broadcast_to(x.reshape((*shape[0], 1, *shape[1])), (*shape[0], len(mus), *shape[1]))
 
         known = {name: at_points(v, self.model.axes[name]) for name, v in self.model.constants.items()}
         kinds = self.model.system.space.kinds
         state = tuple(at_points(x, component_axes(kind)) for kind, x in zip(kinds, own, strict=True))
+        mu = mus.astype(wide) if len(mus) > 1 else wide(mus[0])
         with np.errstate(all="ignore"):
             try:
-                rho = call(self.record.point, state, {**known, "mu": mus.astype(wide)})
+                rho = call(self.record.point, state, {**known, "mu": mu})
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
         if not np.isfinite(rho).all():
             self._explain(own, mus)
-        return rho.astype(mus.dtype)
+        return (rho if len(mus) > 1 else rho[..., None]).astype(mus.dtype)
 
     def _explain(self, own: tuple[Array, ...], mus: Array) -> None:
         name = self.model.system.name
