@@ -188,14 +188,7 @@ def value_and_gradient(function: Callable[..., Any], arguments: Sequence[tuple[A
         raise InputError(f"expected one number, got {type(out).__name__} of shape {np.shape(out)}")
     if not isinstance(out, TracedNumber):
         return out, [0 * x for x, _ in arguments]
-    slopes: list[Any] = [0] * (out.place + 1)
-    slopes[out.place] = 1
-    for node in reversed(tape[: out.place + 1]):
-        here = slopes[node.place]
-        if isinstance(here, int) and here == 0:
-            continue
-        for parent, slope in node.parents:
-            slopes[parent.place] = slopes[parent.place] + here * slope
+    slopes = _swept(tape, out)
     return out.value, [_assembled(x, node, slopes, axes) for (x, axes), node in zip(arguments, given, strict=True)]
 
 
@@ -227,18 +220,19 @@ def value_and_jacobian(
     moves = [place < len(given) for place in range(len(tape))]  # which numbers change with x
     for node in tape:
         moves[node.place] = moves[node.place] or any(moves[parent.place] for parent, _ in node.parents)
-    return [_value(v) for v in values], [_slopes(tape, moves, v, len(given)) for v in values]
+    rows = [_swept(tape, v, moves) if isinstance(v, TracedNumber) else [] for v in values]
+    return [_value(v) for v in values], [(row + [0] * len(given))[: len(given)] for row in rows]
 
 
-def _slopes(tape: list[TracedNumber], moves: Sequence[bool], out: Any, count: int) -> list[Any]:
-    slopes: list[Any] = [0] * max(len(tape), count)
-    if isinstance(out, TracedNumber):
-        slopes[out.place] = 1
-        for node in reversed(tape[: out.place + 1]):
-            here = slopes[node.place]
-            if isinstance(here, int) and here == 0:
-                continue
-            for parent, slope in node.parents:
-                if moves[parent.place]:
-                    slopes[parent.place] = slopes[parent.place] + here * slope
-    return slopes[:count]
+def _swept(tape: list[TracedNumber], out: TracedNumber, moves: Sequence[bool] | None = None) -> list[Any]:
+    """The derivatives of a number by all up to its place, by a reverse sweep; `moves`: those that matter."""
+    slopes: list[Any] = [0] * (out.place + 1)
+    slopes[out.place] = 1
+    for node in reversed(tape[: out.place + 1]):
+        here = slopes[node.place]
+        if isinstance(here, int) and here == 0:
+            continue
+        for parent, slope in node.parents:
+            if moves is None or moves[parent.place]:
+                slopes[parent.place] = slopes[parent.place] + here * slope
+    return slopes
