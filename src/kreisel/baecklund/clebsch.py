@@ -29,7 +29,7 @@ from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
 from kreisel.record.contract import Baecklund
 
-CLOSE = 1e-10
+CLOSE = 1e-10  # relative: the next step of Newton's method changes the last places of wider numbers alone
 
 
 def shifted_diagonal(*, b):
@@ -48,12 +48,14 @@ def curve(M, P, *, c, mu):
     """rho with <P, Q> = rho: the one root with Re rho > 0, since c <= 0; from a pencil, then by Newton's method."""
     alive = dot(P, P) > 0
     rho = _root(M, np.where(vec(alive), P, 1), c, mu).astype(np.result_type(M.dtype, mu))
+    found = np.False_
     for _ in range(4):
         d = vec(mu) - vec(rho) * c
         Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
         change = (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
-        rho = rho - change
-        if not (abs(change) > CLOSE * abs(rho)).any():  # the next would change the last places of wider numbers alone
+        rho = np.where(found, rho, rho - change)  # each lane as if it were alone
+        found = found | (abs(change) <= CLOSE * abs(rho))
+        if found.all():
             break
     return np.where(alive, rho, np.nan)
 

@@ -24,6 +24,7 @@ from kreisel.record.contract import Baecklund, Frame, call, component_axes
 from kreisel.record.model import Model
 
 DIGITS = 60
+MANY = 4096  # numbers of a component: from here on one point after the other
 MOST_ORDER = 24
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
@@ -123,6 +124,8 @@ class Product:
 
     def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
         """The constants of the trajectory (..., points), in extended precision where the platform has it."""
+        if len(mus) > 1 and own[0].size > MANY:  # arrays of all points would leave the cache
+            return np.concatenate([self._rho(own, mus[i : i + 1]) for i in range(len(mus))], -1)
         wide = np.clongdouble if np.iscomplexobj(mus) else np.longdouble
 
         def at_points(x: Array, axes: int) -> Array:
