@@ -140,8 +140,8 @@ class Satellite:
     def state(self, spin: Any = None, axis: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
 
-        spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: the rate of the frame of the orbit at
-               t = 0, about the axis that `pointing()` puts along its normal
+        spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: that of the frame of the orbit
+               at t = 0, about the axis that `pointing()` puts along its normal
         """
         if spin is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
