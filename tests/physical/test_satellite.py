@@ -247,7 +247,7 @@ def test_by_name_on_disk(tmp_path: Path) -> None:
 
 
 def test_lanes_are_satellites() -> None:
-    """An ensemble over the inclination has the bits of single runs."""
+    """An ensemble over the inclination agrees with single runs."""
     inclinations = np.array([0.1, 0.9, 1.7])
     given = {"moments": (0.0067, 0.033, 0.034), "semi_major_axis": 7e6, "field": 7.6e15, "dipole": (0, 0, 1e-4)}
     asked = {"dt": 30.0, "steps": 50, "orientation": (1, 0, 0, 0), "progress": False, "observe": ()}
@@ -259,6 +259,7 @@ def test_lanes_are_satellites() -> None:
         assert abs(alone.M - together.M[:, lane]).max() < 1e-12 * abs(alone.M).max()
 
 
+SMALL = {"moments": (1, 1, 1), "semi_major_axis": 7e6}
 BAD = {
     "hits": (lambda: Orbit("500 km"), "hits the Earth"),
     "hyperbola": (lambda: Orbit(7e6, 1.2), "0 <= e < 1"),
@@ -275,6 +276,10 @@ BAD = {
     "moments": (lambda: BODIES["satellite"](moments=(1, 1, 3), semi_major_axis=7e6), "none above the sum"),
     "ellipse": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, eccentricity=1.0), "ellipse"),
     "size": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=-7e6), "number > 0"),
+    "light": (lambda: BODIES["satellite"](**SMALL, mirror=0.8, diffuse=0.4), "at most 1"),
+    "part": (lambda: BODIES["satellite"](**SMALL, mirror=-0.1), "from 0 to 1"),
+    "pressure": (lambda: BODIES["satellite"](**SMALL, pressure=-1), ">= 0"),
+    "sun": (lambda: BODIES["satellite"](**SMALL, sun=(1, 1, 0)), "length 1"),
     "rows": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, plates=[[1.0]]), "rows of 7"),
 }
 

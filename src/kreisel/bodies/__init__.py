@@ -3,7 +3,7 @@
 import importlib
 import pkgutil
 
-from kreisel.errors import InputError, hint, shown
+from kreisel import system
 from kreisel.record.contract import System
 from kreisel.system import REGISTRY
 
@@ -21,6 +21,4 @@ KNOWN = REGISTRY | BODIES  # whatever a name stands for
 
 def find(name: str) -> System:
     """The system or body of that name.  Raises `InputError` with the nearest name."""
-    if name not in KNOWN:
-        raise InputError(f"No system is called {shown(name)}.{hint(name, KNOWN)} There are: {', '.join(KNOWN)}.")
-    return KNOWN[name]
+    return system.find(name, KNOWN)

@@ -4,7 +4,7 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
 
     M' = M x Omega + (torque of V) + tau
     V = (mu/r^3) (tr J/2 - (3/2) u.J u) - b.B          u = r/|r|,  J = tr(I)/2 - I,  b the dipole of the satellite
-    B = -(k/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; the Earth's has k = 7.77e15 T m^3
+    B = -(k/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; the Earth's has k = 7.60e15 T m^3
     tau = torque + sum over plates of c x F            c the centre of a plate, n its normal, A its area
     F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x where x > 0, else 0
         - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
@@ -50,7 +50,7 @@ def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, 
         normal, centre, area = plate[:3], plate[3:6], plate[6]
         lit = normal @ s
         light = -pressure * ((1 - mirror) * s + 2 * (mirror * lit + diffuse / 3) * normal)
-        torque = torque + cross(centre, area * (positive(normal @ v) * air + positive(lit) * light))
+        torque = torque + cross(centre, area * (ramp(normal @ v) * air + ramp(lit) * light))
     return torque
 
 
@@ -58,19 +58,26 @@ def torque_with_wheel(M, g, t, *, moments, wheel, **known):
     return torque(g, t, **known) + cross(wheel, M / moments)
 
 
-def positive(x):
+def ramp(x):
     """x where x > 0, else 0."""
     return (x + sqrt(x * x + TINY)) / 2
 
 
-def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu):
-    """The mass tensor, the mean motion, and the half axes of the orbit, vectors in space."""
-    J = moments.sum(-1, keepdims=True) / 2 - moments
+def half_axes(*, semi_major_axis, eccentricity, inclination, node, perigee, mu):
+    """The mean motion, and the half axes of the orbit, vectors in space."""
     (ci, si), (cn, sn), (cp, sp) = ((np.cos(x), np.sin(x)) for x in (inclination, node, perigee))
     to_pericentre = np.stack([cn * cp - sn * sp * ci, sn * cp + cn * sp * ci, sp * si], -1)
     ahead = np.stack([-cn * sp - sn * cp * ci, -sn * sp + cn * cp * ci, cp * si], -1)
     a, b = semi_major_axis, semi_major_axis * np.sqrt(1 - eccentricity**2)
-    orbit = {"rate": np.sqrt(mu / a) / a, "along": a[..., None] * to_pericentre, "across": b[..., None] * ahead}
+    return {"rate": np.sqrt(mu / a) / a, "along": a[..., None] * to_pericentre, "across": b[..., None] * ahead}
+
+
+def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu, mirror, diffuse):
+    if (mirror + diffuse > 1).any():
+        raise InputError(f"mirror + diffuse: expected at most 1, got {shown((mirror + diffuse).tolist())}.")
+    J = moments.sum(-1, keepdims=True) / 2 - moments
+    elements = {"inclination": inclination, "node": node, "perigee": perigee}
+    orbit = half_axes(semi_major_axis=semi_major_axis, eccentricity=eccentricity, mu=mu, **elements)
     return {"J": J, **euler_top.sums(J=J), **orbit}
 
 
@@ -92,6 +99,21 @@ def check_positive(value, name):
         raise InputError(f"{name}: expected a number > 0, got {shown(value.tolist())}.")
 
 
+def check_not_negative(value, name):
+    if not (value >= 0).all():
+        raise InputError(f"{name}: expected a number >= 0, got {shown(value.tolist())}.")
+
+
+def check_part(value, name):
+    if not ((value >= 0) & (value <= 1)).all():
+        raise InputError(f"{name}: expected a part of the light, from 0 to 1, got {shown(value.tolist())}.")
+
+
+def check_direction(value, name):
+    if not (abs((value * value).sum(-1) - 1) < 1e-9).all():
+        raise InputError(f"{name}: expected a vector of length 1, got {shown(value.tolist())}.")
+
+
 def check_plates(value, name):
     if value.ndim != 2 or value.shape[1] != 7 or (value[:, 6] < 0).any():
         raise InputError(
@@ -100,7 +122,7 @@ def check_plates(value, name):
         )
 
 
-EARTH = 3.986004418e14  # m^3/s^2, WGS 84
+EARTH = 3.986004418e14  # mu, m^3/s^2, WGS 84
 PARAMETERS = (
     Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments),
     Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),
@@ -113,12 +135,12 @@ PARAMETERS = (
     Parameter("field", "scalar", "k, the magnetic dipole of the primary, T m^3", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
     Parameter("plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7))),
-    Parameter("density", "scalar", "of the air, kg/m^3", default=0.0),
-    Parameter("drag", "scalar", "drag coefficient of the plates", default=2.2),
-    Parameter("sun", "vector", "direction of the Sun in space, of length 1", default=np.array([1.0, 0.0, 0.0])),
-    Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.56e-6 at the distance of the Earth", default=0.0),
-    Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", default=0.0),
-    Parameter("diffuse", "scalar", "part of the light that plates scatter", default=0.0),
+    Parameter("density", "scalar", "of the air, kg/m^3", check_not_negative, 0.0),
+    Parameter("drag", "scalar", "drag coefficient of the plates", check_not_negative, 2.2),
+    Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
+    Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.56e-6 at the Earth's distance", check_not_negative, 0.0),
+    Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", check_part, 0.0),
+    Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
 )
 WHEEL = Parameter("wheel", "vector", "momentum of the wheel against the body, N m s, along the principal axes")
 ORBIT = ("rate", "along", "across", "eccentricity")

@@ -32,13 +32,7 @@ from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven
 from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.program import MOST_N, Program, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
-from kreisel.kernels.recording import (
-    Recording,
-    flat_constants,
-    indented,
-    recorded_outputs,
-    special_constants,
-)
+from kreisel.kernels.recording import Recording, flat_constants, indented, recorded_outputs, special_constants
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import TooLong
 from kreisel.method.scheme import Scheme
@@ -366,11 +360,10 @@ def _observing(
         return None
     used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}
     names = sorted(name for name in used if name[0] in "zc" and name[1:].isdigit())
+    load = [f"{n} = z[row, lane, {n[1:]}]" if n[0] == "z" else f"{n} = c[lane, {n[1:]}]" for n in names]
     source = HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}") + OBSERVE.format(
         options=EXACT,
-        load=indented(
-            [f"{n} = z[row, lane, {n[1:]}]" if n[0] == "z" else f"{n} = c[lane, {n[1:]}]" for n in names], 12
-        ),
+        load=indented(load, 12),
         body=indented([line.text for line in found.lines], 12),
         save=indented([f"out[row, lane, {j}] = {value}" for j, value in enumerate(found.values)], 12),
     )

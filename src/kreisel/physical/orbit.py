@@ -25,7 +25,7 @@ class Primary(NamedTuple):
 
 # mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
 # The dipole of the Earth along its axis: g_1^0 = -29404.8 nT of IGRF-13 (2020) times (6371.2 km)^3.
-EARTH = Primary("Earth", 3.986004418e14, 6_378_137.0, 7.6047e15)
+EARTH = Primary("Earth", satellite.EARTH, 6_378_137.0, 7.6047e15)
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
@@ -96,8 +96,7 @@ class Orbit:
         t = np.asarray(time, dtype=np.float64)[..., None]
         known = {name: np.asarray(value) for name, value in self.elements.items()}
         formulas = cast("Any", satellite)  # of a page, without types
-        half_axes, where = formulas.derive(moments=np.ones(3), **known), formulas.place
-        r, v = where(t, *(half_axes[name] for name in ("rate", "along", "across")), self.eccentricity)
+        r, v = formulas.place(t, **formulas.half_axes(**known), eccentricity=self.eccentricity)
         return r, v
 
     def frame(self, time: Any) -> Array:

@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+from collections.abc import Mapping
 
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.contract import System
@@ -24,8 +25,8 @@ REGISTRY = _found_systems()
 NAMED = {_class_name(name): system for name, system in REGISTRY.items()}  # as attributes of `kreisel`
 
 
-def find(name: str) -> System:
+def find(name: str, known: Mapping[str, System] = REGISTRY) -> System:
     """The system of that name.  Raises `InputError` with the nearest name."""
-    if name not in REGISTRY:
-        raise InputError(f"No system is called {shown(name)}.{hint(name, REGISTRY)} There are: {', '.join(REGISTRY)}.")
-    return REGISTRY[name]
+    if name not in known:
+        raise InputError(f"No system is called {shown(name)}.{hint(name, known)} There are: {', '.join(known)}.")
+    return known[name]
