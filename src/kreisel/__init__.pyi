@@ -163,6 +163,26 @@ class _KirchhoffCase(System):
 
 KirchhoffCase: _KirchhoffCase
 
+class _KirchhoffRevolution(System):
+    def __call__(
+        self,
+        *,
+        a1: ArrayLike,
+        a3: ArrayLike,
+        c1: ArrayLike,
+        c3: ArrayLike,
+        n: int = 3,
+    ) -> Model:
+        r"""Kirchhoff's case of a body of revolution in a fluid, without mixed terms.
+
+        a1: inverse moment of inertia across the axis
+        a3: inverse moment of inertia about the axis
+        c1: inverse mass across the axis, with the added mass
+        c3: inverse mass along the axis, with the added mass
+        n: the dimension of the space"""
+
+KirchhoffRevolution: _KirchhoffRevolution
+
 class _KovalevskayaGyrostat(System):
     def __call__(
         self,

@@ -87,6 +87,34 @@ def test_special_motions(M: tuple[float, ...], P: tuple[float, ...], b: tuple[fl
     assert off(run, truth(model, state, 15.0)) < 1e-13
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("lanes", [0, 2])
+def test_body_of_revolution(seed: int, lanes: int) -> None:
+    """Against Clebsch's case by Taylor series over a1 t, turned about the axis; the orientation against order 24."""
+    draw = np.random.default_rng([7, seed])
+    a1, a3, c1, c3 = draw.uniform(0.3, 2, 4)
+    state, time = {"M": draw.normal(size=3), "P": draw.normal(size=3)}, 4.5
+    like = kr.Clebsch(b=(0, 0, (c1 - c3) / a1))
+    angle = (a1 - a3) * state["M"][2] * time
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    want = (truth(like, state, a1 * time).reshape(2, 3) @ turn.T).ravel()
+    body = kr.KirchhoffRevolution(a1=[a1, 2 * a1][:lanes] or a1, a3=a3, c1=c1, c3=c3)
+    options = {"dt": 0.75, "steps": 6, "every": 6, "orientation": (1, 0, 0, 0), "progress": False}
+    run, maps = (
+        kr.simulate(body, state, **options, **method)
+        for method in ({"method": "exact"}, {"method": "baecklund", "order": 24})
+    )
+    if lanes:
+        run, maps = run.isel(lane=0), maps.isel(lane=0)
+    assert off(run, want) < 1e-14
+    assert off(maps, want) < 1e-12
+    turns = [algebra.rotation_matrix(r.g.values[-1]) for r in (run, maps)]
+    assert abs(turns[0] - turns[1]).max() < 1e-12
+    P, p = (np.append(r, 0) for r in (run.P.values[-1], state["P"]))
+    assert abs(turns[0] @ P[:3] - p[:3]).max() < 1e-13 * abs(p).max()
+
+
 def growth(steps: int, orientation: Any = None) -> float:
     """Between steps of two lengths to the same time; each has its own rounding and its own mu."""
     body = kr.Clebsch(b=B)

@@ -11,6 +11,7 @@ import pytest
 from kreisel import algebra
 from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, vec, wedge
 from kreisel.algebra.matrices import border, su2
+from kreisel.baecklund import clebsch as body_maps
 from kreisel.baecklund import lagrange_top as top_maps
 from kreisel.implicit import branch
 from kreisel.lab import laws
@@ -24,6 +25,7 @@ from kreisel.system import (
     euler_top,
     goryachev_chaplygin,
     hess_appelrot,
+    kirchhoff_revolution,
     lagrange_top,
     lagrange_top_moving,
     lagrange_top_su2,
@@ -41,6 +43,7 @@ VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
 BITOP = ratiu_bitop.SYSTEM
+REVOLUTION = kirchhoff_revolution.SYSTEM
 BODY = clebsch_body.SYSTEM
 GYROSTAT = zhukovsky_volterra.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
@@ -264,6 +267,23 @@ def no_block(m, a):
     return 0 * m
 
 
+def without_spin(M, P, M1, P1, *, a1, eps):
+    return mat(a1 * eps / 2) * M1
+
+
+def other_way_round(M, P, *, a1, a3, b, e, eps):
+    M, P = clebsch.step(M, P, b=b, eps=a1 * eps)
+    return kirchhoff_revolution.turned(M, P, a1, a3, e, -eps)
+
+
+def without_rest(M, P):
+    return 0 * M
+
+
+def at_another_point(M, P, *, c, mu, rho):
+    return body_maps.eigenvector(M, P, c=c, mu=mu, rho=rho)
+
+
 MUTANTS = [
     ("spectral-point", transformed(TOP, point=forgotten_rho, vector=next_to_rho), 3),
     ("integrals-of-baecklund", transformed(TOP, step=old_momentum_transform), 3),
@@ -347,6 +367,10 @@ MUTANTS = [
     ("symmetric-conjugate", mapped(TOP, to_symmetric=same), 3),
     ("reconstruction", mapped(TOP, generator=transposed_turn), 3),
     ("reconstruction", mapped(TOP, generator=isotropic_turn), 3),
+    ("reconstruction", mapped(REVOLUTION, generator=without_spin), 3),
+    ("continuous-limit", mapped(REVOLUTION, step=other_way_round), 4),
+    ("order-baecklund", transformed(REVOLUTION, spin=without_rest), 3),
+    ("integrals-of-baecklund", transformed(REVOLUTION, vector=at_another_point), 3),
     ("discrete-euler-lagrange", mapped(CLEBSCH, lagrangian=printed_lagrangian), 3),
     ("discrete-euler-lagrange", mapped(TOP, lagrangian=constant_alpha), 3),
     ("discrete-euler-lagrange", mapped(TOP, lagrangian=unnormalised), 3),

@@ -222,6 +222,20 @@ def test_sphere() -> None:
     assert np.allclose(body.moments, 0.4 * body.mass * 0.04, rtol=1e-14)
 
 
+def test_body_of_revolution() -> None:
+    """The system with maps has the energy and the motion of Kirchhoff's equations, orientation and all."""
+    body = neutral(0.1, 0.1, 0.3)
+    model, x0 = body.model(), body.state((0.5, 0.1, 1.0), (2.0, 1.0, 8.0))
+    x, y, z = 1 / (body.moments + body.added_moments)
+    whole = kr.Kirchhoff(C=[[0, z, y], [z, 0, x], [y, x, 0]], B=-1 / (body.mass + body.added_masses))
+    asked = {"dt": 0.01, "steps": 100, "every": 100, "orientation": (1, 0, 0, 0), "progress": False}
+    runs = [kr.simulate(model, x0, method="exact", **asked), kr.simulate(whole, x0, method="dop853", **asked)]
+    assert model.system.name == "kirchhoff-revolution"
+    assert float(abs(runs[0].energy - runs[1].energy).max()) < 1e-8 * float(runs[0].energy[0])
+    for name in ("M", "P", "g"):
+        assert float(abs(runs[0][name] - runs[1][name]).max()) < 1e-7 * float(abs(runs[1][name]).max())
+
+
 def test_thin_disc() -> None:
     """Added mass (8/3) rho a^3 broadside, added moment (16/45) rho a^5 about a diameter.  [Lamb, art. 102, 114]"""
     body = neutral(0.3, 0.3, 1e-9)

@@ -107,20 +107,24 @@ def darboux(M, P, Q, *, rho, lam):  # N L = L_new N,  N = lambda' - rho (1 - 2 Q
     return mat(lam - rho) * identity(n) + mat(2 * rho / dot(Q, Q)) * Q[..., :, None] * Q[..., None, :]
 
 
-def rational_case(n, draw):
+def any_diagonal(n, draw):
+    return draw((n,))
+
+
+def rational_case(n, draw, diagonal=any_diagonal):
     """b, M, Q and rho at random; then mu rho <Q, Q> = 1 + rho^2 <Q, CQ> and P = rho (mu - rho C + M) Q."""
-    b, M, Q, rho = draw((n,)), skew(draw((n * (n - 1) // 2,)), n), draw((n,)), abs(draw((1,)))[0]
+    b, M, Q, rho = diagonal(n, draw), skew(draw((n * (n - 1) // 2,)), n), draw((n,)), abs(draw((1,)))[0]
     c = shifted_diagonal(b=b)["c"]
     mu = (1 + rho * rho * dot(Q, c * Q)) / (rho * dot(Q, Q))
     return (M, rho * (mu * Q - rho * c * Q + act(M, Q))), {"b": b}, rho * Q, mu, rho
 
 
-def gaussian_case(n, draw):
+def gaussian_case(n, draw, diagonal=any_diagonal):
     """Q = u + iw, rho and the direction of b at random; then mu and the size of b, P and M from their equations.
 
     With D = mu - rho C: M skew and (D + M) Q = P/rho, <P, Q> = 1 need <Q, DQ> = 1/rho and <w, Im DQ> = 0.
     """
-    b, u, w, (r, i), K = draw((n,)), draw((n,)), draw((n,)), draw((2,)), skew(draw((n * (n - 1) // 2,)), n)
+    b, u, w, (r, i), K = diagonal(n, draw), draw((n,)), draw((n,)), draw((2,)), skew(draw((n * (n - 1) // 2,)), n)
     c, rho = shifted_diagonal(b=b)["c"], complex_number(r, i)
     one = parts(1 / rho)
 

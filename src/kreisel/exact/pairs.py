@@ -3,7 +3,7 @@
 For n = 3 the commuting fields span two directions beside the symmetry of the state, so two parameters suffice: mu,
 complex, with D_eps D_conj(eps) = Phi_h, eps = 2/mu.  It is found once a trajectory by Newton's method in extended
 precision against a product of order 24; near h = 0 it is the zero of the Padé approximant of order 4 over h.  The
-integrals of the map are those of the flow.
+integrals of the map are those of the flow.  A turn that commutes with the maps, `spin`, is made beside.
 """
 
 from __future__ import annotations
@@ -16,7 +16,15 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.baecklund import MOST_ORDER, one_stage, pade_zeros, stage_points
+from kreisel.method.baecklund import (
+    MOST_ORDER,
+    SPINS,
+    one_stage,
+    pade_zeros,
+    spin_turns,
+    stage_points,
+    turned_with_body,
+)
 from kreisel.method.observing import observer, with_orientation
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import call
@@ -40,6 +48,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     record = body.system.baecklund
     if record is None:
         raise TypeError(f"{body.system.name} states no Bäcklund transformation")
+    spins = record.spin is not None
     conserved = ("casimir", "energy", *model.system.integrals)
     observe, outcomes = observer(model, None, None, conserved=conserved, oriented=oriented)
 
@@ -58,18 +67,31 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         rho = call(record.point, _wide(own), {**_wide_constants(body), "mu": mu})
         numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
         stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
-        return (_turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {}), stages
+        constants = _turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {}
+        return constants | (spin_turns(body, own, dt) if spins else {}), stages
 
     def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
         known = {**consts, "mu": algebra.complex_number(mu_re, mu_im), "rho": algebra.complex_number(rho_re, rho_im)}
         own, (x, y) = one_stage(record, z[:2], known, True)
         return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
-    def close(M: Array, P: Array, g: Array, *, cos: Array, sin: Array, **consts: Array) -> State:
-        turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
-        return M, P, algebra.unit(algebra.quaternion_product(turn, g))
+    def close(*z: Array, **consts: Array) -> State:
+        own = turned_with_body(body.system.space.kinds, z[:2], consts) if spins else z[:2]
+        return (*own, *(turned(g, **consts) for g in z[2:]))
 
-    axes = {**body.axes, **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0), "sin": 1}
+    def turned(g: Array, *, cos: Array, sin: Array, **consts: Array) -> Array:
+        turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
+        g = algebra.unit(algebra.quaternion_product(turn, g))
+        for half in SPINS if spins else ():
+            g = algebra.turn_right(g, consts[half])
+        return g
+
+    axes = {
+        **body.axes,
+        **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0),
+        "sin": 1,
+        **dict.fromkeys(SPINS, 2),
+    }
     return Scheme(
         name="exact",
         components=with_orientation(body, oriented),
@@ -77,7 +99,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         axes=axes,
         n=3,
         prepare=prepare,
-        motion=Steps(step, close if oriented else None),
+        motion=Steps(step, close if oriented or spins else None),
         observe=observed,
         reopen=prepare,
         outcomes=outcomes,
@@ -205,7 +227,7 @@ def _turn_in_space(model: Model, own: State, g: Array, dt: float, copies: int, m
     pair = _pair(model, start, mu.astype(np.clongdouble)[()])
     P = own[1].astype(np.longdouble)
     along = P / np.sqrt(algebra.dot(P, P))[..., None]
-    theta = algebra.dot(algebra.axial(call(record.block, start[:2], {})), along)
+    theta = algebra.dot(algebra.axial(call(record.block, start[:2], _wide_constants(model))), along)
     by_maps = sum(4 * np.arctan(theta / point).real for point in points)
     back = pair[2] * np.array([1, -1, -1, -1])
     left = algebra.quaternion_product(true[2], back)

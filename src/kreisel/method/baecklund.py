@@ -26,6 +26,7 @@ from kreisel.record.model import Model
 DIGITS = 60
 MANY = 4096  # numbers of a component: from here on one point after the other
 MOST_ORDER = 24
+SPINS = ("spin0", "spin1")
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
 
@@ -95,9 +96,7 @@ class Product:
             stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # what overflows is refused
             if self.spins:
-                constants |= _constant_turns(
-                    "spin", self.model.call(self.record.spin, *own), lambda theta: self.dt * theta
-                )
+                constants |= spin_turns(self.model, own, self.dt)
             if self.oriented:
                 constants |= self._orientation_turns(own, as_matrix(self.model, x0[self.count]))
         return constants, stages
@@ -114,8 +113,7 @@ class Product:
         z = self._stage(z, consts, False) if self.single else z
         own, g = z[: self.count], z[self.count :]
         if self.spins:
-            for half in ("spin0", "spin1"):
-                own = _turned_with_body(self.model.system.space.kinds, own, consts[half])
+            own = turned_with_body(self.model.system.space.kinds, own, consts)
         return (*own, *(_turned_by_constants(h, consts, self.rest, self.record.spin is not None) for h in g))
 
     def _stage(self, z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
@@ -239,9 +237,17 @@ def _turned_by_constants(g: Array, consts: dict[str, Array], rest: bool, spins: 
     return g
 
 
-def _turned_with_body(kinds: tuple[str, ...], own: tuple[Array, ...], V: Array) -> tuple[Array, ...]:
-    """The state in a body turned by cay(V)."""
-    return tuple(algebra.turned(kind, -V, x) for x, kind in zip(own, kinds, strict=True))
+def spin_turns(model: Model, own: tuple[Array, ...], dt: float) -> dict[str, Array]:
+    """The turns `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
+    record = cast("Baecklund", model.system.baecklund)
+    return _constant_turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
+
+
+def turned_with_body(kinds: tuple[str, ...], own: tuple[Array, ...], consts: dict[str, Array]) -> tuple[Array, ...]:
+    """The state in a body turned by `SPINS`."""
+    for half in SPINS:
+        own = tuple(algebra.turned(kind, -consts[half], x) for x, kind in zip(own, kinds, strict=True))
+    return own
 
 
 METHOD = Method(
@@ -253,7 +259,7 @@ METHOD = Method(
     default=2,
     poisson="yes",
     conserves="all integrals of the flow",
-    sources=("suris2001",),
+    sources=("suris2001", "kuznetsov2004", "zullo2011", "ragnisco2011"),
     make=baecklund,
     rank=1,
 )

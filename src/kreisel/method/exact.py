@@ -129,7 +129,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for free bodies.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
-    all integrals are conserved.  Clebsch's case and Neumann's system, n = 3, go by `exact_pair`, whose error grows.
+    all integrals are conserved. Systems with
+    Bäcklund transformations alone go by `exact_pair`, whose error grows.
     """
     system = model.system
     free = system.moments is not None
@@ -160,8 +161,8 @@ def _has_a_closed_form(model: Model) -> bool:
 
 METHOD = Method(
     name="exact",
-    title="the flow itself, in closed form (Clebsch's case and Neumann's system by one pair of maps)",
-    needs="the Lagrange top, Clebsch's case, Neumann's system or the Euler top, n = 3",
+    title="the flow itself, in closed form, or (Clebsch, Kirchhoff, Neumann) by one pair of maps",
+    needs="the Lagrange top, Clebsch's case, a body of revolution in a fluid, Neumann's system or the Euler top, n = 3",
     applies=_has_a_closed_form,
     suits=lambda model: model.n == 3 and model.system.moments is not None,
     orders=(),

@@ -13,6 +13,7 @@ from kreisel.errors import InputError
 from kreisel.physical.measures import RATE, SI, Units, convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.record.model import Model, State
 from kreisel.system.kirchhoff import SYSTEM as Kirchhoff
+from kreisel.system.kirchhoff_revolution import SYSTEM as KirchhoffRevolution
 from kreisel.units import Scales
 
 
@@ -92,9 +93,15 @@ class Ellipsoid:
         return self.moments + self.added_moments
 
     def model(self, units: Units = SI) -> Model:
-        """`Kirchhoff`: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass))."""
+        """`Kirchhoff`: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass)).
+
+        For a = b it is `KirchhoffRevolution`, which moves alike and has maps that keep all integrals.
+        """
         x, y, z = units.mass * units.length**2 / self._inertia
-        return Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-units.mass / (self.mass + self.added_masses))
+        inverse_masses = units.mass / (self.mass + self.added_masses)
+        if self.semi_axes[0] == self.semi_axes[1]:
+            return KirchhoffRevolution(a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
+        return Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
 
     def state(self, velocity: Any, angular_velocity: Any, units: Units = SI) -> State:
         """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega, in `units`.

@@ -44,6 +44,6 @@ SYSTEM = replace(
     derive=coefficients,
     integrals={"noether": noether},
     commuting=("noether",),
-    notes="For b1 = b3 a map is known: Clebsch's with two equal entries, and a turn about the axis; not built yet. "
-    "For b1 and b3 that differ a Lax pair and an integrable discretization are open. It runs by dop853.",
+    notes="For b1 = b3 the mixed terms are a Casimir; M and P move as those of kirchhoff-revolution, which has maps. "
+    "For b1 and b3 that differ a Lax pair and an integrable discretization are open. It runs by dop853, or kahan.",
 )

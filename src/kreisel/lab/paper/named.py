@@ -94,6 +94,7 @@ CONTINUOUS = {
     "goryachev-chaplygin": ("Introduction, Goryachev and Chaplygin", (*FLOWS, "involution")),
     "hess-appelrot": ("Introduction, Hess and Appelrot", (*FLOWS, "invariant-relations")),
     "kirchhoff-case": ("Introduction, Kirchhoff's case", (*FLOWS, "involution")),
+    "kirchhoff-revolution": ("Introduction, Kirchhoff's case", COMPLETE),
     "steklov": ("Conclusions, Steklov's case", (*COMPLETE, "relations")),
     "lyapunov": ("Conclusions, Lyapunov's case", (*COMPLETE, "relations")),
     "steklov-lyapunov": ("Conclusions, Steklov's and Lyapunov's cases", COMPLETE),
@@ -108,6 +109,7 @@ MAPS = {
     "neumann-veselov": ("Introduction, Veselov's discretization of Neumann's system", True),
     "rosochatius": ("Section 7, end, beside Neumann's system", True),
     "ratiu-bitop": ("Conclusions, a map for n = 4", False),
+    "kirchhoff-revolution": ("Introduction, Kirchhoff's case", False),
 }
 
 

@@ -1,0 +1,181 @@
+"""Kirchhoff's case without mixed terms: a body of revolution in a fluid.  State (M, P) in e(n)*, body frame, axis e_n.
+
+H = (a_1 <M, M> + (a_3 - a_1) <N, N> + c_1 <P, P> + (c_3 - c_1) P_n^2)/2,  N = Pi M Pi,  Pi = I - e_n e_n^T; for n = 3
+    H = (a_1 (M_1^2 + M_2^2) + a_3 M_3^2 + c_1 (P_1^2 + P_2^2) + c_3 P_3^2)/2.
+N is conserved.  The flow is that of Clebsch's case with B = diag(0, ..., 0, beta), beta = (c_1 - c_3)/a_1, over a_1 t,
+then the turn of M and P by exp(t (a_3 - a_1) N), which commutes with it.  So the map is that of Clebsch's case for
+eps a_1, then the turn by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
+[Kirchhoff 1870; the map: Suris 2001, section 7; another by Baecklund transformations: Ragnisco, Zullo 2011]
+"""
+
+import numpy as np
+
+from kreisel.algebra import (
+    act,
+    cayley,
+    cayley_act,
+    cayley_conjugate,
+    dot,
+    identity,
+    mat,
+    pairing,
+    project_out,
+    solve,
+    vec,
+    wedge,
+)
+from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
+from kreisel.errors import InputError, shown
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.system import clebsch
+
+
+def derive(*, a1, c1, c3, n):
+    """e = e_n, b = beta e, and c = b - max b, as for Clebsch's case."""
+    e, beta = identity(int(np.asarray(n).flat[0]))[-1] + 0 * vec(a1), vec((c1 - c3) / a1)
+    return {"e": e, "b": beta * e, "c": beta * e - (beta + abs(beta)) / 2}
+
+
+def noether(M, P, *, e):  # N; M_3 for n = 3
+    return project_out(M, e)
+
+
+def inverse_inertia(M, *, a1, a3, e):  # Omega = dH/dM
+    return mat(a1) * M + mat(a3 - a1) * project_out(M, e)
+
+
+def velocity(M, P, *, a1, a3, e):
+    return inverse_inertia(M, a1=a1, a3=a3, e=e)
+
+
+def flow(M, P, *, a1, a3, b, e):  # M' = [M, Omega] + a1 P ^ BP,   P' = -Omega P
+    Omega = velocity(M, P, a1=a1, a3=a3, e=e)
+    return M @ Omega - Omega @ M + mat(a1) * wedge(P, b * P), -act(Omega, P)
+
+
+def energy(M, P, *, a1, a3, c1, b, e, eps=0):
+    N = project_out(M, e)
+    return a1 * clebsch.energy(M, P, b=b, eps=a1 * eps) + ((a3 - a1) * pairing(N, N) + c1 * dot(P, P)) / 2
+
+
+def spectrum(M, P, *, a1, b, eps=0):
+    return clebsch.spectrum(M, P, b=b, eps=a1 * eps)
+
+
+def lax(M, P, *, a1, a3, b, e, lam):  # L' = [L, U],   U = a1 lambda B + Omega
+    L, U = clebsch.lax(M, P, b=b, lam=lam)
+    return L, mat(a1) * U + mat(a3 - a1) * project_out(M, e)
+
+
+def spin(M, a1, a3, e, eps):
+    return mat((a3 - a1) * eps / 2) * project_out(M, e)
+
+
+def turned(M, P, a1, a3, e, eps):
+    V = spin(M, a1, a3, e, eps)
+    return cayley_conjugate(-V, M), cayley_act(-V, P)
+
+
+def step(M, P, *, a1, a3, b, e, eps):
+    M, P = clebsch.step(M, P, b=b, eps=a1 * eps)
+    return turned(M, P, a1, a3, e, eps)
+
+
+def inverse(M, P, *, a1, a3, b, e, eps):
+    M, P = turned(M, P, a1, a3, e, -eps)
+    return clebsch.inverse(M, P, b=b, eps=a1 * eps)
+
+
+def adjoint(M, P, *, a1, a3, b, e, eps):
+    M, P = turned(M, P, a1, a3, e, eps)
+    return clebsch.adjoint(M, P, b=b, eps=a1 * eps)
+
+
+def involution(M, P, *, a1, b, eps):
+    return clebsch.involution(M, P, b=b, eps=a1 * eps)
+
+
+def half_kick(M, P, *, a1, b, eps):
+    return clebsch.half_kick(M, P, b=b, eps=a1 * eps)
+
+
+def half_kick_back(M, P, *, a1, b, eps):
+    return clebsch.half_kick_back(M, P, b=b, eps=a1 * eps)
+
+
+def lax_matrix(M, P, *, a1, b, lam, eps):
+    return clebsch.lax_matrix(M, P, b=b, lam=lam, eps=a1 * eps)
+
+
+def conjugator(M, P, *, a1, a3, b, e, lam, eps):
+    return clebsch.conjugator(M, P, b=b, lam=lam, eps=a1 * eps) @ cayley(spin(M, a1, a3, e, eps))
+
+
+def generator(M, P, M1, P1, *, a1, a3, e, eps):  # X with cay(X) = cay(V) cay(U),  U = eps/2 a1 M_(k+1)
+    U, V, one = mat(a1 * eps / 2) * M1, spin(M, a1, a3, e, eps), identity(M.shape[-1])
+    return solve(one - V, U + V) @ solve(one + V @ U, one - V)
+
+
+def largest_step(M, P, *, a1, b):
+    return clebsch.largest_step(M, P, b=b) / a1
+
+
+def inverse_planes(a1, a3, e):  # c_jk
+    across = 1 - e
+    return mat(a1) + mat(a3 - a1) * across[..., :, None] * across[..., None, :]
+
+
+def check_positive(value, name):
+    if not (value > 0).all():
+        raise InputError(f"{name}: expected an inverse moment of inertia > 0, got {shown(value.tolist())}.")
+
+
+SYSTEM = System(
+    name="kirchhoff-revolution",
+    title="Kirchhoff's case of a body of revolution in a fluid, without mixed terms",
+    equations="M' = [M, Omega] + a1 P ^ BP,  P' = -Omega P,  Omega = a1 M + (a3 - a1) Pi M Pi",
+    source="Kirchhoff 1870; Suris 2001, section 7",
+    frame=Frame.MOVING,
+    space=MOVING_SPACE,
+    parameters=(
+        Parameter("a1", "scalar", "inverse moment of inertia across the axis", check_positive, positive=True),
+        Parameter("a3", "scalar", "inverse moment of inertia about the axis", check_positive, positive=True),
+        Parameter("c1", "scalar", "inverse mass across the axis, with the added mass"),
+        Parameter("c3", "scalar", "inverse mass along the axis, with the added mass"),
+        Parameter("n", "dimension", "the dimension of the space", default=3),
+    ),
+    derive=derive,
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
+    scaling="Any consistent units.",
+    integrals={"spectrum": spectrum, "noether": noether},
+    commuting=("spectrum",),
+    lax=lax,
+    map=Map(
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
+        to_symmetric=half_kick,
+        from_symmetric=half_kick_back,
+        generator=generator,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
+        source="Suris 2001, section 7, and a turn about the axis",
+    ),
+    baecklund=BAECKLUND,
+    relations=(
+        Relation(
+            "kirchhoff",
+            lambda M, P, g, *, a1, a3, c1, c3, e: (
+                (M, P),
+                {"C": inverse_planes(a1, a3, e), "B": -(vec(c1) + vec(c3 - c1) * e)},
+            ),
+            meaning="c_jk = a3 across the axis, else a1; B = -diag(c1, ..., c1, c3)",
+        ),
+    ),
+    notes="The spectrum alone is not complete: noether is needed too.",
+)
