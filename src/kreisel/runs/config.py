@@ -101,7 +101,11 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
-    run = _convert(with_steps(tables["run"]), Settings, "run", source)
+    try:
+        timed = with_steps(tables["run"])
+    except InputError as error:
+        raise InputError(f"{source}: in [run], {error}") from None
+    run = _convert(timed, Settings, "run", source)
     output = _convert(tables["output"], Output, "output", source)
     path = _output_path(output.path, "path", source)
     figure = path.with_suffix(".png") if output.figure is None else _output_path(output.figure, "figure", source)

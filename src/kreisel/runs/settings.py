@@ -163,6 +163,8 @@ def checked_state(model: Model, x0: Any) -> State:
 
 def positive_number(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
+    if isinstance(value, str | bytes | bool):
+        raise InputError(f"{name} must be a positive number, got {shown(value)}.")
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
