@@ -42,6 +42,21 @@ def test_netcdf_is_the_dataset(name: str, archive: Path, tmp_path: Path) -> None
     assert not list(tmp_path.glob(".*"))
 
 
+def test_csv_has_the_rows_of_parquet(archive: Path, tmp_path: Path) -> None:
+    for kind in ("csv", "parquet"):
+        kr.export(archive, tmp_path / f"run.{kind}")
+    text, table = (
+        pd.read_csv(tmp_path / "run.csv"),
+        pd.read_parquet(tmp_path / "run.parquet"),
+    )
+    assert next(iter(text.columns)) == "time"
+    assert set(text.columns) == set(table.columns)
+    for name in table.columns:
+        assert np.allclose(text[name], table[name], rtol=1e-15, atol=0)  # pandas reads the last place as it likes
+    with pytest.raises(kr.InputError, match="left as it is"):
+        kr.export(archive, tmp_path / "run.csv", overwrite=True)
+
+
 def test_parquet_has_a_row_for_each_time_and_lane(archive: Path, tmp_path: Path) -> None:
     kr.export(archive, tmp_path / "run.parquet")
     run, table = kr.open_run(archive), pd.read_parquet(tmp_path / "run.parquet")
@@ -164,7 +179,7 @@ def test_attributes_of_any_kind(archive: Path, tmp_path: Path) -> None:
 
 def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="must end in"):
-        kr.export(archive, tmp_path / "run.csv")
+        kr.export(archive, tmp_path / "run.txt")
     (tmp_path / "run.nc").write_text("mine")
     with pytest.raises(kr.InputError, match="exists already"):
         kr.export(archive, tmp_path / "run.nc")

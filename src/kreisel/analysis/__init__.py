@@ -1,8 +1,9 @@
-"""kr.analysis: angles and rates, events, sections, frequencies, comparison of runs.
+"""kr.analysis: angles, rates and paths, events, sections, frequencies, comparison of runs.
 
     run = kr.simulate(top, x0, dt=0.05, steps=20_000, orientation=(1, 0, 0, 0))
     kr.analysis.euler_angles(run)                      # phi, theta, psi
     kr.analysis.mean_rates(run)                        # nutation and precession, measured and in closed form
+    kr.analysis.angular_velocity(run)                  # Omega along the axes of the body; frame="space": omega
     kr.analysis.section(run, "a[1]", rising=True)      # Poincare's section a_2 = 0, located to round-off
     kr.analysis.frequencies(run, "a[0]")               # to 1e-10 and better
 
@@ -15,20 +16,25 @@ from kreisel.analysis.angles import euler_angles, mean_rates, quaternions, rates
 from kreisel.analysis.comparison import Comparison, compare
 from kreisel.analysis.events import events
 from kreisel.analysis.frequencies import Lines, frequencies, power_spectrum
+from kreisel.analysis.moving import angular_velocity, path
 from kreisel.analysis.sections import return_map, section
+from kreisel.storage.attitude import write_aem
 
 __all__ = [
     "Comparison",
     "Lines",
+    "angular_velocity",
     "compare",
     "euler_angles",
     "events",
     "frequencies",
     "mean_rates",
+    "path",
     "power_spectrum",
     "quaternions",
     "rates",
     "return_map",
     "rotations",
     "section",
+    "write_aem",
 ]

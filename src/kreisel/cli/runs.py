@@ -199,10 +199,10 @@ def check(
 @app.command()
 def export(
     archive: Annotated[Path, a_path("An archive of a run or a sweep.")],
-    out: Annotated[Path, a_path("The file to write: .nc, .h5 or .parquet.")],
+    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet or .csv.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
 ) -> None:
-    """Write an archive as NetCDF (HDF5) or Parquet."""
+    """Write an archive as NetCDF (HDF5), Parquet or CSV."""
     from kreisel.storage.exporting import export as write
 
     write(archive, out, overwrite=overwrite)

@@ -67,7 +67,11 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
     def velocity(*state: Array, **known: Any) -> Array:
         return kicks.velocity(system, state, known)
 
-    found = {"flow": flow, "energy": energy, "velocity": velocity}
+    def translation(*state: Array, **known: Any) -> Array:
+        _, slopes = kicks.potential(system, _body(state, known), known, axes)
+        return call(base.translation, state, known) + slopes.get(base.space.letters[1], 0)
+
+    found = {"flow": flow, "energy": energy, "velocity": velocity, "translation": translation}
     return {what: function for what, function in found.items() if getattr(base, what) is not None}
 
 

@@ -72,6 +72,17 @@ def velocity(case: Case) -> Sides:
 
 
 @_law(
+    "M' = [M, Omega] + U ^ P, P' = -Omega P, U = dH/dP: with x' = g U, g P and g M g^T - x ^ g P are constant",
+    lambda s: s.translation is not None,
+)
+def translation(case: Case) -> Sides:
+    M, P = case.state
+    Omega, U = case.call(case.system.velocity), case.call(case.system.translation)
+    yield case.jacobian(case.system.energy, eps=0)[1][..., -len(P) :].reshape(-1), U
+    yield case.flat(case.model.flow(M, P)), case.flat((algebra.bracket(M, Omega) + algebra.wedge(U, P), -Omega @ P))
+
+
+@_law(
     "z' = kick + turn: dT/dM is linear, the kick depends on what is carried alone",
     lambda s: s.inverse_inertia is not None,
 )

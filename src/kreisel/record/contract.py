@@ -297,6 +297,7 @@ class System:
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
     inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
+    translation(*state)      U = dH/dP, the velocity of a body with the momentum P in its frame: x' = g U
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
     moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
@@ -325,6 +326,7 @@ class System:
     commuting: tuple[str, ...] = ()
     lax: Function | None = None
     inverse_inertia: Function | None = None
+    translation: Function | None = None
     spin: Function | None = None
     map: Map | None = None
     baecklund: Baecklund | None = None

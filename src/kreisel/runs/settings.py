@@ -252,8 +252,10 @@ def flag(value: Any, name: str) -> None:
 
 
 def _orientation(value: Any, model: Model) -> Array:
-    """A rotation matrix (..., n, n), or for n = 3 a unit quaternion (..., 4), in the form that is stepped."""
+    """A rotation matrix (..., n, n), for n = 3 a unit quaternion (..., 4) or a Rotation, in the form to step."""
     n = model.n
+    if hasattr(value, "as_quat"):  # scipy.spatial.transform.Rotation
+        value = value.as_quat(scalar_first=True)
     try:
         g = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -1,7 +1,8 @@
-"""kr.export: an archive as NetCDF (HDF5) or as Parquet, by the libraries that write them, block by block."""
+"""kr.export: an archive as NetCDF (HDF5), as Parquet, by the libraries that write them, or as CSV, block by block."""
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
@@ -26,16 +27,17 @@ ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has it
 
 
 def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet where it ends in .parquet.
+    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet, or text in .csv.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
     out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
 
     NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
     and lane (of `kr.analysis` for each event or frequency), a column for each component, such as "m[2]", and the
-    attributes as JSON in the metadata under "kreisel".
-    Needs the extra `export`.  Raises `InputError` for what cannot be exported, and `RunError` where it cannot be
-    written.
+    attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, no attributes, and is never
+    replaced, since it has no mark of Kreisel.  All but CSV need the extra `export`.
+
+    Raises `InputError` for what cannot be exported, and `RunError` where it cannot be written.
     """
     where = target(out)
     flag(overwrite, "overwrite")
@@ -133,20 +135,24 @@ def _parquet(run: xr.Dataset, out: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    lead = next((d for d in ROWS if run.sizes.get(d)), "")
-    width = run.sizes.get(lead, 1)
-    step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
     metadata = {b"kreisel": json.dumps({str(k): json.loads(_json(v)) for k, v in run.attrs.items()}).encode()}
     writer = None
     try:
-        for first in range(0, max(width, 1), step):
-            block = run.isel({lead: slice(first, first + step)}) if lead else run
-            table = pa.table(dict(_columns(block.load()))).replace_schema_metadata(metadata)
+        for _, block in _blocks(run):
+            table = pa.table(dict(_columns(block))).replace_schema_metadata(metadata)
             writer = writer or pq.ParquetWriter(out, table.schema)
             writer.write_table(table)
     finally:
         if writer is not None:
             writer.close()
+
+
+def _blocks(run: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
+    """The first row of each block, and the block, of about a million numbers."""
+    lead = next((d for d in ROWS if run.sizes.get(d)), "")
+    step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
+    for first in range(0, max(run.sizes.get(lead, 1), 1), step):
+        yield first, (run.isel({lead: slice(first, first + step)}) if lead else run).load()
 
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
@@ -172,4 +178,20 @@ def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
             yield f"{name}[{index}]" if rest else str(name), values[:, place]
 
 
-WRITERS: dict[str, Callable[[Any, Path], None]] = {".nc": _netcdf, ".h5": _netcdf, ".parquet": _parquet}
+def _csv(run: xr.Dataset, out: Path) -> None:
+    with out.open("w", newline="", encoding="utf-8") as file:
+        for first, block in _blocks(run):
+            columns = dict(_columns(block))
+            names = sorted(columns, key=lambda name: ROWS.index(name) if name in ROWS else len(ROWS))
+            rows = csv.writer(file)
+            if first == 0:
+                rows.writerow(names)
+            rows.writerows(zip(*(columns[name].tolist() for name in names), strict=True))
+
+
+WRITERS: dict[str, Callable[[Any, Path], None]] = {
+    ".nc": _netcdf,
+    ".h5": _netcdf,
+    ".parquet": _parquet,
+    ".csv": _csv,
+}

@@ -62,6 +62,10 @@ def energy(M, P, *, b, eps=0):  # -(1/2) sum b_i F_i
     return pairing(M, M) / 2 - eps * eps * dot(P, P) * trace / 8 - dot(Pt, b * Pt) / 2
 
 
+def translation(M, P, *, b):  # U = dH/dP
+    return -b * P
+
+
 def spectrum(M, P, *, b, eps=0):  # coefficients of det(L(lambda) - mu), up to constants and det S
     return pencil_spectrum(M, diagonal(b), shifted(M, P, eps=eps), eps * eps * dot(P, P) / 4)
 
@@ -122,6 +126,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    translation=translation,
     inverse_inertia=inverse_inertia,
     scaling="The one moment of inertia is 1.",
     integrals={"spectrum": spectrum},

@@ -29,6 +29,10 @@ def flow(M, P, *, J, c):  # M' = [M, Omega] + P ^ JP,   P' = -Omega P
     return clebsch_general.flow(M, P, b=J, c=c)
 
 
+def translation(M, P, *, J):
+    return clebsch_general.translation(M, P, b=J)
+
+
 def energy(M, P, *, J, c):
     return clebsch_general.energy(M, P, b=J, c=c)
 
@@ -92,6 +96,7 @@ SYSTEM = replace(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    translation=translation,
     integrals={"spectrum": spectrum},
     lax=lax,
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",

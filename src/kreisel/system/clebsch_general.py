@@ -34,6 +34,10 @@ def energy(M, P, *, b, c, eps=0):
     return pairing(M, inverse_inertia(M, c=c)) / 2 - dot(P, b * P) / 2
 
 
+def translation(M, P, *, b):  # U = dH/dP
+    return -b * P
+
+
 def spectrum(M, P, *, a):  # coefficients of det(L(lambda) - mu)
     return pencil_spectrum(M, diagonal(a), P, 0)
 
@@ -56,6 +60,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    translation=translation,
     inverse_inertia=inverse_inertia,
     derive=quotients,
     scaling="Any consistent units.",

@@ -11,18 +11,18 @@ def velocity(M, P, *, x, y):  # Omega = dH/dM
     return hat(x * axial(M) + y * P)
 
 
-def force(M, P, y, z):  # dH/dP
+def translation(M, P, *, y, z):  # U = dH/dP
     return y * axial(M) + z * P
 
 
 def flow(M, P, *, x, y, z):
     u, omega = axial(M), x * axial(M) + y * P
-    return hat(cross(u, omega) + cross(P, force(M, P, y, z))), cross(P, omega)
+    return hat(cross(u, omega) + cross(P, translation(M, P, y=y, z=z))), cross(P, omega)
 
 
 def energy(M, P, *, x, y, z):
     u = axial(M)
-    return (dot(u, x * u + y * P) + dot(P, force(M, P, y, z))) / 2
+    return (dot(u, x * u + y * P) + dot(P, translation(M, P, y=y, z=z))) / 2
 
 
 def around(b):
@@ -41,6 +41,7 @@ CASE = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    translation=translation,
     scaling="Any consistent units.",
     n=3,
     notes="No integrable discretization is known here. H has mixed terms, so that it runs by dop853.",

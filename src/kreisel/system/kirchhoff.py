@@ -22,6 +22,10 @@ def flow(M, P, *, C, B):  # (Kirch)   M' = [M, Omega] + P ^ BP,   P' = -Omega P
     return M @ Omega - Omega @ M + wedge(P, act(B, P)), -act(Omega, P)
 
 
+def translation(M, P, *, B):  # U = dH/dP
+    return -act(B, P)
+
+
 def energy(M, P, *, C, B, eps=0):
     return pairing(M, inverse_inertia(M, C=C)) / 2 - dot(P, act(B, P)) / 2
 
@@ -42,6 +46,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    translation=translation,
     inverse_inertia=inverse_inertia,
     scaling="Any consistent units. `kreisel.physical.Ellipsoid` gives C and B of an ellipsoid from SI data.",
     notes="Integrable only for special C and B: Clebsch's case is clebsch-general.",

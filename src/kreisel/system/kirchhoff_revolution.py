@@ -58,6 +58,10 @@ def energy(M, P, *, a1, a3, c1, b, e, eps=0):
     return a1 * clebsch.energy(M, P, b=b, eps=a1 * eps) + ((a3 - a1) * pairing(N, N) + c1 * dot(P, P)) / 2
 
 
+def translation(M, P, *, c1, c3, e):  # U = dH/dP
+    return (vec(c1) + vec(c3 - c1) * e) * P
+
+
 def spectrum(M, P, *, a1, b, eps=0):
     return clebsch.spectrum(M, P, b=b, eps=a1 * eps)
 
@@ -148,6 +152,7 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
+    translation=translation,
     inverse_inertia=inverse_inertia,
     scaling="Any consistent units.",
     integrals={"spectrum": spectrum, "noether": noether},

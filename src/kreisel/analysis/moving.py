@@ -1,0 +1,135 @@
+"""kr.analysis: the angular velocity of a body, and the path of one that moves through space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.analysis.carrying import Carrier
+from kreisel.errors import InputError, shown
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model
+from kreisel.runs.geometry import components, model_for, orientation_of
+from kreisel.storage.reading import a_run
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+BODY, SPACE = "body", "space"
+ROWS_AT_ONCE = 20_000
+
+
+def angular_velocity(run: xr.Dataset, system: Any = None, *, frame: str = BODY) -> xr.DataArray:
+    """The angular velocity of every row, (time, axis) or (time, lane, axis) for n = 3, else skew (..., n, n).
+
+    system   the model, for a system of your own
+    frame    "body": Omega, along the axes of the body, g' = g Omega;  "space": omega = g Omega g^T
+
+    In the inverse unit of time of the run.  The frame that the state is not in needs a run with an orientation.
+    Raises `InputError` where it has none, and for systems without a body that turns.
+    """
+    import xarray as xr
+
+    model = model_for(a_run(run), system)
+    if frame not in (BODY, SPACE):
+        raise InputError(f"frame: expected 'body' or 'space', got {shown(frame)}.")
+    if model.system.velocity is None:
+        raise InputError(f"{model.system.name}: expected a system of a body that turns, got one without.")
+    found = np.asarray(model.call(model.system.velocity, *components(run, model)))
+    if (model.system.frame is Frame.REST) == (frame == BODY):
+        g = _matrices(run, model)
+        found = g.mT @ found @ g if frame == BODY else g @ found @ g.mT
+    values, axes = (algebra.axial(found), ("axis",)) if model.n == 3 else (found, ("row", "column"))
+    lead = ("time", *(("lane",) if "lane" in run.dims else ()))
+    coords = {name: run[name] for name in lead if name in run.coords}
+    meaning = "Omega, along the axes of the body" if frame == BODY else "omega, in space"
+    return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning})
+
+
+def path(run: xr.Dataset, system: Any = None, *, start: Any = None) -> xr.DataArray:
+    """The position x of a body in space at every row, (time, axis) or (time, lane, axis): x' = g U, U = dH/dP.
+
+    system   the model, for a system of your own
+    start    x at the first row, (n,) or (lane, n); default: 0
+
+    For bodies in a fluid (Kirchhoff's equations), whose P is their momentum; the run needs an orientation.  From row to
+    row x is carried with the state by the flow itself, by extrapolation of order 16 to round-off.  Without other forces
+    the momenta in space p = g P and g M g^T - x ^ p are constant: they give the part of x across p, without a sum.
+    In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and for rows
+    too far apart.
+    """
+    import xarray as xr
+
+    model = model_for(a_run(run), system)
+    if model.system.translation is None:
+        raise InputError(
+            f"{model.system.name}: expected a body that moves through space, such as kr.Kirchhoff or kr.Clebsch, got "
+            "one that only turns."
+        )
+    lanes = "lane" in run.dims
+    rows = (*components(run, model), _matrices(run, model))
+    rows = rows if lanes else tuple(v[:, None] for v in rows)
+    time = np.asarray(run["time"].values, dtype=np.float64)
+    x = np.zeros((len(time), rows[0].shape[1], model.n))
+    x[1:] = np.cumsum(_displacements(model, rows, np.diff(time)), 0)
+    if model.system.perturbation is None:
+        x = _by_momenta(rows, x)
+    x = x + (0 if start is None else _start(start, x.shape[1:]))
+    lead = ("time", "lane") if lanes else ("time",)
+    coords = {name: run[name] for name in lead if name in run.coords}
+    return xr.DataArray(x if lanes else x[:, 0], coords, (*lead, "axis"), "x", {"long_name": "position in space"})
+
+
+class _Pose(Carrier):
+    """The flow on (M, P, g, x): with the position behind the orientation."""
+
+    def _rate(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        *own, g, _ = z
+        U = self.model.call(self.model.system.translation, *own, **self.constants)
+        return (*super()._rate((*own, g)), algebra.act(g, np.broadcast_to(U, own[-1].shape)))
+
+
+def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
+    """x at the next row less x at this one, (time - 1, lane, n)."""
+    lanes = rows[0].shape[1]
+    h = np.repeat(steps, lanes)
+    flat = [v[:-1].reshape(-1, *v.shape[2:]) for v in rows]
+    batched = {k: v for k, v in model.constants.items() if model.batch and v.ndim > model.axes[k]}
+    out = np.empty((len(h), model.n))
+    for first in range(0, len(h), ROWS_AT_ONCE):
+        part = slice(first, first + ROWS_AT_ONCE)
+        lane = np.arange(len(h))[part] % lanes
+        z = (*(v[part] for v in flat), np.zeros((len(lane), model.n)))
+        out[part] = _Pose(model, {k: v[lane] for k, v in batched.items()})(z, h[part])[-1]
+    return out.reshape(len(steps), lanes, model.n)
+
+
+def _by_momenta(rows: tuple[Array, ...], x: Array) -> Array:
+    """x with the part across p = g P from m - x ^ p = const, m = g M g^T: x |p|^2 = (m - m_0) p + p <x, p>."""
+    M, P, g = rows
+    m, p = g @ M @ g.mT, algebra.act(g[0], P[0])
+    square = algebra.dot(p, p)[..., None]
+    with np.errstate(all="ignore"):
+        found = (algebra.act(m - m[0], p + 0 * x) + p * algebra.dot(x, p + 0 * x)[..., None]) / square
+    return np.where(square > 0, found, x)
+
+
+def _matrices(run: xr.Dataset, model: Model) -> Array:
+    """The orientations as matrices (time, [lane], n, n).  Raises `InputError` without any."""
+    if model.n == 3 or ORIENTATION not in run:
+        return np.asarray(algebra.rotation_matrix(orientation_of(run)))
+    return np.asarray(run[ORIENTATION].values, dtype=np.float64)
+
+
+def _start(value: Any, shape: tuple[int, ...]) -> Array:
+    try:
+        start = np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+    except (TypeError, ValueError):
+        raise InputError(f"start: expected {shape[-1]} numbers, got {shown(value)}.") from None
+    if not np.isfinite(start).all():
+        raise InputError(f"start: expected finite numbers, got {shown(value)}.")
+    return start
