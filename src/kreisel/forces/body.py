@@ -17,14 +17,13 @@ from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.records import in_words, perturbed_record
-from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, call, keywords
+from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, keywords
 from kreisel.record.model import Model, axes_of
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.system import REGISTRY
 
 PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 INNER = (2, 4, 6, 8)  # orders
-DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
 
 
 def perturbed(
@@ -32,6 +31,7 @@ def perturbed(
     *,
     potential: Callable[..., Any] | None = None,
     torque: Callable[..., Any] | None = None,
+    force: Callable[..., Any] | None = None,
     damping: Any = None,
     inertia: Any = None,
     pair_potential: Callable[..., Any] | None = None,
@@ -49,6 +49,7 @@ def perturbed(
                g (a matrix, body to space), the time t; parameters after `*`.  Its force is derived from it
     torque     tau of what it names, the momentum too: the rate of the momentum beside, in the frame of the state
                (rest frame: in space, moving frame: in the body); for n = 3 an axial vector
+    force      F of the same: the rate of the momentum P beside, of a body in a fluid, a vector in the body frame
     damping    gamma in M' = -gamma M: a number, or one for each axis of the body (for a symmetric body in the rest
                frame the last is that of its axis).  Exact
     inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
@@ -71,7 +72,7 @@ def perturbed(
             f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
             f"{shown(system)}."
         )
-    given = {"potential": potential, "torque": torque, DAMPING: damping, INERTIA: inertia, PAIRS: pairs}
+    given = {"potential": potential, "torque": torque, "force": force, DAMPING: damping, INERTIA: inertia, PAIRS: pairs}
     if all(value is None for value in (*given.values(), pair_potential)):
         return system
     _require_base(system)
@@ -82,6 +83,7 @@ def perturbed(
         base=system.system,
         potential=None if potential is None else _force(potential, "potential", (*letters, TIME), system, own),
         torque=None if torque is None else _force(torque, "torque", (*letters, TIME), system, own),
+        force=None if force is None else _force(force, "force", (*letters, TIME), system, own),
         damping=damping is not None,
         inertia=inertia is not None,
         pair=None if pair_potential is None else _force(pair_potential, "pair_potential", of_two, system, own),
@@ -222,10 +224,15 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
             "damping=..."
         )
-    turns = record.torque is not None or record.damping or record.inertia or record.names(ORIENTATION)
+    turns = record.loaded or record.damping or record.inertia or record.names(ORIENTATION)
     if turns and (space.kinds[0] != "skew" or system.velocity is None):
         raise InputError(
             f"{system.name}: expected a potential alone, since its first component is no momentum in so(n)."
+        )
+    if record.force is not None and system.translation is None:
+        raise InputError(
+            f"force: expected a body that moves through space, such as kr.Kirchhoff, got {system.name}, which only "
+            "turns. Use torque=..."
         )
     if record.inertia and (model.n != 3 or system.frame is not Frame.MOVING or system.inverse_inertia is None):
         raise InputError(
@@ -233,21 +240,9 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             f"{system.name}, n = {model.n}."
         )
     if record.inertia:
-        _require_principal(model)
+        kicks.require_principal(system, model.constants)
     if record.damping and system.frame is Frame.REST and not space.carried:
         raise InputError(f"damping: expected a body with an axis, got {system.name}.")
-
-
-def _require_principal(model: Model) -> None:
-    """The axes of coordinates must be principal axes of the integrable part."""
-    rows = [algebra.axial(call(model.system.inverse_inertia, (algebra.hat(e),), model.constants)) for e in np.eye(3)]
-    inverse = np.stack(rows, -1)
-    off = abs(inverse * (1 - np.eye(3))).max()
-    if off > DIAGONAL * abs(inverse).max():
-        raise InputError(
-            f"inertia: expected {model.system.name} with principal axes along the axes of coordinates, got others. "
-            "Turn the body frame, so that its axis is (0, 0, 1)."
-        )
 
 
 def _carried(system: System) -> list[str]:

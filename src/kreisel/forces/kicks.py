@@ -25,6 +25,7 @@ from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
 DAMPING, INERTIA = "damping", "inertia"
+DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
 Constants = Mapping[str, Any]
@@ -102,19 +103,54 @@ def _value_and_slopes(
 
 def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
     """tau as a skew matrix (..., n, n); None without one."""
-    force = perturbation_of(system).torque
-    if force is None:
+    n = body.state[0].shape[-1]
+    found = _load(system, "torque", ((3,), (n, n))[n != 3 :], body, known, axes)
+    if found is None:
+        return None
+    tau, shape = found
+    return algebra.hat(tau) if shape == (3,) else tau
+
+
+def force(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
+    """F (..., n); None without one."""
+    found = _load(system, "force", ((body.state[0].shape[-1],),), body, known, axes)
+    return None if found is None else found[0]
+
+
+def _load(
+    system: System, what: str, shapes: Sequence[tuple[int, ...]], body: Body, known: Constants, axes: Mapping[str, int]
+) -> tuple[Array, tuple[int, ...]] | None:
+    """The values of a load, and its shape without lanes, one of `shapes`."""
+    function = perturbation_of(system).functions.get(what)
+    if function is None:
         return None
     there = seen(system, body)
-    given = [there[name] for name in force.arguments]
+    given = [there[name] for name in function.arguments]
     tape: list[Any] = []
-    more = [(known[name], axes[name]) for name in force.parameters]
-    found = np.asarray(_called(force, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
-    n = body.state[0].shape[-1]
-    if found.shape not in ((3,), (n, n))[n != 3 :]:
-        wanted = "3 numbers, an axial vector" if n == 3 else f"a skew {n} x {n} matrix"
-        raise InputError(f"torque: expected {wanted}, got shape {found.shape}.")
-    return algebra.hat(_values(found, body)) if found.shape == (3,) else _values(found, body)
+    more = [(known[name], axes[name]) for name in function.parameters]
+    found = np.asarray(_called(function, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
+    if found.shape not in shapes:
+        n = shapes[0][0]
+        wanted = (
+            f"{n} numbers, a{'n axial' * (what == 'torque')} vector"
+            if len(shapes[0]) == 1
+            else f"a skew {n} x {n} matrix"
+        )
+        raise InputError(f"{what}: expected {wanted}, got shape {found.shape}.")
+    return _values(found, body), found.shape
+
+
+def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
+    """The rates of the state by torque and force, and of their work, Omega.tau + U.F."""
+    rates: list[Any] = [0 * z for z in body.state]
+    tau, F, power = torque(system, body, known, axes), force(system, body, known, axes), 0
+    if tau is not None:
+        rates[0] = tau
+        power = power + algebra.pairing(velocity(system, body.state, known), tau)
+    if F is not None:
+        rates[1] = F
+        power = power + algebra.dot(translation(system, body, known, axes), F)
+    return tuple(rates), power
 
 
 def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
@@ -177,15 +213,27 @@ def _components(system: System, flat: Array, state: tuple[Array, ...]) -> list[A
     return out
 
 
+def inverse_moments_and_products(base: System, known: Constants, like: Any = 0) -> list[Array]:
+    """The columns (..., 3) of Omega as a function of M, n = 3; `like`: vectors with the axes of lanes."""
+    one = algebra.identity(3)
+    return [algebra.axial(call(base.inverse_inertia, (algebra.hat(one[i] + 0 * like),), known)) for i in range(3)]
+
+
+def require_principal(base: System, known: Constants) -> None:
+    """Raises `InputError` where the axes of coordinates are no principal axes, n = 3."""
+    inverse = np.stack(inverse_moments_and_products(base, known), -1)
+    off = abs(inverse * (1 - np.eye(3))).max()
+    if off > DIAGONAL * abs(inverse).max():
+        raise InputError(
+            f"{base.name}: expected principal axes along the axes of coordinates, got others. Turn the body frame; the "
+            "axis of a symmetric body is then (0, 0, 1)."
+        )
+
+
 def inverse_moments(system: System, known: Constants) -> Array:
     """1/I_i - 1/I_i of the integrable motion, n = 3 (..., 3): what the perturbation changes."""
-    base = perturbation_of(system).base
-    one = algebra.identity(3)
-    inverse = [
-        algebra.axial(call(base.inverse_inertia, (algebra.hat(one[i] + 0 * known[INERTIA]),), known))[..., i]
-        for i in range(3)
-    ]
-    return 1 / known[INERTIA] - np.stack(inverse, -1)
+    columns = inverse_moments_and_products(perturbation_of(system).base, known, known[INERTIA])
+    return 1 / known[INERTIA] - np.stack([column[..., i] for i, column in enumerate(columns)], -1)
 
 
 def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Array:
@@ -193,6 +241,12 @@ def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Arra
     record = perturbation_of(system)
     out = call(record.base.velocity, state, known)
     return out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0])) if record.inertia else out
+
+
+def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
+    """U = dH/dP, with what a potential of P adds."""
+    out = call(perturbation_of(system).base.translation, body.state, known)
+    return out + potential(system, body, known, axes)[1].get(system.space.letters[1], 0)
 
 
 def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bool) -> Array:
@@ -217,14 +271,13 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
     _, slopes = potential(system, body, known, axes)
     out = list(force_of_potential(system, body, slopes))
     work = slopes.get(TIME, 0)
-    Omega = velocity(system, body.state, known) if record.torque is not None or record.damping else None
-    tau = torque(system, body, known, axes)
-    losses = [] if tau is None else [tau]
+    if record.loaded:
+        by_loads, power = loads(system, body, known, axes)
+        out, work = [x + y for x, y in zip(out, by_loads, strict=True)], work + power
     if record.damping:
-        losses.append(-damped(system, body.state, known[DAMPING], axes[DAMPING] > 0))
-    for rate in losses:
-        out[0] = out[0] + rate
-        work = work + algebra.pairing(Omega, rate)
+        lost = damped(system, body.state, known[DAMPING], axes[DAMPING] > 0)
+        out[0] = out[0] - lost
+        work = work - algebra.pairing(velocity(system, body.state, known), lost)
     if record.inertia:
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
@@ -253,34 +306,41 @@ def kicked(
     power = slopes.get(TIME, 0)
     if pulled is not None:
         forces, power = tuple(f + more for f, more in zip(forces, pulled[0], strict=True)), power + pulled[1]
+    if record.loaded and depends_on_momenta(system):
+        new, work = _by_runge_kutta(system, body, h, forces, known, axes)
+        return new, work + h * power
+    by_loads, _ = loads(system, body, known, axes) if record.loaded else ((0.0,) * len(forces), 0)
+    new = _after(system, body.state, h, tuple(f + more for f, more in zip(forces, by_loads, strict=True)))
+    if record.loaded:  # the velocities are linear in the momenta: their mean is that in the middle
+        middle = tuple((x + y) / 2 for x, y in zip(body.state, new, strict=True))
+        power = power + loads(system, body._replace(state=middle), known, axes)[1]
+    return new, h * power
+
+
+def depends_on_momenta(system: System) -> bool:
+    """Whether a torque or a force takes what the kick changes by it."""
+    record, letters = perturbation_of(system), system.space.letters
+    changed = letters[: 2 if record.force is not None else 1]
+    return any(load is not None and any(map(load.names, changed)) for load in (record.torque, record.force))
+
+
+def _after(system: System, state: tuple[Array, ...], h: Any, rates: tuple[Any, ...]) -> tuple[Array, ...]:
+    """state + h rates."""
     scale = [algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h) for k in system.space.kinds]
-    M, *rest = (z + s * f for z, s, f in zip(body.state, scale, forces, strict=True))
-    work = h * power
-    if record.torque is None:
-        return (M, *rest), work
-    if record.torque.names(system.space.letters[0]):
-        M, done = _by_runge_kutta(system, body, h, forces[0], known, axes)
-    else:
-        tau = torque(system, body, known, axes)
-        M = M + scale[0] * tau
-        middle = velocity(system, ((body.state[0] + M) / 2, *body.state[1:]), known)
-        done = h * algebra.pairing(middle, tau)
-    return (M, *rest), work + done
+    return tuple(z + s * r for z, s, r in zip(state, scale, rates, strict=True))
 
 
 def _by_runge_kutta(
-    system: System, body: Body, h: Any, force: Array, known: Constants, axes: Mapping[str, int]
-) -> tuple[Array, Any]:
-    """The momentum after a torque that depends on it, by the classical method of order 4, and its work."""
-    start, scale = body.state[0], algebra.mat(h)
-    total, gain, M = 0 * start, 0, start
+    system: System, body: Body, h: Any, forces: tuple[Array, ...], known: Constants, axes: Mapping[str, int]
+) -> tuple[tuple[Array, ...], Any]:
+    """The state after loads that depend on the momenta, by the classical method of order 4, and their work."""
+    total, gain, there = [0 * z for z in body.state], 0, body.state
     for weight, ahead in ((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 0.0)):
-        state = (M, *body.state[1:])
-        tau = torque(system, body._replace(state=state), known, axes)
-        slope = force + tau
-        total, M = total + weight * slope, start + ahead * scale * slope
-        gain = gain + weight * algebra.pairing(velocity(system, state, known), tau)
-    return start + scale * total, h * gain
+        by_loads, power = loads(system, body._replace(state=there), known, axes)
+        slopes = tuple(f + more for f, more in zip(forces, by_loads, strict=True))
+        total = [z + weight * s for z, s in zip(total, slopes, strict=True)]
+        there, gain = _after(system, body.state, ahead * h, slopes), gain + weight * power
+    return _after(system, body.state, h, tuple(total)), h * gain
 
 
 def decayed(

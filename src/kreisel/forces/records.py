@@ -50,7 +50,7 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
     """Flow, energy and velocity of the perturbed system, those that the integrable one states."""
     record = kicks.perturbation_of(system)
     base = record.base
-    turned = base.frame is Frame.REST and (record.torque or record.damping or record.names(ORIENTATION))
+    turned = base.frame is Frame.REST and (record.loaded or record.damping or record.names(ORIENTATION))
 
     def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
         rates, _ = kicks.rates(system, _body(state, known), known, axes)
@@ -68,8 +68,7 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
         return kicks.velocity(system, state, known)
 
     def translation(*state: Array, **known: Any) -> Array:
-        _, slopes = kicks.potential(system, _body(state, known), known, axes)
-        return call(base.translation, state, known) + slopes.get(base.space.letters[1], 0)
+        return kicks.translation(system, _body(state, known), known, axes)
 
     found = {"flow": flow, "energy": energy, "velocity": velocity, "translation": translation}
     return {what: function for what, function in found.items() if getattr(base, what) is not None}

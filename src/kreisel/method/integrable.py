@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import rotor_step, top_step
-from kreisel.forces.kicks import perturbation_of
+from kreisel.forces.kicks import inverse_moments_and_products, perturbation_of, require_principal
 from kreisel.method.composition import symmetric_composition
 from kreisel.method.observing import turned_by_map
 from kreisel.record.contract import Frame, Map, System, call
@@ -26,16 +26,21 @@ ORDER = 8  # of a map, composed, where none is asked for
 @dataclass(frozen=True)
 class Integrable:
     """name; move(state, orientation, h, constants) -> both after the time h; reach(state, h, constants): at most 1
-    where the step is precise to rounding, None where there is no bound.
+    where the step is precise to rounding, None where there is no bound; left(state, constants): the rates of the state
+    by what the motion leaves to the kicks, None for nothing.
     """
 
     name: str
     move: Callable[[State, State, Any, Constants], tuple[State, State]]
     reach: Callable[[State, Any, Constants], Any] | None = None
+    left: Callable[[State, Constants], State] | None = None
 
 
 def integrable(model: Model) -> Integrable:
-    """Of the base of a perturbed system, the best that is known.  Raises `InputError` where none is."""
+    """Of the base of a perturbed system, the best that is known.  Raises `InputError` where none is.
+
+    Where H = T(M) + V has neither a map nor a closed form it is the free body, and V is left to the kicks.
+    """
     record = perturbation_of(model.system)
     base = record.base
     if record.inner is None and base.moments is not None and model.n == 3:
@@ -44,6 +49,9 @@ def integrable(model: Model) -> Integrable:
         return _top(base)
     if base.map is not None:
         return _composed(base, base.map, record.inner or ORDER)
+    if separable(base, model.n):
+        require_principal(base, model.constants)
+        return _carrying_rotor(base)
     raise InputError(
         f"perturbed: no map and no closed form of {base.name}, n = {model.n}, is known here. Use method='dop853'."
     )
@@ -86,6 +94,36 @@ def _top(base: System) -> Integrable:
         return top_step.reach(m, a, p=p, alpha=alpha, h=h)
 
     return Integrable("the closed form of a Lagrange top", move, reach)
+
+
+def separable(base: System, n: int) -> bool:
+    """Whether H = T(M) + V(vectors), of a body in its own frame with n = 3: turns of a free body, and kicks."""
+    turning = base.frame is Frame.MOVING and base.inverse_inertia is not None and base.spin is None
+    return n == 3 and turning and set(base.space.kinds) == {"skew", "vector"}
+
+
+def _carrying_rotor(base: System) -> Integrable:
+    """The free body with the vectors that it carries, in closed form; V(vectors) is left to the kicks."""
+
+    def constants(own: State, known: Constants) -> Constants:
+        columns = inverse_moments_and_products(base, known, own[1])
+        return rotor_step.constants(1 / np.stack([column[..., i] for i, column in enumerate(columns)], -1))
+
+    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+        M = algebra.axial(own[0])
+        one = np.concatenate([1 + 0 * M[..., :1], 0 * M], -1)
+        N, q = rotor_step.step(M, one, h=h, **constants(own, known))
+        W = algebra.rotation_matrix(q)
+        carried = (algebra.act(W.mT, v) for v in own[1:])
+        return (algebra.hat(N), *carried), tuple(algebra.quaternion_product(x, q) for x in g)
+
+    def reach(own: State, h: Any, known: Constants) -> Any:
+        return rotor_step.reach(algebra.axial(own[0]), h, **constants(own, known))
+
+    def left(own: State, known: Constants) -> State:
+        return tuple(call(base.flow, (0 * own[0], *own[1:]), known))
+
+    return Integrable("the closed form of a free body", move, reach, left)
 
 
 def _composed(base: System, phi: Map, order: int) -> Integrable:

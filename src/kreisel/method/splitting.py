@@ -68,7 +68,7 @@ class Splitting:
         self.part: Integrable = integrable(model)
         self.axes = _changed_axes(model) if self.record.inertia else []
         _require_a_symmetric_kick(model, order)
-        kicked = bool(self.record.functions) or self.record.pair is not None
+        kicked = bool(self.record.functions) or self.record.pair is not None or self.part.left is not None
         kinds = len(self.axes) + kicked + self.record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
 
@@ -150,6 +150,9 @@ class Splitting:
         own, before = self._damped(body.state, h / 2, known)
         own, g = self._turned(own, g, self.axes, h / 2, known)
         gained: Any = 0
+        if self.part.left is not None:
+            left, (others, power) = self.part.left(own, known), pulled or ((0.0,) * self.count, 0.0)
+            pulled = tuple(x + y for x, y in zip(left, others, strict=True)), power
         if self.record.functions or pulled is not None:
             there = Body(own, self.turn(g), body.t)
             own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, pulled)
@@ -172,11 +175,10 @@ class Splitting:
 
 def _require_a_symmetric_kick(model: Model, order: Any) -> None:
     """Raises `InputError` for orders that the kick by a torque of the momentum, of order 4, does not have."""
-    torque = perturbation_of(model.system).torque
-    if torque is not None and torque.names(model.system.space.letters[0]) and order in (6, 8):
+    if perturbation_of(model.system).loaded and kicks.depends_on_momenta(model.system) and order in (6, 8):
         raise InputError(
-            f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque of the momentum is "
-            f"integrated to order 4, got order={order}. Damping has an exact flow: give it as damping=..."
+            f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque or force of the "
+            f"momenta is integrated to order 4, got order={order}. Damping has an exact flow: give it as damping=..."
         )
 
 

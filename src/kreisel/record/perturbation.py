@@ -33,6 +33,7 @@ class Perturbation:
 
     potential   V: H = H_base + V, of what the body carries, the orientation g and the time t
     torque      the rate tau of the momentum beside, in the frame of the state; an axial vector for n = 3
+    force       the rate F of the momentum P of a body that moves through space, a vector in the frame of the body
     damping     whether there is a parameter `damping`: M' = -damping M beside, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
@@ -43,6 +44,7 @@ class Perturbation:
     base: System
     potential: Force | None = None
     torque: Force | None = None
+    force: Force | None = None
     damping: bool = False
     inertia: bool = False
     pair: Force | None = None
@@ -51,7 +53,7 @@ class Perturbation:
     @property
     def functions(self) -> dict[str, Force]:
         """The forces on one body that are functions."""
-        named = {"potential": self.potential, "torque": self.torque}
+        named = {"potential": self.potential, "torque": self.torque, "force": self.force}
         return {what: force for what, force in named.items() if force is not None}
 
     def names(self, letter: str) -> bool:
@@ -62,6 +64,11 @@ class Perturbation:
         return alone or any(self.pair.names(letter + mark) for mark in ("", FIRST, SECOND))
 
     @property
+    def loaded(self) -> bool:
+        """Whether there are loads without a potential."""
+        return self.torque is not None or self.force is not None
+
+    @property
     def driven(self) -> bool:
         """Whether the energy changes by work: forces without a potential, or that depend on time."""
-        return self.torque is not None or self.damping or self.names(TIME)
+        return self.loaded or self.damping or self.names(TIME)
