@@ -22,16 +22,19 @@ MOST_PIECES = 512
 
 
 class Carrier:
-    """The flow of a model on states (lanes, ...), with the orientation as a matrix behind them if there is one."""
+    """The flow of a model on states (lanes, ...), with the orientation as a matrix behind them if there is one.
+
+    The time (lanes,) stands at the end where a force depends on it, `timed`.
+    """
 
     def __init__(self, model: Model, constants: dict[str, Array] | None = None):
-        record = model.system.perturbation
-        if record is not None and (record.pair is not None or record.names(TIME) or record.names(ORIENTATION)):
+        if model.system.perturbation is not None and model.system.perturbation.pair is not None:
             raise InputError(
-                f"{model.system.name}: expected forces of the state of a body alone, got some of other bodies, of the "
-                "orientation or of the time. kr.propagator(...).until finds events of such bodies as they are stepped."
+                f"{model.system.name}: expected a body that moves by itself, got bodies in pairs. "
+                "kr.propagator(...).until finds events of such bodies as they are stepped."
             )
         self.model, self.constants = model, dict(constants or {})
+        self.timed = depends_on_time(model)
         self.count = len(model.system.space.letters)
         self.pieces = 1
 
@@ -79,11 +82,22 @@ class Carrier:
 
     def _rate(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         model, state = self.model, z[: self.count]
-        rate = tuple(model.call(model.system.flow, *state, **self.constants))
-        for g in z[self.count :]:
-            omega = model.call(model.system.velocity, *state, **self.constants)
-            rate += (omega @ g if model.system.frame is Frame.REST else g @ omega,)
-        return rate
+        known, g = dict(self.constants), z[self.count : len(z) - self.timed]
+        if self.timed:
+            known[TIME] = z[-1]
+        if g:
+            known[ORIENTATION] = g[0]
+        rate = tuple(model.call(model.system.flow, *state, **known))
+        if g:
+            omega = model.call(model.system.velocity, *state, **known)
+            rate += (omega @ g[0] if model.system.frame is Frame.REST else g[0] @ omega,)
+        return (*rate, np.ones_like(z[-1])) if self.timed else rate
+
+
+def depends_on_time(model: Model) -> bool:
+    """Whether a force of a perturbed body does."""
+    record = model.system.perturbation
+    return record is not None and record.names(TIME)
 
 
 def _gap(new: tuple[Array, ...], old: tuple[Array, ...]) -> float:

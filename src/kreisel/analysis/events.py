@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.analysis.carrying import Carrier
+from kreisel.analysis.carrying import Carrier, depends_on_time
 from kreisel.analysis.quantities import Quantity, label, of_state
 from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
@@ -51,7 +51,7 @@ def events(
         flag(rising, "rising")
     measure = of_state(quantity, model)
     oriented = ORIENTATION in run and model.n == 3
-    rows = _components_and_orientation(run, model, oriented)
+    rows = rows_of(run, model, algebra.rotation_matrix(orientation_of(run)) if oriented else None)
     time, lanes = np.asarray(run["time"].values), rows[0].shape[1]
     flat = tuple(v.reshape(-1, *v.shape[2:]) for v in rows)
     f = np.asarray(measure(flat[: len(model.system.space.letters)]) - value).reshape(len(time), lanes)
@@ -71,7 +71,10 @@ def events(
         values = algebra.axial(v) if kind == "skew" and model.n == 3 else v
         data[letter] = (("event", *run[letter].dims[run[letter].ndim - values.ndim + 1 :]), values[order])
     if oriented:
-        data[ORIENTATION] = (("event", "quaternion"), algebra.unit_quaternion(state[-1][order]))
+        data[ORIENTATION] = (
+            ("event", "quaternion"),
+            algebra.unit_quaternion(state[len(model.system.space.letters)][order]),
+        )
     coords = {"time": ("event", (time[place] + h)[order])}
     if "lane" in run.dims:
         coords["lane"] = ("event", run["lane"].values[lane][order])
@@ -79,12 +82,14 @@ def events(
     return xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
 
 
-def _components_and_orientation(run: xr.Dataset, model: Model, oriented: bool) -> tuple[Array, ...]:
-    """Components and orientation matrices, (time, lane, ...)."""
+def rows_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:
+    """Components, orientation matrices, and the time where a force depends on it, (time, lane, ...)."""
     parts = components(run, model)
-    if oriented:
-        parts += (algebra.rotation_matrix(orientation_of(run)),)
-    return parts if "lane" in run.dims else tuple(v[:, None] for v in parts)
+    parts += () if g is None else (g,)
+    parts = parts if "lane" in run.dims else tuple(v[:, None] for v in parts)
+    if depends_on_time(model):
+        parts += (np.broadcast_to(np.asarray(run["time"].values, dtype=np.float64)[:, None], parts[0].shape[:2]),)
+    return parts
 
 
 def _crossed(f: Array, rising: bool | None) -> Array:

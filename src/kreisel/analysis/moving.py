@@ -9,10 +9,12 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.carrying import Carrier
+from kreisel.analysis.events import rows_of
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 from kreisel.runs.geometry import components, model_for, orientation_of
 from kreisel.storage.reading import a_run
 
@@ -71,13 +73,12 @@ def path(run: xr.Dataset, system: Any = None, *, start: Any = None) -> xr.DataAr
             "one that only turns."
         )
     lanes = "lane" in run.dims
-    rows = (*components(run, model), _matrices(run, model))
-    rows = rows if lanes else tuple(v[:, None] for v in rows)
+    rows = rows_of(run, model, _matrices(run, model))
     time = np.asarray(run["time"].values, dtype=np.float64)
     x = np.zeros((len(time), rows[0].shape[1], model.n))
     x[1:] = np.cumsum(_displacements(model, rows, np.diff(time)), 0)
     if model.system.perturbation is None:
-        x = _by_momenta(rows, x)
+        x = _by_momenta(rows[:3], x)
     x = x + (0 if start is None else _start(start, x.shape[1:]))
     lead = ("time", "lane") if lanes else ("time",)
     coords = {name: run[name] for name in lead if name in run.coords}
@@ -85,12 +86,13 @@ def path(run: xr.Dataset, system: Any = None, *, start: Any = None) -> xr.DataAr
 
 
 class _Pose(Carrier):
-    """The flow on (M, P, g, x): with the position behind the orientation."""
+    """The flow on (x, M, P, g), and the time: with the position in front."""
 
     def _rate(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
-        *own, g, _ = z
-        U = self.model.call(self.model.system.translation, *own, **self.constants)
-        return (*super()._rate((*own, g)), algebra.act(g, np.broadcast_to(U, own[-1].shape)))
+        x, M, P, g, *time = z
+        known = {**self.constants, ORIENTATION: g, **dict(zip((TIME,), time, strict=False))}
+        U = self.model.call(self.model.system.translation, M, P, **known)
+        return (algebra.act(g, np.broadcast_to(U, x.shape)), *super()._rate(z[1:]))
 
 
 def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
@@ -103,8 +105,8 @@ def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array
     for first in range(0, len(h), ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
         lane = np.arange(len(h))[part] % lanes
-        z = (*(v[part] for v in flat), np.zeros((len(lane), model.n)))
-        out[part] = _Pose(model, {k: v[lane] for k, v in batched.items()})(z, h[part])[-1]
+        z = (np.zeros((len(lane), model.n)), *(v[part] for v in flat))
+        out[part] = _Pose(model, {k: v[lane] for k, v in batched.items()})(z, h[part])[0]
     return out.reshape(len(steps), lanes, model.n)
 
 
