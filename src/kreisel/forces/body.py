@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
-from kreisel.forces.kicks import DAMPING, INERTIA, ORIENTATION, Body
+from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, keywords
@@ -34,6 +34,7 @@ def perturbed(
     force: Callable[..., Any] | None = None,
     damping: Any = None,
     inertia: Any = None,
+    coupling: Any = None,
     pair_potential: Callable[..., Any] | None = None,
     pairs: Any = None,
     inner: int | None = None,
@@ -54,6 +55,7 @@ def perturbed(
                frame the last is that of its axis).  Exact
     inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
                moving frame, n = 3
+    coupling   the symmetric matrix K (3, 3) of M.KP in H, of a body in a fluid, or its diagonal
     pair_potential  V of two bodies that act on each other, of letters and g with 1 or 2 behind: a1, g1 of the first,
                a2, g2 of the second, and t.  The lanes of a run are then the bodies, each with its parameters
     pairs      which bodies: pairs (i, j), as [(0, 1), (1, 2)] for a chain of three
@@ -72,7 +74,15 @@ def perturbed(
             f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
             f"{shown(system)}."
         )
-    given = {"potential": potential, "torque": torque, "force": force, DAMPING: damping, INERTIA: inertia, PAIRS: pairs}
+    given = {
+        "potential": potential,
+        "torque": torque,
+        "force": force,
+        DAMPING: damping,
+        INERTIA: inertia,
+        COUPLING: coupling,
+        PAIRS: pairs,
+    }
     if all(value is None for value in (*given.values(), pair_potential)):
         return system
     _require_base(system)
@@ -86,11 +96,12 @@ def perturbed(
         force=None if force is None else _force(force, "force", (*letters, TIME), system, own),
         damping=damping is not None,
         inertia=inertia is not None,
+        coupling=coupling is not None,
         pair=None if pair_potential is None else _force(pair_potential, "pair_potential", of_two, system, own),
         inner=_inner(system, inner),
     )
     _require_suitable(system, record)
-    own |= _damping_and_inertia(system, damping, inertia)
+    own |= _matrices(system, damping, inertia, coupling)
     own |= parameters_of_pairs(record, pairs, own)
     model = Model(_system(system, record, list(own.values()), name), {})
     _try(model)
@@ -154,6 +165,7 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
         TIME,
         DAMPING,
         INERTIA,
+        COUPLING,
         PAIRS,
         *model.constants,
         *_keywords(model),
@@ -186,7 +198,7 @@ def _keywords(model: Model) -> set[str]:
     return {"self", "state", "alpha", *(name for f in values if inspect.isfunction(f) for name in keywords(f))}
 
 
-def _damping_and_inertia(model: Model, damping: Any, inertia: Any) -> dict[str, Parameter]:
+def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[str, Parameter]:
     out = {}
     if damping is not None:
         kind = "vector" if np.shape(damping)[-1:] == (3,) and model.n == 3 else "scalar"
@@ -195,6 +207,8 @@ def _damping_and_inertia(model: Model, damping: Any, inertia: Any) -> dict[str, 
         out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping)
     if inertia is not None:
         out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", _moments, inertia)
+    if coupling is not None:
+        out[COUPLING] = Parameter(COUPLING, "symmetric", "K in M.KP, what H has beside", None, coupling)
     return out
 
 
@@ -224,15 +238,19 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
             "damping=..."
         )
-    turns = record.loaded or record.damping or record.inertia or record.names(ORIENTATION)
+    turns = record.loaded or record.damping or record.inertia or record.coupling or record.names(ORIENTATION)
     if turns and (space.kinds[0] != "skew" or system.velocity is None):
         raise InputError(
             f"{system.name}: expected a potential alone, since its first component is no momentum in so(n)."
         )
-    if record.force is not None and system.translation is None:
+    if record.force is not None and record.pair is not None:
+        raise InputError("force: expected bodies in pairs without one, since the pair potential may take P.")
+    if (record.force is not None and system.translation is None) or (
+        record.coupling and (system.translation is None or model.n != 3)
+    ):
         raise InputError(
-            f"force: expected a body that moves through space, such as kr.Kirchhoff, got {system.name}, which only "
-            "turns. Use torque=..."
+            f"{'coupling' if record.coupling else 'force'}: expected a body that moves through space, such as "
+            f"kr.Kirchhoff, n = 3, got {system.name}, n = {model.n}."
         )
     if record.inertia and (model.n != 3 or system.frame is not Frame.MOVING or system.inverse_inertia is None):
         raise InputError(

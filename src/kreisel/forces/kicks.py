@@ -4,27 +4,27 @@ The flow of the perturbation for a time h, with g and the state of the integrabl
 
     damping   M -> exp(-damping h) M                                      exact
     kick      M -> M + h (force of the potential + torque)                exact unless the torque depends on M
-    inertia   a turn about each principal axis by (1/I_i - 1/I_i of the integrable motion) M_i h   exact for one axis
+    inertia, coupling   turns (`kreisel.forces.turns`)                                            exact one by one
 
 `work` is what the energy gains by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.gradient import cos, sin, traced, value_and_gradient
+from kreisel.algebra.gradient import traced, value_and_gradient
 from kreisel.errors import InputError
 from kreisel.record.contract import Frame, System, call, component_axes
 from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
-DAMPING, INERTIA = "damping", "inertia"
+DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
 DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
@@ -240,12 +240,17 @@ def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Arra
     """The angular velocity, with the moments of the perturbed body."""
     record = perturbation_of(system)
     out = call(record.base.velocity, state, known)
-    return out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0])) if record.inertia else out
+    if record.inertia:
+        out = out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0]))
+    return out + algebra.hat(algebra.act(known[COUPLING], state[1])) if record.coupling else out
 
 
 def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
-    """U = dH/dP, with what a potential of P adds."""
-    out = call(perturbation_of(system).base.translation, body.state, known)
+    """U = dH/dP, with what a potential of P and a coupling add."""
+    record = perturbation_of(system)
+    out = call(record.base.translation, body.state, known)
+    if record.coupling:
+        out = out + algebra.act(known[COUPLING], algebra.axial(body.state[0]))
     return out + potential(system, body, known, axes)[1].get(system.space.letters[1], 0)
 
 
@@ -282,6 +287,11 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
             out[i] = out[i] - algebra.rate(kind, X, body.state[i])
+    if record.coupling:
+        M, P = algebra.axial(body.state[0]), body.state[1]
+        KM, KP = (algebra.act(known[COUPLING], v) for v in (M, P))
+        out[0] = out[0] + algebra.hat(algebra.cross(M, KP) + algebra.cross(P, KM))
+        out[1] = out[1] + algebra.cross(P, KP)
     return tuple(out), work
 
 
@@ -294,34 +304,42 @@ def kicked(
     h: Any,
     known: Constants,
     axes: Mapping[str, int],
-    pulled: tuple[tuple[Array, ...], Any] | None = None,
+    others: Callable[[tuple[Array, ...]], tuple[tuple[Any, ...], Any]] | None = None,
 ) -> tuple[tuple[Array, ...], Any]:
     """The state after the kick for the time h, and the work.
 
-    `pulled`: what other bodies do to this one, the rates of its state and of the work.
+    `others`: what else acts in it, state -> the rates of the state and of the work.
     """
+
+    def without_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
+        there = body._replace(state=state)
+        _, slopes = potential(system, there, known, axes)
+        rates, power = force_of_potential(system, there, slopes), slopes.get(TIME, 0)
+        return _sum((rates, power), others(state)) if others is not None else (rates, power)
+
+    def by_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
+        return loads(system, body._replace(state=state), known, axes)
+
+    if not perturbation_of(system).loaded:
+        rates, power = without_loads(body.state)
+        return _after(system, body.state, h, rates), h * power
+    if changes_its_loads(system):
+        return _by_runge_kutta(system, body.state, h, lambda state: _sum(without_loads(state), by_loads(state)))
+    still = without_loads(body.state)
+    new = _after(system, body.state, h, _sum(still, by_loads(body.state))[0])
+    middle = tuple((x + y) / 2 for x, y in zip(body.state, new, strict=True))  # Omega is linear in the momentum
+    return new, h * (still[1] + by_loads(middle)[1])
+
+
+def _sum(one: tuple[tuple[Any, ...], Any], two: tuple[tuple[Any, ...], Any]) -> tuple[tuple[Any, ...], Any]:
+    return tuple(x + y for x, y in zip(one[0], two[0], strict=True)), one[1] + two[1]
+
+
+def changes_its_loads(system: System) -> bool:
+    """Whether a kick changes what it depends on: a torque that takes the momentum, or any force, which changes P."""
     record = perturbation_of(system)
-    _, slopes = potential(system, body, known, axes)
-    forces = force_of_potential(system, body, slopes)
-    power = slopes.get(TIME, 0)
-    if pulled is not None:
-        forces, power = tuple(f + more for f, more in zip(forces, pulled[0], strict=True)), power + pulled[1]
-    if record.loaded and depends_on_momenta(system):
-        new, work = _by_runge_kutta(system, body, h, forces, known, axes)
-        return new, work + h * power
-    by_loads, _ = loads(system, body, known, axes) if record.loaded else ((0.0,) * len(forces), 0)
-    new = _after(system, body.state, h, tuple(f + more for f, more in zip(forces, by_loads, strict=True)))
-    if record.loaded:  # the velocities are linear in the momenta: their mean is that in the middle
-        middle = tuple((x + y) / 2 for x, y in zip(body.state, new, strict=True))
-        power = power + loads(system, body._replace(state=middle), known, axes)[1]
-    return new, h * power
-
-
-def depends_on_momenta(system: System) -> bool:
-    """Whether a torque or a force takes what the kick changes by it."""
-    record, letters = perturbation_of(system), system.space.letters
-    changed = letters[: 2 if record.force is not None else 1]
-    return any(load is not None and any(map(load.names, changed)) for load in (record.torque, record.force))
+    by_torque = record.torque is not None and record.torque.names(system.space.letters[0])
+    return by_torque or record.force is not None
 
 
 def _after(system: System, state: tuple[Array, ...], h: Any, rates: tuple[Any, ...]) -> tuple[Array, ...]:
@@ -331,16 +349,15 @@ def _after(system: System, state: tuple[Array, ...], h: Any, rates: tuple[Any, .
 
 
 def _by_runge_kutta(
-    system: System, body: Body, h: Any, forces: tuple[Array, ...], known: Constants, axes: Mapping[str, int]
+    system: System, state: tuple[Array, ...], h: Any, rates: Callable[..., tuple[tuple[Any, ...], Any]]
 ) -> tuple[tuple[Array, ...], Any]:
-    """The state after loads that depend on the momenta, by the classical method of order 4, and their work."""
-    total, gain, there = [0 * z for z in body.state], 0, body.state
+    """The state after the time h, and the work, by the classical method of order 4."""
+    total, gain, there = [0 * z for z in state], 0, state
     for weight, ahead in ((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 0.0)):
-        by_loads, power = loads(system, body._replace(state=there), known, axes)
-        slopes = tuple(f + more for f, more in zip(forces, by_loads, strict=True))
+        slopes, power = rates(there)
         total = [z + weight * s for z, s in zip(total, slopes, strict=True)]
-        there, gain = _after(system, body.state, ahead * h, slopes), gain + weight * power
-    return _after(system, body.state, h, tuple(total)), h * gain
+        there, gain = _after(system, state, ahead * h, slopes), gain + weight * power
+    return _after(system, state, h, tuple(total)), h * gain
 
 
 def decayed(
@@ -375,22 +392,3 @@ def energy_of_spin(system: System, state: tuple[Array, ...], known: Constants) -
     at_rest = (0 * state[0], *state[1:])
     in_hamiltonian = call(base.energy, state, known) - call(base.energy, at_rest, known)
     return algebra.pairing(state[0], call(base.velocity, state, known)) / 2 - in_hamiltonian
-
-
-def turned_about_axis(
-    system: System, state: tuple[Array, ...], g: tuple[Array, ...], axis: int, h: Any, known: Constants
-) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """The flow of the change of one principal moment for the time h, n = 3, moving frame: a turn about the axis.
-
-    `g`: unit quaternions that are carried along.
-    """
-    angle = inverse_moments(system, known)[..., axis] * algebra.axial(state[0])[..., axis] * h
-    s, c = sin(angle / 2), cos(angle / 2)
-    one = algebra.identity(4)
-    q = algebra.vec(c) * one[0] + algebra.vec(s) * one[1 + axis]
-    W = algebra.rotation_matrix(q)
-    new = tuple(
-        algebra.act(W.mT, z) if kind == "vector" else W.mT @ z @ W
-        for kind, z in zip(system.space.kinds, state, strict=True)
-    )
-    return new, tuple(algebra.quaternion_product(x, q) for x in g)

@@ -25,9 +25,9 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
         )
     if record.pair is None:
         return {}
-    if record.inertia:
+    if record.inertia or record.coupling:
         raise InputError(
-            "perturbed: expected bodies in pairs without inertia=..., which turns what the pair potential depends on "
+            "perturbed: expected bodies in pairs without inertia or coupling, which turn what the pair potential takes "
             "within a kick. Give the moments in the integrable part where they fit."
         )
     found = _checked(pairs)

@@ -10,7 +10,7 @@ from typing import Any
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.forces import kicks
-from kreisel.forces.kicks import ORIENTATION, Body
+from kreisel.forces.kicks import COUPLING, ORIENTATION, Body
 from kreisel.record.contract import Frame, System, call
 from kreisel.record.perturbation import TIME, Perturbation
 
@@ -43,6 +43,7 @@ def in_words(record: Perturbation) -> str:
     parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
     parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
     parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
+    parts += ["a coupling of M and P"] * record.coupling
     return ", ".join(parts)
 
 
@@ -62,6 +63,8 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
         if record.inertia:
             M = algebra.axial(state[0])
             out = out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
+        if record.coupling:
+            out = out + algebra.dot(algebra.axial(state[0]), algebra.act(known[COUPLING], state[1]))
         return out + kicks.energy_of_spin(system, state, known) if turned else out
 
     def velocity(*state: Array, **known: Any) -> Array:

@@ -4,7 +4,7 @@ A step is A for a_1 h, B for b_1 h, A for a_2 h, ..., symmetric (`splitting_coef
 in closed form where it is known as one short step, else by a map of high order; B is the flow of the perturbation with
 the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds in symmetric order,
 
-    damping, inertia about 1, 2, 3 | kick | inertia about 3, 2, 1, damping,
+    damping, turns in order | kick | turns backwards, damping,
 
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
@@ -16,7 +16,7 @@ those that depend on time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,9 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
-from kreisel.forces.kicks import INERTIA, ORIENTATION, Body, perturbation_of
+from kreisel.forces.kicks import ORIENTATION, Body, perturbation_of
 from kreisel.forces.pairs import of_bodies
+from kreisel.forces.turns import Turn, turns_of
 from kreisel.method.driven import (
     COUNT,
     WORK,
@@ -48,7 +49,6 @@ from kreisel.record.perturbation import TIME
 
 DEFAULT = (8, 6, 4)
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
-SAME = 4e-16  # relative: inverse moments that differ by rounding
 REACH = "reach"
 
 State = tuple[Array, ...]
@@ -66,10 +66,10 @@ class Splitting:
         self.timed, self.driven = self.record.names(TIME), self.record.driven
         self.fractions = splitting(order)
         self.part: Integrable = integrable(model)
-        self.axes = _changed_axes(model) if self.record.inertia else []
+        self.turns = turns_of(model)
         _require_a_symmetric_kick(model, order)
         kicked = bool(self.record.functions) or self.record.pair is not None or self.part.left is not None
-        kinds = len(self.axes) + kicked + self.record.damping
+        kinds = len(self.turns) + kicked + self.record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
 
     @property
@@ -148,21 +148,29 @@ class Splitting:
     ) -> tuple[State, State, Any]:
         """The same to order 2."""
         own, before = self._damped(body.state, h / 2, known)
-        own, g = self._turned(own, g, self.axes, h / 2, known)
+        own, g = self._turned(own, g, self.turns, h / 2, known)
         gained: Any = 0
-        if self.part.left is not None:
-            left, (others, power) = self.part.left(own, known), pulled or ((0.0,) * self.count, 0.0)
-            pulled = tuple(x + y for x, y in zip(left, others, strict=True)), power
-        if self.record.functions or pulled is not None:
+        if self.record.functions or pulled is not None or self.part.left is not None:
             there = Body(own, self.turn(g), body.t)
-            own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, pulled)
-        own, g = self._turned(own, g, self.axes[::-1], h / 2, known)
+            others = self._others(known, pulled)
+            own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, others)
+        own, g = self._turned(own, g, self.turns[::-1], h / 2, known)
         own, after = self._damped(own, h / 2, known)
         return own, g, before + gained + after
 
-    def _turned(self, own: State, g: State, axes: list[int], h: Array, known: Constants) -> tuple[State, State]:
-        for axis in axes:
-            own, g = kicks.turned_about_axis(self.model.system, own, g, axis, h, known)
+    def _others(
+        self, known: Constants, pulled: tuple[State, Any] | None
+    ) -> Callable[[State], tuple[State, Any]] | None:
+        """What other bodies do in a kick, and what the integrable part leaves to it."""
+        left = self.part.left
+        if left is None:
+            return None if pulled is None else lambda own: pulled
+        rest, power = pulled or ((0.0,) * self.count, 0.0)
+        return lambda own: (tuple(x + y for x, y in zip(left(own, known), rest, strict=True)), power)
+
+    def _turned(self, own: State, g: State, turns: list[Turn], h: Array, known: Constants) -> tuple[State, State]:
+        for turn in turns:
+            own, g = turn(own, g, h, known)
         return own, g
 
     def _damped(self, own: State, h: Array, known: Constants) -> tuple[State, Any]:
@@ -175,17 +183,11 @@ class Splitting:
 
 def _require_a_symmetric_kick(model: Model, order: Any) -> None:
     """Raises `InputError` for orders that the kick by a torque of the momentum, of order 4, does not have."""
-    if perturbation_of(model.system).loaded and kicks.depends_on_momenta(model.system) and order in (6, 8):
+    if kicks.changes_its_loads(model.system) and order in (6, 8):
         raise InputError(
             f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque or force of the "
             f"momenta is integrated to order 4, got order={order}. Damping has an exact flow: give it as damping=..."
         )
-
-
-def _changed_axes(model: Model) -> list[int]:
-    """The axes whose moment is not that of the integrable part, in some lane."""
-    change = kicks.inverse_moments(model.system, model.constants)
-    return np.flatnonzero(abs(change).reshape(-1, 3).max(0) > SAME * (1 / model.constants[INERTIA]).max()).tolist()
 
 
 def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:

@@ -36,6 +36,7 @@ class Perturbation:
     force       the rate F of the momentum P of a body that moves through space, a vector in the frame of the body
     damping     whether there is a parameter `damping`: M' = -damping M beside, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
+    coupling    whether there is a parameter `coupling`: K in M.KP, what a body in a fluid has beside T(M) + V(P)
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
@@ -47,6 +48,7 @@ class Perturbation:
     force: Force | None = None
     damping: bool = False
     inertia: bool = False
+    coupling: bool = False
     pair: Force | None = None
     inner: int | None = None
 

@@ -1,0 +1,135 @@
+"""A rigid body deep in a fluid, with any mass matrix, in SI units: weight, buoyancy, linear and quadratic drag.
+
+With the velocity U of a point O of the body, its angular velocity Omega and the symmetric 6 x 6 matrix of mass and
+added mass about O, in axes of the body, the kinetic energy and the momenta are
+
+    T = nu.mass_matrix nu/2,   nu = (U, Omega),   (P, M) = mass_matrix nu
+
+and T = (M.AM + 2 M.KP + P.DP)/2 with its inverse.  At the point O + shift K is symmetric, (tr A - A) shift = -c with c
+the axial vector of K - K^T at O; the state is there, along the principal axes of A, the columns of `turn`.  Then
+
+    M' = M x Omega + P x U + (torque of V) + drag,    P' = P x Omega + F + drag,     Omega = dH/dM,  U = dH/dP
+    V = weight height(center_of_mass) - buoyancy height(center_of_buoyancy),  both from O + shift
+    F = (buoyancy - weight) g^T e_3;    drag at O, of each part of nu: -(linear + quadratic |nu_i|) nu_i
+
+Space has its third axis up and moves with the fluid, whose velocity is uniform.  The part of V that depends on the
+depth is counted as work, U.F.  [Lamb, Hydrodynamics, 6th ed., chapter 6; Fossen, Handbook of Marine Craft, 2011]
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.algebra import axial, cross, hat, sqrt
+from kreisel.errors import InputError, shown
+from kreisel.forces.records import perturbed_record
+from kreisel.record.contract import Parameter
+from kreisel.record.perturbation import Force, Perturbation
+from kreisel.system import kirchhoff
+
+TINY = 1e-300  # so that |0| has a derivative
+SYMMETRIC = 1e-9
+
+
+def potential(g, *, lever):
+    return g[2] @ lever
+
+
+def wrench(M, P, *, inverse, coupling, D, turn, shift, linear, quadratic):
+    """The drag at O as a force and a torque along the body axes."""
+    Omega = turn @ (inverse * M + coupling @ P)
+    U = turn @ (D @ P + coupling @ M) - cross(Omega, shift)
+    nu = [*U, *Omega]
+    drag = [-(linear[i] + quadratic[i] * sqrt(v * v + TINY)) * v for i, v in enumerate(nu)]
+    return np.array(drag[:3]), np.array(drag[3:])
+
+
+def force(M, P, g, *, weight, buoyancy, turn, **known):
+    F, _ = wrench(M, P, turn=turn, **known)
+    return (buoyancy - weight) * g[2] + F @ turn
+
+
+def torque(M, P, *, turn, shift, **known):
+    F, tau = wrench(M, P, turn=turn, shift=shift, **known)
+    return (tau - cross(shift, F)) @ turn
+
+
+def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy):
+    """What `kirchhoff` takes, where the state is: C, B and the coupling; and the place and the axes of the state."""
+    inverse = np.linalg.inv(mass_matrix)
+    D, K, A = inverse[:3, :3], inverse[3:, :3], inverse[3:, 3:]
+    shift = -np.linalg.solve(np.trace(A) * np.eye(3) - A, axial(K - K.T))
+    S = hat(shift)
+    D, K = D + S.T @ A @ S + S.T @ K + K.T @ S, K + A @ S
+    rates, turn = np.linalg.eigh((A + A.T) / 2)
+    turn = turn * np.sign(np.linalg.det(turn))
+    D, K = (turn.T @ (X + X.T) @ turn / 2 for X in (D, K))
+    lever = weight[..., None] * (center_of_mass - shift) - buoyancy[..., None] * (center_of_buoyancy - shift)
+    planes = np.array([[0.0, rates[2], rates[1]], [rates[2], 0.0, rates[0]], [rates[1], rates[0], 0.0]])
+    found = {"C": planes, "B": -D, "D": D, "coupling": K, "inverse": rates, "turn": turn, "shift": shift}
+    return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in found.items()} | {
+        "lever": lever @ turn
+    }
+
+
+def check_mass_matrix(value, name):
+    if value.shape != (6, 6):
+        raise InputError(f"{name}: expected a 6 x 6 matrix, of (U, Omega), got the shape {value.shape}.")
+    if not abs(value - value.T).max() <= SYMMETRIC * abs(value).max():
+        raise InputError(
+            f"{name}: expected a symmetric matrix, got entries that differ by {abs(value - value.T).max():.3g}. "
+            "Usual cause: added masses of different units, or of another order than (U, Omega)."
+        )
+    least = np.linalg.eigvalsh((value + value.T) / 2)[0]
+    if not least > 0:
+        raise InputError(
+            f"{name}: expected a positive matrix, got the least eigenvalue {least:.3g}. Usual cause: an inertia about "
+            "another point than the centre of mass, or added masses without those of the body."
+        )
+
+
+def check_drag(value, name):
+    if value.shape != (6,) or not (value >= 0).all():
+        raise InputError(f"{name}: expected 6 numbers >= 0, of U and of Omega, got {shown(value.tolist())}.")
+
+
+def check_force(value, name):
+    if not (value >= 0).all():
+        raise InputError(f"{name}: expected a force >= 0, got {shown(value.tolist())}.")
+
+
+PARAMETERS = (
+    Parameter("mass_matrix", "array", "of mass and added mass about O, of (U, Omega), SI", check_mass_matrix),
+    Parameter("weight", "scalar", "N", check_force, 0.0),
+    Parameter("buoyancy", "scalar", "weight of the fluid displaced, N", check_force, 0.0),
+    Parameter("center_of_mass", "vector", "from O, m", default=np.zeros(3)),
+    Parameter("center_of_buoyancy", "vector", "from O, m", default=np.zeros(3)),
+    Parameter("linear", "array", "drag, N s/m three times and N m s three times", check_drag, np.zeros(6)),
+    Parameter("quadratic", "array", "drag, N s^2/m^2 three times and N m s^2 three times", check_drag, np.zeros(6)),
+)
+MATRICES = ("inverse", "coupling", "D", "turn", "shift", "linear", "quadratic")
+AXES = {"C": 2, "B": 2, "D": 2, "coupling": 2, "inverse": 1, "turn": 2, "shift": 1, "lever": 1}
+OF_PARAMETERS = {p.letter: {"mass_matrix": 2, "weight": 0, "buoyancy": 0}.get(p.letter, 1) for p in PARAMETERS}
+
+BODIES = (
+    perturbed_record(
+        Perturbation(
+            base=kirchhoff.SYSTEM,
+            potential=Force(potential, ("g",), ("lever",)),
+            torque=Force(torque, ("M", "P"), MATRICES),
+            force=Force(force, ("M", "P", "g"), ("weight", "buoyancy", *MATRICES)),
+            coupling=True,
+        ),
+        AXES | OF_PARAMETERS,
+        name="submerged-body",
+        title="Body deep in a fluid, with any mass matrix",
+        equations="M' = M x Omega + P x U - dV/dg + drag,  P' = P x Omega + F + drag",
+        source="Lamb 1932, chapter 6",
+        space=replace(kirchhoff.SYSTEM.space, casimirs=None),
+        parameters=PARAMETERS,
+        integrals={},
+        derive=derive,
+        scaling="SI units.",
+        n=3,
+    ),
+)
