@@ -13,6 +13,7 @@ from kreisel import algebra
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body
+from kreisel.forces.turns import turns_of
 from kreisel.record.model import Model
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
@@ -45,6 +46,20 @@ BODIES: dict[str, Model] = {
         damping=0.1,
         potential=lambda P, g, t: P[0] * g[1, 1] * t,
         torque=lambda M, P: P - 0.1 * M,
+    ),
+}
+ELLIPSOID = kr.Kirchhoff(C=[[0, 0.5, 0.8], [0.5, 0, 1.2], [0.8, 1.2, 0]], B=(-0.9, -0.7, -0.4))
+COUPLING = np.array([[0.1, 0.05, -0.2], [0.05, 0.3, 0.12], [-0.2, 0.12, -0.07]])
+BODIES |= {
+    "coupling": kr.perturbed(ELLIPSOID, coupling=COUPLING),
+    "force": kr.perturbed(ELLIPSOID, force=lambda g, t: 0.3 * g[2] * (1 + t)),
+    "drag in a fluid": kr.perturbed(
+        ELLIPSOID,
+        coupling=COUPLING,
+        potential=lambda P, g: g[2, 0] + 0.1 * P[0] ** 2,
+        torque=lambda M, P: -0.1 * M - 0.2 * P,
+        force=lambda M, P, g, *, k: g[2] - k * P * np.sqrt(P @ P) + 0.1 * M,
+        params={"k": 0.3},
     ),
 }
 cases = pytest.mark.parametrize("name", BODIES)
@@ -114,14 +129,49 @@ def test_the_flows_begin_as_the_rates(name: str) -> None:
         if record.damping:
             state, gained = kicks.decayed(system, state, time, consts, model.axes)
             work = work + gained
-        for axis in range(3) if record.inertia else ():
-            state, _ = kicks.turned_about_axis(system, state, (), axis, time, consts)
+        for turn in turns_of(model):
+            state, _ = turn(state, (), time, consts)
         ends.append((state, work))
     (up, gain), (down, loss) = ends
     wanted, power = rates(model, body)
     for x, y, want in zip(up, down, wanted, strict=True):
         assert abs((x - y) / (2 * h) - want).max() < 1e-7  # 1e-9
     assert abs((gain - loss) / (2 * h) - power) < 1e-7
+
+
+def test_a_coupling_is_that_of_kirchhoff() -> None:
+    """Mixed terms of Kirchhoff's case; the state of any coupling against a Runge-Kutta method, Casimirs conserved."""
+    case = kr.KirchhoffCase(a1=1.0, a3=1.4, b1=0.2, b3=0.5, c1=0.3, c3=0.9)
+    plain = kr.Kirchhoff(C=[[0, 1.4, 1.0], [1.4, 0, 1.0], [1.0, 1.0, 0]], B=(-0.3, -0.3, -0.9))
+    body = kr.perturbed(plain, coupling=(0.2, 0.2, 0.5))
+    x = somewhere(body)
+    for got, want in zip(body.flow(*x.state), case.flow(*x.state), strict=True):
+        assert abs(got - want).max() < 1e-14
+    assert abs(energy(body, x) - case.call(case.system.energy, *x.state)) < 1e-14
+    start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}
+    asked = {"dt": 0.2, "steps": 50, "every": 50, "progress": False, "orientation": (1, 0, 0, 0)}
+    for model in (body, BODIES["coupling"]):
+        run, like = kr.simulate(model, start, order=8, **asked), kr.simulate(model, start, method="dop853", **asked)
+        for name in ("M", "P"):
+            assert abs(run[name][-1] - like[name][-1]).max() < 1e-7
+        turns = [algebra.rotation_matrix(r.g.values[-1]) for r in (run, like)]
+        assert abs(turns[0] - turns[1]).max() < 1e-7
+        assert kr.drift(run).conserved["casimir[0]"]
+
+
+@pytest.mark.parametrize("name", ["force", "drag in a fluid"])
+def test_order_of_forces_in_a_fluid(name: str) -> None:
+    """The balance and the state of (2, 2) against steps that are a quarter as long, and of (8, 6, 4)."""
+    start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}
+    ends = [
+        kr.simulate(
+            BODIES[name], start, t_end=4.0, dt=dt, order=order, orientation=(1, 0, 0, 0), progress=False
+        ).P.values[-1]
+        for dt, order in ((0.1, (2, 2)), (0.05, (2, 2)), (0.2, (8, 6, 4)), (0.1, (8, 6, 4)), (0.025, (8, 6, 4)))
+    ]
+    off = [abs(end - ends[-1]).max() for end in ends[:-1]]
+    assert 1.8 < np.log2(off[0] / off[1]) < 2.2
+    assert 3.5 < np.log2(off[2] / off[3])
 
 
 def test_a_heavy_top_is_a_perturbed_lagrange_top() -> None:
@@ -218,6 +268,20 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
         "other than",
     ),
     "a system's name": (lambda: kr.perturbed(REST, damping=0.1, name="clebsch"), "no system of Kreisel"),
+    "a force on a top": (lambda: kr.perturbed(MOVING, force=lambda P: P), "moves through space"),
+    "a coupling of a top": (lambda: kr.perturbed(MOVING, coupling=(1, 2, 3)), "moves through space"),
+    "a coupling that is not symmetric": (lambda: kr.perturbed(ELLIPSOID, coupling=np.eye(3, k=1)), "symmetric"),
+    "a force of two numbers": (lambda: kr.perturbed(ELLIPSOID, force=lambda P: P[:2]), "force: expected 3 numbers"),
+    "axes that are not principal": (
+        lambda: kr.simulate(
+            kr.perturbed(kr.HeavyTop(J=[[2, 0.5, 0], [0.5, 2, 0], [0, 0, 1]], A=(0, 0, 1)), torque=lambda M: -M),
+            {"M": (1, 2, 3), "P": (0, 0, 1)},
+            dt=0.1,
+            steps=1,
+            progress=False,
+        ),
+        "principal axes",
+    ),
     "a matrix that is not skew": (lambda: kr.perturbed(FREE, torque=lambda g: g), "not skew"),
     "damping across the axis": (lambda: kr.perturbed(REST, damping=(0.1, 0.2, 0.3)), "are alike"),
     "an equality": (lambda: kr.perturbed(REST, potential=lambda a: a[0] if a[0] == 0.5 else a[1]), "without branches"),

@@ -26,9 +26,9 @@ RANK = {  # a part imports what stands on its own line or above
             ("baecklund", "implicit"),
             ("system", "reduction", "forces"),
             ("method", "exact", "bodies"),
-            ("physical", "kernels"),
+            ("kernels",),
             ("runs", "storage", "sweeps"),
-            ("lab", "analysis", "viewer", "bench"),
+            ("lab", "analysis", "physical", "viewer", "bench"),
             ("cli",),
             ("__main__",),
         )

@@ -56,7 +56,7 @@ def torque(M, P, *, turn, shift, **known):
 
 def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy):
     """What `kirchhoff` takes, where the state is: C, B and the coupling; and the place and the axes of the state."""
-    inverse = np.linalg.inv(mass_matrix)
+    inverse = np.linalg.inv(mass_matrix.reshape(-1, 6, 6)[0])  # the same in all lanes
     D, K, A = inverse[:3, :3], inverse[3:, :3], inverse[3:, 3:]
     shift = -np.linalg.solve(np.trace(A) * np.eye(3) - A, axial(K - K.T))
     S = hat(shift)

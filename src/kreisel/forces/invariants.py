@@ -6,7 +6,7 @@ are, in all lanes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.gradient import value_and_gradient
+from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.forces import kicks
@@ -180,29 +180,20 @@ def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
 
 
 def _slopes_at(model: Model, function: Function, state: tuple[Array, ...]) -> list[Array]:
-    """The derivative of each part of a function by all coordinates."""
-    out = []
-    for part in range(np.size(call(function, state, model.constants))):
+    """The derivative of each part of a function by the independent coordinates of all components."""
+    kinds, n = model.system.space.kinds, model.n
+    flat = [algebra.coordinates_of(kind, z) for kind, z in zip(kinds, state, strict=True)]
+    ends = np.cumsum([len(x) for x in flat])[:-1]
 
-        def of_part(*parts: Any, part: int = part) -> Any:
-            return np.ravel(np.asarray(call(function, parts, model.constants), dtype=object))[part]
-
-        out.append(np.concatenate(_derivative(model.system.space, model.n, of_part, state)))
-    return out
-
-
-def _derivative(space: PhaseSpace, n: int, function: Callable[..., Any], state: tuple[Array, ...]) -> list[Array]:
-    """By the independent coordinates of each component."""
-    flat = [algebra.coordinates_of(kind, z) for kind, z in zip(space.kinds, state, strict=True)]
-
-    def of_coordinates(*parts: Array) -> Any:
+    def parts_of(numbers: Sequence[Any]) -> list[Any]:
         made = [
             algebra.skew(x, n) if kind == "skew" else algebra.symmetric(x, n) if kind == "symmetric" else x
-            for kind, x in zip(space.kinds, parts, strict=True)
+            for kind, x in zip(kinds, np.split(np.array(numbers, dtype=object), ends), strict=True)
         ]
-        return function(*made)
+        found: Any = call(function, tuple(made), model.constants)
+        return np.asarray(found, dtype=object).ravel().tolist()
 
-    return value_and_gradient(of_coordinates, [(x, 1) for x in flat])[1]
+    return [np.array(row) for row in value_and_jacobian(parts_of, np.concatenate(flat).tolist())[1]]
 
 
 def _point(space: PhaseSpace, n: int, draw: Callable[..., Array]) -> tuple[Array, ...]:

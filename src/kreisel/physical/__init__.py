@@ -5,7 +5,8 @@
     seconds, motion = run.time * wheel.time_unit, wheel.motion(run.m, run.a)
 
 `Gyroscope` is the heavy symmetric top on a fixed point, `HeavyBody` any body on a fixed point, `FreeBody` any body
-without torque, `Satellite` one on an orbit, `Ellipsoid` a body in an ideal fluid.  The third axis of the rest frame
+without torque, `Satellite` one on an orbit, `Ellipsoid` a body in an ideal fluid,
+`SubmergedBody` any body deep in water.  The third axis of the rest frame
 points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.
 
 Arguments are numbers in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
@@ -21,6 +22,7 @@ from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Plate, Satellite
+from kreisel.physical.submerged import Course, SubmergedBody, read_added_mass
 
 __all__ = [
     "EARTH",
@@ -31,6 +33,7 @@ __all__ = [
     "SUN",
     "Asteroid",
     "AxisStability",
+    "Course",
     "Ellipsoid",
     "FreeBody",
     "FreeRotation",
@@ -41,5 +44,7 @@ __all__ = [
     "Plate",
     "Primary",
     "Satellite",
+    "SubmergedBody",
     "Units",
+    "read_added_mass",
 ]

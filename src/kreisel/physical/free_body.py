@@ -108,11 +108,11 @@ class FreeBody:
 
         Both are unit quaternions (..., 4) = (w, x, y, z), body to space.  Raises `InputError`.
         """
-        return algebra.quaternion_product(_quaternion(attitude, "attitude"), self._turn)
+        return algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), self._turn)
 
     def attitude(self, g: Any) -> Array:
         """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run."""
-        return algebra.quaternion_product(_quaternion(g, "g"), algebra.inverse_turn(self._turn))
+        return algebra.quaternion_product(attitude_quaternion(g, "g"), algebra.inverse_turn(self._turn))
 
     @cached_property
     def _turn(self) -> Array:
@@ -195,7 +195,7 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
     return si_numbers(spin, RATE, "spin")
 
 
-def _quaternion(value: Any, name: str) -> Array:
+def attitude_quaternion(value: Any, name: str) -> Array:
     """Unit quaternions (..., 4).  Raises `InputError`."""
     try:
         q = np.asarray(value, dtype=np.float64)

@@ -1,0 +1,205 @@
+"""Bodies deep in water, with their own and the water's mass, weight, buoyancy and drag, in SI units."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.analysis import path
+from kreisel.bodies import BODIES
+from kreisel.errors import InputError, shown
+from kreisel.physical.ellipsoid import Ellipsoid
+from kreisel.physical.free_body import UPRIGHT, FreeBody, attitude_quaternion
+from kreisel.physical.measures import STANDARD_GRAVITY, convert_fields, scales_of, si_number, si_numbers, three
+from kreisel.record.model import Model, State
+from kreisel.units import Scales
+
+SIX = ((6,), (6, 6))
+NONE = (0.0, 0.0, 0.0)
+
+
+class Course(NamedTuple):
+    """Of a run: the position of O in space, m; its velocity and the angular velocity along the body axes, SI."""
+
+    position: Array
+    velocity: Array
+    angular_velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SubmergedBody:
+    """A rigid body deep in a fluid: a run of it is in SI units.
+
+    mass           kg;  inertia about the centre of mass, kg m^2, (3, 3) in any body axes or its diagonal
+    added_mass     (6, 6) of the velocity of O and the angular velocity, or its diagonal: kg, kg m, kg m^2
+    displaced_mass kg of fluid displaced; default: the mass, so that the body floats
+    center_of_mass, center_of_buoyancy   (3,), m, from O along the body axes
+    linear_drag    (6,), N s/m and N m s;  quadratic_drag (6,), N s^2/m^2 and N m s^2: -(l + q |v|) v of each
+    current        (3,), m/s, the uniform velocity of the fluid in space, whose third axis points up
+    gravity        m/s^2
+
+    Nothing bounds the added mass by the mass: the matrices are inverted together.  The equations:
+    `kreisel.bodies.submerged`.  Raises `InputError` for matrices that no body has.
+    """
+
+    mass: float
+    inertia: Any
+    added_mass: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    displaced_mass: Any = None
+    center_of_mass: Any = NONE
+    center_of_buoyancy: Any = NONE
+    linear_drag: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    quadratic_drag: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    current: Any = NONE
+    gravity: float = STANDARD_GRAVITY
+
+    def __post_init__(self) -> None:
+        convert_fields(self, positive=True, mass="kg")
+        convert_fields(self, gravity="m/s^2")
+        displaced = self.mass if self.displaced_mass is None else self.displaced_mass
+        displaced = si_number(displaced, "kg", "displaced_mass")
+        if displaced < 0 or self.gravity < 0:
+            raise InputError(f"displaced_mass, gravity: expected >= 0, got {displaced:g}, {self.gravity:g}.")
+        object.__setattr__(self, "displaced_mass", displaced)
+        object.__setattr__(self, "inertia", FreeBody(self.inertia).inertia)
+        for name, unit in (("center_of_mass", "m"), ("center_of_buoyancy", "m"), ("current", "m/s")):
+            object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
+        for name, shapes in (("added_mass", SIX), ("linear_drag", SIX[:1]), ("quadratic_drag", SIX[:1])):
+            object.__setattr__(self, name, si_numbers(getattr(self, name), "1", name, shapes))
+        if self.added_mass.ndim == 1:
+            object.__setattr__(self, "added_mass", np.diag(self.added_mass))
+        self.model()
+
+    @classmethod
+    def ellipsoid(cls, semi_axes: Any, mass: Any, fluid_density: Any, **more: Any) -> SubmergedBody:
+        """An ellipsoid of constant density in a fluid, with its added masses.
+
+        [Lamb, articles 114, 115]
+        """
+        body = Ellipsoid(three(semi_axes, "m", "semi_axes"), mass, fluid_density)
+        added = (*body.added_masses, *body.added_moments)
+        return cls(body.mass, body.moments, **{"added_mass": added, "displaced_mass": body.displaced_mass, **more})
+
+    @classmethod
+    def cylinder(cls, radius: Any, length: Any, mass: Any, fluid_density: Any, **more: Any) -> SubmergedBody:
+        """A slender round cylinder of constant density along the first axis, with the added masses of strip theory.
+
+        pi rho r^2 L across it, its cube of L over 12 about the axes across, none along.  [Newman, Marine Hydrodynamics,
+        1977, sections 4.13 and 7.2]
+        """
+        r, L = (si_number(v, "m", k, positive=True) for v, k in ((radius, "radius"), (length, "length")))
+        m, rho = si_number(mass, "kg", "mass", positive=True), si_number(fluid_density, "kg/m^3", "fluid_density")
+        fluid = np.pi * rho * r * r * L
+        across = m * (3 * r * r + L * L) / 12
+        added = (0.0, fluid, fluid, 0.0, fluid * L * L / 12, fluid * L * L / 12)
+        return cls(m, (m * r * r / 2, across, across), **{"added_mass": added, "displaced_mass": fluid, **more})
+
+    @cached_property
+    def mass_matrix(self) -> Array:
+        """The 6 x 6 matrix of mass and added mass about O, of (U, Omega), SI."""
+        S = algebra.hat(self.center_of_mass)
+        own = np.block([[self.mass * np.eye(3), -self.mass * S], [self.mass * S, self.inertia - self.mass * S @ S]])
+        return np.asarray(own + self.added_mass)
+
+    def model(self) -> Model:
+        """The system "submerged-body" with these numbers."""
+        return BODIES["submerged-body"](
+            mass_matrix=self.mass_matrix,
+            weight=self.mass * self.gravity,
+            buoyancy=self.displaced_mass * self.gravity,
+            center_of_mass=self.center_of_mass,
+            center_of_buoyancy=self.center_of_buoyancy,
+            linear=self.linear_drag,
+            quadratic=self.quadratic_drag,
+        )
+
+    @cached_property
+    def _place(self) -> tuple[Array, Array]:
+        """The axes of the state as columns, and its point from O, in the body."""
+        constants = self.model().constants
+        return constants["turn"], constants["shift"]
+
+    def state(self, velocity: Any = NONE, angular_velocity: Any = NONE, attitude: Any = UPRIGHT) -> State:
+        """The momenta of a motion: the velocity of O, m/s, and the angular velocity, rad/s, (..., 3), in body axes.
+
+        attitude: a unit quaternion (4,), which says how the current stands to the body.
+        """
+        U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, "rad/s", "angular_velocity")
+        current = self.current @ algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
+        nu = np.concatenate(np.broadcast_arrays(U - current, Omega), -1)
+        momenta, (turn, shift) = nu @ self.mass_matrix, self._place
+        P, M = momenta[..., :3], momenta[..., 3:]
+        return self.model().state(P=P @ turn, M=(M - np.cross(shift, P)) @ turn)
+
+    def orientation(self, attitude: Any = UPRIGHT) -> Array:
+        """The `orientation` for `kr.simulate`, of the axes of the state, from the attitude of the body axes."""
+        turn = algebra.unit_quaternion(self._place[0])
+        return np.asarray(algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), turn))
+
+    def attitude(self, g: Any) -> Array:
+        """The inverse of `orientation`."""
+        back = algebra.inverse_turn(algebra.unit_quaternion(self._place[0]))
+        return np.asarray(algebra.quaternion_product(attitude_quaternion(g, "g"), back))
+
+    def course(self, run: Any, start: Any = NONE) -> Course:
+        """Where O is in space at each row of a run, from `start`, and how it moves."""
+        turn, shift = self._place
+        g = algebra.rotation_matrix(np.asarray(run.g)) @ turn.T  # of the body axes
+        arm = algebra.act(g, shift)
+        time = np.asarray(run.time).reshape(-1, *[1] * (arm.ndim - 1))
+        x = path(run).values - (arm - arm[0]) + self.current * (time - time[0])
+        P = np.asarray(run.P) @ turn.T
+        M = np.asarray(run.M) @ turn.T + np.cross(shift, P)
+        nu = np.linalg.solve(self.mass_matrix, np.concatenate([P, M], -1)[..., None])[..., 0]
+        inside = algebra.act(g.mT, self.current + 0 * x)
+        return Course(x + si_numbers(start, "m", "start"), nu[..., :3] + inside, nu[..., 3:])
+
+    def dt(self, duration: Any) -> float:
+        """A duration in seconds."""
+        return si_number(duration, "s", "dt")
+
+    def scales(self) -> Scales:
+        """The units of the variables of a run, for `kreisel.units.measured`."""
+        joule = ("J", 1.0)
+        return scales_of(1.0, M=("kg m^2/s", 1.0), P=("kg m/s", 1.0), energy=joule, work=joule, balance=joule)
+
+
+def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: Any = 1.0, period: float = 0.0) -> Array:
+    """A 6 x 6 matrix of added mass from a text file, in SI: six rows of six numbers, or WAMIT's numeric output.
+
+    density, length   kg/m^3, m: what the rows PERIOD I J A of WAMIT (.1) are made dimensionless with, rho L^k, k = 3
+                      for two velocities, 4 for one of each, 5 for two angular velocities; a plain matrix is in SI
+    period            which rows: 0 is WAMIT's for the limit of short waves, a negative one that of long waves
+
+    Raises `InputError` for what is neither.
+    """
+    source = Path(path)
+    try:
+        rows = [line.split() for line in source.read_text(encoding="utf-8").splitlines()]
+        rows = [row for row in rows if row and row[0][0] not in "#%!"]
+        numbers = [[float(v.replace("D", "E")) for v in row] for row in rows]
+    except (OSError, ValueError) as error:
+        raise InputError(f"{source}: expected a text file of numbers, got {error}.") from None
+    if [len(row) for row in numbers] == [6] * 6:
+        return np.array(numbers)
+    rho, L = si_number(density, "kg/m^3", "density"), si_number(length, "m", "length", positive=True)
+    out = np.full((6, 6), np.nan)
+    for row in numbers:
+        if len(row) < 4 or row[1] not in range(1, 7) or row[2] not in range(1, 7):
+            raise InputError(
+                f"{source}: expected six rows of six numbers, or rows PERIOD I J A with I and J from 1 to 6, got "
+                f"{shown(row)}."
+            )
+        if row[0] == period or (period < 0 and row[0] < 0):
+            i, j = int(row[1]) - 1, int(row[2]) - 1
+            out[i, j] = row[3] * rho * L ** (3 + (i > 2) + (j > 2))
+    if np.isnan(out).all():
+        raise InputError(f"{source}: expected rows of the period {period:g}, got none.")
+    return np.nan_to_num(out)  # WAMIT leaves out entries that vanish by symmetry
