@@ -27,6 +27,8 @@ class Carrier:
     The time (lanes,) stands at the end where a force depends on it, `timed`.
     """
 
+    accurate = ACCURATE
+
     def __init__(self, model: Model, constants: dict[str, Array] | None = None):
         if model.system.perturbation is not None and model.system.perturbation.pair is not None:
             raise InputError(
@@ -34,40 +36,48 @@ class Carrier:
                 "kr.propagator(...).until finds events of such bodies as they are stepped."
             )
         self.model, self.constants = model, dict(constants or {})
+        self.known = self.constants  # of the lanes that are carried now
         self.timed = depends_on_time(model)
         self.count = len(model.system.space.letters)
         self.pieces = 1
 
     def __call__(self, z: tuple[Array, ...], h: Array) -> tuple[Array, ...]:
         """The states `h` (lanes,) later.  Raises `InputError` where the rows are too far apart."""
-        while True:
-            with np.errstate(all="ignore"):  # what overflows is never accurate
-                out, error = self._march(z, h, self.pieces)
-            if error <= ACCURATE:
-                return out
-            self.pieces *= 2
-            if self.pieces > MOST_PIECES:
+        out, pieces = tuple(np.empty_like(v) for v in z), self.pieces
+        left = np.arange(len(h))
+        while len(left):
+            if pieces > MOST_PIECES:
                 raise InputError(
                     "The saved states are too far apart to be joined by the flow: save more often (every)."
                 )
+            self.known = {k: v[left] for k, v in self.constants.items()}
+            with np.errstate(all="ignore"):  # what overflows is never accurate
+                found, error = self._march(tuple(v[left] for v in z), h[left], pieces)
+            good = error <= self.accurate
+            for v, new in zip(out, found, strict=True):
+                v[left[good]] = new[good]
+            if not good.any():
+                self.pieces = 2 * pieces
+            left, pieces = left[~good], 2 * pieces
+        return out
 
-    def _march(self, z: tuple[Array, ...], h: Array, pieces: int) -> tuple[tuple[Array, ...], float]:
-        worst = 0.0
+    def _march(self, z: tuple[Array, ...], h: Array, pieces: int) -> tuple[tuple[Array, ...], Array]:
+        worst = np.zeros(len(h))
         for _ in range(pieces):
             z, error = self._extrapolated(z, h / pieces)
-            worst = max(worst, error)
+            worst = np.maximum(worst, error)
         return z, worst
 
-    def _extrapolated(self, z: tuple[Array, ...], h: Array) -> tuple[tuple[Array, ...], float]:
+    def _extrapolated(self, z: tuple[Array, ...], h: Array) -> tuple[tuple[Array, ...], Array]:
         row: list[tuple[Array, ...]] = []
         for j, steps in enumerate(COLUMNS):
             new = [self._midpoint(z, h, steps)]
             for k in range(j):
                 factor = (steps / COLUMNS[j - k - 1]) ** 2 - 1
                 new.append(tuple(a + (a - b) / factor for a, b in zip(new[k], row[k], strict=True)))
-            error = _gap(new[-1], new[-2]) if row else np.inf
+            error = _gap(new[-1], new[-2]) if row else np.full(len(h), np.inf)
             row = new
-            if error <= CONVERGED:
+            if (error <= CONVERGED).all():
                 break
         return row[-1], error
 
@@ -82,7 +92,7 @@ class Carrier:
 
     def _rate(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         model, state = self.model, z[: self.count]
-        known, g = dict(self.constants), z[self.count : len(z) - self.timed]
+        known, g = dict(self.known), z[self.count : len(z) - self.timed]
         if self.timed:
             known[TIME] = z[-1]
         if g:
@@ -100,10 +110,10 @@ def depends_on_time(model: Model) -> bool:
     return record is not None and record.names(TIME)
 
 
-def _gap(new: tuple[Array, ...], old: tuple[Array, ...]) -> float:
-    """The largest difference of a component, relative to its largest entry; infinite where it is not finite."""
-    worst = 0.0
+def _gap(new: tuple[Array, ...], old: tuple[Array, ...]) -> Array:
+    """The largest difference of each lane, relative to the largest entry of its component; infinite if not finite."""
+    worst = np.zeros(len(new[0]))
     for a, b in zip(new, old, strict=True):
-        gap = np.abs(a - b).max(initial=0.0) / np.abs(a).max(initial=1e-300)
-        worst = max(worst, float(gap)) if np.isfinite(gap) else np.inf
+        gap = np.abs(a - b).reshape(len(a), -1).max(-1) / np.abs(a).max(initial=1e-300)
+        worst = np.maximum(worst, np.where(np.isfinite(gap), gap, np.inf))
     return worst
