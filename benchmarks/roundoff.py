@@ -6,10 +6,12 @@ integrals   the largest change of anything conserved, in units in the last place
 states      the largest error of the state, over the number of steps, of random Lagrange tops, against the closed form
             of the iterates of the same map (`kr.at`), which makes no step
 against     the same over |z| of other maps and orders, n = 3, against the map itself in double-double (`reference.py`)
+condition   of the same problems: by how much a random change of the initial state by half a unit in the last place
+            changes the state at the end
 longest     the first of `maps` for a hundred times the steps
 picture     docs/round-off.png: one top by RK4, by DOP853, by the map as it is and by the projected map
 
-    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--part integrals|maps|states|against|longest|picture]
+    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--part NAME]
 """
 
 from __future__ import annotations
@@ -33,9 +35,10 @@ from kreisel.system import REGISTRY
 
 ROWS = 100
 LONGEST = 60.0  # seconds for one run
-PARTS = ("integrals", "maps", "states", "against", "longest", "picture")
+PARTS = ("integrals", "maps", "states", "against", "condition", "longest", "picture")
 PICTURE = Path(__file__).parents[1] / "docs" / "round-off.png"
 DT = 0.1
+CHANGE = 1e-10  # of a state, relative, whose effect is measured; that of half a unit in the last place is in proportion
 # A record of the map, and the share of the steps that its cost in double-double allows.
 MAPS = (
     ("lagrange-top", "suris", 1, 1.0),
@@ -157,11 +160,7 @@ def against(steps: int, lanes: int) -> dict[str, Any]:
         error = {project: np.empty((lanes, len(counts))) for project in (True, False)}
         with tempfile.TemporaryDirectory() as folder:
             for lane in range(lanes):
-                draw = exact.float_random(np.random.default_rng([11, lane]))
-                model = exact.random_model(REGISTRY[name], 3, draw)
-                state = dict(
-                    zip(model.system.space.letters, exact.random_state(model.system.space, 3, draw), strict=True)
-                )
+                model, state = problem(name, lane)
                 true = None
                 for project, found in error.items():
                     told = {"dt": DT, "steps": counts[-1], "every": 1, "orientation": None}
@@ -180,6 +179,49 @@ def against(steps: int, lanes: int) -> dict[str, Any]:
             rows[kind] = {f"{n:.0e}": row for n, row in zip(counts, told, strict=True)} | {"slope": round(slope, 2)}
         out[f"{name}, {method} {order or ''}".strip()] = rows | {"problems": lanes, "every": every}
         print(name, method, order, rows, flush=True)
+    return out
+
+
+def condition(steps: int, lanes: int) -> dict[str, Any]:
+    """That over |z| and the number of steps, the largest of three changes of each problem."""
+    out = {}
+    for name, method, order, share in MAPS:
+        count, found = int(steps * share), []
+        for lane in range(lanes):
+            model, state = problem(name, lane)
+
+            def end(z: dict[str, Any], model: Any = model, told: Any = (count, method, order)) -> np.ndarray:
+                asked = {"dt": DT, "steps": told[0], "every": 1, "orientation": None}
+                plan = make_plan(model, z, **asked, method=told[1], order=told[2])
+                plan.engine.advance(np.empty((1, 1, plan.engine.z.shape[1])), told[0])
+                return np.array(plan.engine.z[0])
+
+            draw, there = np.random.default_rng([12, lane]), end(state)
+            off = [abs(end(moved(state, draw)) - there).max() for _ in range(3)]
+            found.append(max(off) / CHANGE * np.finfo(float).eps / 2 / abs(there).max() / count)
+        row = {"steps": count, "median": float(f"{np.median(found):.2g}"), "worst": float(f"{max(found):.2g}")}
+        out[f"{name}, {method} {order or ''}".strip()] = row
+        print(name, method, order, row, flush=True)
+    return out
+
+
+def problem(name: str, lane: int) -> tuple[Any, dict[str, Any]]:
+    """A random system of that name, n = 3, and a state."""
+    draw = exact.float_random(np.random.default_rng([11, lane]))
+    model = exact.random_model(REGISTRY[name], 3, draw)
+    space = model.system.space
+    return model, dict(zip(space.letters, exact.random_state(space, 3, draw), strict=True))
+
+
+def moved(state: dict[str, Any], draw: np.random.Generator) -> dict[str, Any]:
+    """A state that differs by about CHANGE of the largest entry of each component; particles stay on their sphere."""
+    out = {}
+    for letter, z in state.items():
+        change = draw.normal(size=z.shape)
+        out[letter] = z + CHANGE * abs(z).max() * ((change - change.T) / 2 if z.ndim == 2 else change)
+    if "x" in out:
+        x = out["x"] / np.linalg.norm(out["x"])
+        out |= {"x": x, "q": out["q"] - x * (x @ out["q"])}
     return out
 
 
@@ -282,7 +324,9 @@ def main(arguments: list[str] | None = None) -> None:
     if "states" in parts:
         told["states"] = states(min(steps, 10**8), asked.lanes)
     if "against" in parts:
-        told["against"] = against(min(steps, 10**6), asked.lanes)
+        told["against"] = against(min(steps, 10**7), asked.lanes)
+    if "condition" in parts:
+        told["condition"] = condition(min(steps, 10**6), asked.lanes)
     if "longest" in parts:
         case = cases()[0]
         told["longest"] = _still(case.model, case.states["standard"], "suris", DT, 100 * steps, 60 * LONGEST)
