@@ -53,6 +53,7 @@ COUPLING = np.array([[0.1, 0.05, -0.2], [0.05, 0.3, 0.12], [-0.2, 0.12, -0.07]])
 BODIES |= {
     "coupling": kr.perturbed(ELLIPSOID, coupling=COUPLING),
     "force": kr.perturbed(ELLIPSOID, force=lambda g, t: 0.3 * g[2] * (1 + t)),
+    "coupling and damping": kr.perturbed(ELLIPSOID, coupling=COUPLING, damping=(0.1, 0.2, 0.3)),
     "drag in a fluid": kr.perturbed(
         ELLIPSOID,
         coupling=COUPLING,

@@ -43,9 +43,10 @@ def perturbed(
 ) -> Model:
     """A body under forces beside those of an integrable system: a system with its parameters, for `kr.simulate`.
 
-        H = H_system + V,   M' = {M, H} + tau - damping M
+        H = H_system + V + M.KP,   M' = {M, H} + tau - damping M,   P' = {P, H} + F
 
-    system     the integrable part with its parameters, such as `kr.LagrangeTop(p=(0, 0, 1))` or `kr.EulerTop(J=...)`
+    system     the integrable part with its parameters, such as `kr.LagrangeTop(p=(0, 0, 1))` or `kr.EulerTop(J=...)`;
+               or one with H = T(M) + V(P) and principal axes, such as `kr.Kirchhoff(C=..., B=...)`
     potential  V of what it names: letters of the state that the body carries (a, P; not the momentum), the orientation
                g (a matrix, body to space), the time t; parameters after `*`.  Its force is derived from it
     torque     tau of what it names, the momentum too: the rate of the momentum beside, in the frame of the state

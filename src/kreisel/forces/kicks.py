@@ -213,7 +213,7 @@ def _components(system: System, flat: Array, state: tuple[Array, ...]) -> list[A
     return out
 
 
-def inverse_moments_and_products(base: System, known: Constants, like: Any = 0) -> list[Array]:
+def inverse_inertia_columns(base: System, known: Constants, like: Any = 0) -> list[Array]:
     """The columns (..., 3) of Omega as a function of M, n = 3; `like`: vectors with the axes of lanes."""
     one = algebra.identity(3)
     return [algebra.axial(call(base.inverse_inertia, (algebra.hat(one[i] + 0 * like),), known)) for i in range(3)]
@@ -221,7 +221,7 @@ def inverse_moments_and_products(base: System, known: Constants, like: Any = 0) 
 
 def require_principal(base: System, known: Constants) -> None:
     """Raises `InputError` where the axes of coordinates are no principal axes, n = 3."""
-    inverse = np.stack(inverse_moments_and_products(base, known), -1)
+    inverse = np.stack(inverse_inertia_columns(base, known), -1)
     off = abs(inverse * (1 - np.eye(3))).max()
     if off > DIAGONAL * abs(inverse).max():
         raise InputError(
@@ -232,7 +232,7 @@ def require_principal(base: System, known: Constants) -> None:
 
 def inverse_moments(system: System, known: Constants) -> Array:
     """1/I_i - 1/I_i of the integrable motion, n = 3 (..., 3): what the perturbation changes."""
-    columns = inverse_moments_and_products(perturbation_of(system).base, known, known[INERTIA])
+    columns = inverse_inertia_columns(perturbation_of(system).base, known, known[INERTIA])
     return 1 / known[INERTIA] - np.stack([column[..., i] for i, column in enumerate(columns)], -1)
 
 
@@ -382,8 +382,11 @@ def expm1(x: Any) -> Any:
 
 
 def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
-    """<M, Omega>/2 with the moments of the perturbed body."""
-    return algebra.pairing(state[0], velocity(system, state, known)) / 2
+    """The part of H that M is in: <M, Omega>/2 with the moments of the perturbed body, and half of a coupling."""
+    out = algebra.pairing(state[0], velocity(system, state, known)) / 2
+    if perturbation_of(system).coupling:
+        out = out + algebra.dot(algebra.axial(state[0]), algebra.act(known[COUPLING], state[1])) / 2
+    return out
 
 
 def energy_of_spin(system: System, state: tuple[Array, ...], known: Constants) -> Any:

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import rotor_step, top_step
-from kreisel.forces.kicks import inverse_moments_and_products, perturbation_of, require_principal
+from kreisel.forces.kicks import inverse_inertia_columns, perturbation_of, require_principal
 from kreisel.method.composition import symmetric_composition
 from kreisel.method.observing import turned_by_map
 from kreisel.record.contract import Frame, Map, System, call
@@ -106,7 +106,7 @@ def _carrying_rotor(base: System) -> Integrable:
     """The free body with the vectors that it carries, in closed form; V(vectors) is left to the kicks."""
 
     def constants(own: State, known: Constants) -> Constants:
-        columns = inverse_moments_and_products(base, known, own[1])
+        columns = inverse_inertia_columns(base, known, own[1])
         return rotor_step.constants(1 / np.stack([column[..., i] for i, column in enumerate(columns)], -1))
 
     def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
