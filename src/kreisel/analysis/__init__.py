@@ -13,6 +13,7 @@ pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of 
 """
 
 from kreisel.analysis.angles import euler_angles, mean_rates, quaternions, rates, rotations
+from kreisel.analysis.chaos import megno
 from kreisel.analysis.comparison import Comparison, compare
 from kreisel.analysis.events import events
 from kreisel.analysis.frequencies import Lines, frequencies, power_spectrum
@@ -29,6 +30,7 @@ __all__ = [
     "events",
     "frequencies",
     "mean_rates",
+    "megno",
     "path",
     "power_spectrum",
     "quaternions",

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from kreisel.method.auto_splitting import Pilot
 from kreisel.runs.settings import (
     Settings,
-    _orientation,
     check_model,
     checked_state,
+    initial_orientation,
     named,
     observed,
     whole_order,
@@ -262,7 +262,7 @@ def _choices(model: Model, state: State, settings: Settings, orientation: Any, e
     out = []
     for i in range(len(lanes[0])):
         one = {letter: part[i : i + 1] for letter, part in zip(model.system.space.letters, lanes, strict=True)}
-        g = None if orientation is None else _orientation(orientation, model)
+        g = None if orientation is None else initial_orientation(orientation, model)
         g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
         out += _choices(model.lanes(np.array([i])), model.state(**one), settings, g, each=False)
     return out
@@ -343,7 +343,7 @@ def plan_of_times(
 def _initial_parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
     """The components of the initial state, and the checked orientation if there is one."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
-    return parts if orientation is None else (*parts, _orientation(orientation, model))
+    return parts if orientation is None else (*parts, initial_orientation(orientation, model))
 
 
 def _parts_by_name(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:

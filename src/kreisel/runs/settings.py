@@ -251,7 +251,7 @@ def flag(value: Any, name: str) -> None:
         raise InputError(f"{name}: expected True or False, got {shown(value)}.")
 
 
-def _orientation(value: Any, model: Model) -> Array:
+def initial_orientation(value: Any, model: Model) -> Array:
     """A rotation matrix (..., n, n), for n = 3 a unit quaternion (..., 4) or a Rotation, in the form to step."""
     n = model.n
     if hasattr(value, "as_quat"):  # scipy.spatial.transform.Rotation

@@ -20,7 +20,7 @@ from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Scheme
 from kreisel.record.model import Model
 from kreisel.runs.plan import Plan
-from kreisel.runs.settings import Settings, _orientation
+from kreisel.runs.settings import Settings, initial_orientation
 
 Rows = Callable[[Floats], Floats]
 
@@ -67,7 +67,7 @@ class StateForms:
             )
         own = self.model.state(**given)
         parts = [own[letter] for letter in self.model.system.space.letters]
-        parts += [] if g is None else [_orientation(g, self.model)]
+        parts += [] if g is None else [initial_orientation(g, self.model)]
         natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
         return np.asarray(layout.flatten(natural, self._kinds))
 
