@@ -6,7 +6,8 @@ added mass about O, in axes of the body, the kinetic energy and the momenta are
     T = nu.mass_matrix nu/2,   nu = (U, Omega),   (P, M) = mass_matrix nu
 
 and T = (M.AM + 2 M.KP + P.DP)/2 with its inverse.  At the point O + shift K is symmetric, (tr A - A) shift = -c with c
-the axial vector of K - K^T at O; the state is there, along the principal axes of A, the columns of `turn`.  Then
+the axial vector of K - K^T at O; the state is there, along the principal axes of A, the columns of `turn`, which are
+as near the axes of the body as can be.  Then
 
     M' = M x Omega + P x U + (torque of V) + drag,    P' = P x Omega + F + drag,     Omega = dH/dM,  U = dH/dP
     V = weight height(center_of_mass) - buoyancy height(center_of_buoyancy),  both from O + shift
@@ -17,6 +18,7 @@ depth is counted as work, U.F.  [Lamb, Hydrodynamics, 6th ed., chapter 6; Fossen
 """
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -29,6 +31,7 @@ from kreisel.system import kirchhoff
 
 TINY = 1e-300  # so that |0| has a derivative
 SYMMETRIC = 1e-9
+DIAGONAL = 1e-12  # relative: entries beside the diagonal
 
 
 def potential(g, *, lever):
@@ -61,8 +64,7 @@ def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy)
     shift = -np.linalg.solve(np.trace(A) * np.eye(3) - A, axial(K - K.T))
     S = hat(shift)
     D, K = D + S.T @ A @ S + S.T @ K + K.T @ S, K + A @ S
-    rates, turn = np.linalg.eigh((A + A.T) / 2)
-    turn = turn * np.sign(np.linalg.det(turn))
+    rates, turn = principal_axes((A + A.T) / 2)
     D, K = (turn.T @ (X + X.T) @ turn / 2 for X in (D, K))
     lever = weight[..., None] * (center_of_mass - shift) - buoyancy[..., None] * (center_of_buoyancy - shift)
     planes = np.array([[0.0, rates[2], rates[1]], [rates[2], 0.0, rates[0]], [rates[1], rates[0], 0.0]])
@@ -70,6 +72,17 @@ def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy)
     return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in found.items()} | {
         "lever": lever @ turn
     }
+
+
+def principal_axes(A):
+    """The principal values of A and axes as columns, right-handed, as near those of coordinates as can be."""
+    if abs(A - np.diag(np.diag(A))).max() <= DIAGONAL * abs(A).max():
+        return np.diag(A), np.eye(3)
+    rates, axes = np.linalg.eigh(A)
+    order = max(permutations(range(3)), key=lambda order: abs(np.diag(axes[:, order])).sum())
+    turn = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1, 1)
+    turn[:, abs(np.diag(turn)).argmin()] *= np.sign(np.linalg.det(turn))
+    return rates[list(order)], turn
 
 
 def check_mass_matrix(value, name):
