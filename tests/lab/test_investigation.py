@@ -65,6 +65,7 @@ MODELS = {
     "lagrange-top-moving": (lambda: kr.LagrangeTopMoving(A=(0, 0, 1), alpha=F(1, 2)), 2),
     "symmetric-top": (lambda: kr.SymmetricTop(A=(0, 0, 1)), 2),
     "clebsch": (lambda: kr.Clebsch(b=(1, 2, 4)), 4),
+    "kirchhoff-revolution": (lambda: kr.KirchhoffRevolution(a1=1, a3=2, c1=1, c3=3), 4),
     "neumann": (lambda: kr.Neumann(b=(1, 2, 4)), 4),
 }
 

@@ -22,7 +22,7 @@ kahan = sys.modules["kreisel.method.kahan"]
 CUBIC = {"neumann", "neumann-veselov", "rosochatius"}
 QUADRATIC = sorted(set(REGISTRY) - CUBIC)
 WITH_NOETHER = {
-    *("kirchhoff-case", "kovalevskaya-gyrostat", "kovalevskaya-top", "lagrange-top"),
+    *("kirchhoff-case", "kirchhoff-revolution", "kovalevskaya-gyrostat", "kovalevskaya-top", "lagrange-top"),
     *("lagrange-top-moving", "ratiu-top", "symmetric-top"),
 }
 EPS, HALF = exact.rational(2, 7), exact.rational(1, 2)

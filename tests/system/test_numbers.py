@@ -10,6 +10,7 @@ import pytest
 from kreisel import algebra
 from kreisel.algebra import act, invariants
 from kreisel.lab import exact
+from kreisel.record.contract import call, keywords
 from kreisel.system import REGISTRY
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None and system.map.rational]  # rational
@@ -36,11 +37,12 @@ def test_kinds_of_number_agree(name: str, n: int) -> None:
     import sympy
 
     model, state = rational_case(name, n)
-    system, params = model.system, model.params
+    system = model.system
+    taken = {k: v for k, v in model.constants.items() if k in keywords(system.map.step)}
     reference = [floats_of(c) for c in model.step(*state, eps=exact.rational(1, 3))]
 
     def step(convert, eps):
-        converted = {k: convert(v) for k, v in params.items()}
+        converted = {k: convert(v) for k, v in taken.items()}
         return model.system.map.step, [convert(c) for c in state], converted, eps
 
     kinds = {
@@ -50,8 +52,6 @@ def test_kinds_of_number_agree(name: str, n: int) -> None:
         "sympy": (np.vectorize(lambda v: sympy.Rational(int(v.p), int(v.q)), otypes=[object]), sympy.Rational(1, 3)),
         "jax": (lambda x: jax.numpy.asarray(floats_of(x)), 1 / 3),
     }
-    from kreisel.record.contract import call
-
     for kind, (convert, eps) in kinds.items():
         with jax.enable_x64(True):
             function, parts, converted, step_eps = step(convert, eps)

@@ -27,8 +27,6 @@ class Carrier:
     The time (lanes,) stands at the end where a force depends on it, `timed`.
     """
 
-    accurate = ACCURATE
-
     def __init__(self, model: Model, constants: dict[str, Array] | None = None):
         if model.system.perturbation is not None and model.system.perturbation.pair is not None:
             raise InputError(
@@ -53,13 +51,17 @@ class Carrier:
             self.known = {k: v[left] for k, v in self.constants.items()}
             with np.errstate(all="ignore"):  # what overflows is never accurate
                 found, error = self._march(tuple(v[left] for v in z), h[left], pieces)
-            good = error <= self.accurate
+            good = error <= self.enough(pieces)
             for v, new in zip(out, found, strict=True):
                 v[left[good]] = new[good]
             if not good.any():
                 self.pieces = 2 * pieces
             left, pieces = left[~good], 2 * pieces
         return out
+
+    def enough(self, pieces: int) -> float:
+        """The relative error that will do, in so many pieces."""
+        return ACCURATE
 
     def _march(self, z: tuple[Array, ...], h: Array, pieces: int) -> tuple[tuple[Array, ...], Array]:
         worst = np.zeros(len(h))

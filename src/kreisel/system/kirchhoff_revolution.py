@@ -2,10 +2,10 @@
 
 H = (a_1 <M, M> + (a_3 - a_1) <N, N> + c_1 <P, P> + (c_3 - c_1) P_n^2)/2,  N = Pi M Pi,  Pi = I - e_n e_n^T; for n = 3
     H = (a_1 (M_1^2 + M_2^2) + a_3 M_3^2 + c_1 (P_1^2 + P_2^2) + c_3 P_3^2)/2.
-N is conserved.  The flow is that of Clebsch's case with B = diag(0, ..., 0, beta), beta = (c_1 - c_3)/a_1, over a_1 t,
-then the turn of M and P by exp(t (a_3 - a_1) N), which commutes with it.  So the map is that of Clebsch's case for
-eps a_1, then the turn by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
-[Kirchhoff 1870; the map: Suris 2001, section 7; another by Baecklund transformations: Ragnisco, Zullo 2011]
+N is conserved.  (a_1 M, P) moves as in Clebsch's case with B = diag(0, ..., 0, beta), beta = a_1 (c_1 - c_3), and turns
+besides by exp(t (a_3 - a_1) N), which commutes with that.  So the map is that of Clebsch's case for (a_1 M, P), then
+the turn by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
+[Kirchhoff 1870; the map: Suris 2001, section 7; another by Bäcklund transformations: Ragnisco, Zullo 2011]
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ from kreisel.system import clebsch
 
 def derive(*, a1, c1, c3, n):
     """e = e_n, b = beta e, and c = b - max b, as for Clebsch's case."""
-    e, beta = identity(int(np.asarray(n).flat[0]))[-1] + 0 * vec(a1), vec((c1 - c3) / a1)
+    e, beta = identity(int(np.asarray(n).flat[0]))[-1] + 0 * vec(a1), vec(a1 * (c1 - c3))
     return {"e": e, "b": beta * e, "c": beta * e - (beta + abs(beta)) / 2}
 
 
@@ -48,14 +48,14 @@ def velocity(M, P, *, a1, a3, e):
     return inverse_inertia(M, a1=a1, a3=a3, e=e)
 
 
-def flow(M, P, *, a1, a3, b, e):  # M' = [M, Omega] + a1 P ^ BP,   P' = -Omega P
-    Omega = velocity(M, P, a1=a1, a3=a3, e=e)
-    return M @ Omega - Omega @ M + mat(a1) * wedge(P, b * P), -act(Omega, P)
+def flow(M, P, *, a1, a3, c1, c3, e):  # M' = [M, Omega] + U ^ P,   P' = -Omega P
+    Omega, U = velocity(M, P, a1=a1, a3=a3, e=e), translation(M, P, c1=c1, c3=c3, e=e)
+    return M @ Omega - Omega @ M + wedge(U, P), -act(Omega, P)
 
 
 def energy(M, P, *, a1, a3, c1, b, e, eps=0):
     N = project_out(M, e)
-    return a1 * clebsch.energy(M, P, b=b, eps=a1 * eps) + ((a3 - a1) * pairing(N, N) + c1 * dot(P, P)) / 2
+    return clebsch.energy(mat(a1) * M, P, b=b, eps=eps) / a1 + ((a3 - a1) * pairing(N, N) + c1 * dot(P, P)) / 2
 
 
 def translation(M, P, *, c1, c3, e):  # U = dH/dP
@@ -63,65 +63,72 @@ def translation(M, P, *, c1, c3, e):  # U = dH/dP
 
 
 def spectrum(M, P, *, a1, b, eps=0):
-    return clebsch.spectrum(M, P, b=b, eps=a1 * eps)
+    return clebsch.spectrum(mat(a1) * M, P, b=b, eps=eps)
 
 
-def lax(M, P, *, a1, a3, b, e, lam):  # L' = [L, U],   U = a1 lambda B + Omega
-    L, U = clebsch.lax(M, P, b=b, lam=lam)
-    return L, mat(a1) * U + mat(a3 - a1) * project_out(M, e)
+def lax(M, P, *, a1, a3, b, e, lam):  # L' = [L, U],   U = lambda B + Omega
+    L, U = clebsch.lax(mat(a1) * M, P, b=b, lam=lam)
+    return L, U + mat(a3 - a1) * project_out(M, e)
 
 
-def spin(M, a1, a3, e, eps):
+def half_turn(M, a1, a3, e, eps):
     return mat((a3 - a1) * eps / 2) * project_out(M, e)
 
 
 def turned(M, P, a1, a3, e, eps):
-    V = spin(M, a1, a3, e, eps)
+    V = half_turn(M, a1, a3, e, eps)
     return cayley_conjugate(-V, M), cayley_act(-V, P)
 
 
 def step(M, P, *, a1, a3, b, e, eps):
-    M, P = clebsch.step(M, P, b=b, eps=a1 * eps)
-    return turned(M, P, a1, a3, e, eps)
+    M, P = clebsch.step(mat(a1) * M, P, b=b, eps=eps)
+    return turned(M / mat(a1), P, a1, a3, e, eps)
 
 
 def inverse(M, P, *, a1, a3, b, e, eps):
     M, P = turned(M, P, a1, a3, e, -eps)
-    return clebsch.inverse(M, P, b=b, eps=a1 * eps)
+    M, P = clebsch.inverse(mat(a1) * M, P, b=b, eps=eps)
+    return M / mat(a1), P
 
 
 def adjoint(M, P, *, a1, a3, b, e, eps):
     M, P = turned(M, P, a1, a3, e, eps)
-    return clebsch.adjoint(M, P, b=b, eps=a1 * eps)
+    M, P = clebsch.adjoint(mat(a1) * M, P, b=b, eps=eps)
+    return M / mat(a1), P
+
+
+def kick(P, a1, b, eps):  # the change of M in a step
+    return clebsch.kick(P, b=b, eps=eps) / mat(a1)
 
 
 def involution(M, P, *, a1, b, eps):
-    return clebsch.involution(M, P, b=b, eps=a1 * eps)
+    return -(M + kick(P, a1, b, eps)), P
 
 
 def half_kick(M, P, *, a1, b, eps):
-    return clebsch.half_kick(M, P, b=b, eps=a1 * eps)
+    return M + kick(P, a1, b, eps) / 2, P
 
 
 def half_kick_back(M, P, *, a1, b, eps):
-    return clebsch.half_kick_back(M, P, b=b, eps=a1 * eps)
+    return M - kick(P, a1, b, eps) / 2, P
 
 
 def lax_matrix(M, P, *, a1, b, lam, eps):
-    return clebsch.lax_matrix(M, P, b=b, lam=lam, eps=a1 * eps)
+    return clebsch.lax_matrix(mat(a1) * M, P, b=b, lam=lam, eps=eps)
 
 
 def conjugator(M, P, *, a1, a3, b, e, lam, eps):
-    return clebsch.conjugator(M, P, b=b, lam=lam, eps=a1 * eps) @ cayley(spin(M, a1, a3, e, eps))
+    turn = cayley(half_turn(M, a1, a3, e, eps))
+    return clebsch.conjugator(mat(a1) * M, P, b=b, lam=lam, eps=eps) @ turn
 
 
 def generator(M, P, M1, P1, *, a1, a3, e, eps):  # X with cay(X) = cay(V) cay(U),  U = eps/2 a1 M_(k+1)
-    U, V, one = mat(a1 * eps / 2) * M1, spin(M, a1, a3, e, eps), identity(M.shape[-1])
+    U, V, one = mat(a1 * eps / 2) * M1, half_turn(M, a1, a3, e, eps), identity(M.shape[-1])
     return solve(one - V, U + V) @ solve(one + V @ U, one - V)
 
 
-def largest_step(M, P, *, a1, b):
-    return clebsch.largest_step(M, P, b=b) / a1
+def largest_step(M, P, *, b):
+    return clebsch.largest_step(M, P, b=b)
 
 
 def inverse_planes(a1, a3, e):  # c_jk
@@ -137,7 +144,8 @@ def check_positive(value, name):
 SYSTEM = System(
     name="kirchhoff-revolution",
     title="Kirchhoff's case of a body of revolution in a fluid, without mixed terms",
-    equations="M' = [M, Omega] + a1 P ^ BP,  P' = -Omega P,  Omega = a1 M + (a3 - a1) Pi M Pi",
+    equations="M' = [M, Omega] + U ^ P,  P' = -Omega P,  Omega = a1 M + (a3 - a1) Pi M Pi,  "
+    "U = c1 P + (c3 - c1) P_n e_n",
     source="Kirchhoff 1870; Suris 2001, section 7",
     frame=Frame.MOVING,
     space=MOVING_SPACE,
