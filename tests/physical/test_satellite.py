@@ -296,6 +296,32 @@ def test_a_primary_of_your_own() -> None:
     assert Orbit.circular("100 km", primary=moon).period == pytest.approx(7067, abs=10)
 
 
+def test_resonant_angle_and_obliquity() -> None:
+    """The angle of the resonance 3:2 librates with the frequency n sqrt(3 (B - A)/C H), H = 7e/2 - 123 e^3/16."""
+    e, ratio = 0.1, 1e-3
+    moon = Satellite((1.0, 1.0 + 1.1 * ratio, 1.1), Orbit(1e9, e, primary=Primary("star", 1e18, 1e6)))
+    n, spin = moon.orbit.mean_motion, 1.5
+    start = moon.state(spin=(0, 0, spin * moon.orbit.mean_motion))
+    run = kr.simulate(
+        moon.model(),
+        start,
+        dt=moon.orbit.period / 40,
+        t_end=80 * moon.orbit.period,
+        every=4,
+        orientation=moon.orientation(moon.pointing(pitch=0.1)),
+        progress=False,
+    )
+    angle = moon.resonant_angle(run, 1.5)
+    assert moon.obliquity(run).max() < 1e-6
+    assert abs(angle).max() < 0.13
+    assert angle.min() < -0.08
+    theory = n * np.sqrt(3 * ratio * (7 * e / 2 - 123 * e**3 / 16))
+    crossings = run.time.values[1:][np.diff(np.sign(angle)) != 0]
+    assert np.pi / np.diff(crossings).mean() == pytest.approx(theory, rel=0.03)
+    outside = moon.resonant_angle(run, 1.0)
+    assert outside.max() - outside.min() > 6
+
+
 def test_the_name_of_a_body_is_taken() -> None:
     own = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), torque=lambda M: -0.1 * M, name="satellite")
     with pytest.raises(kr.InputError, match="no body of Kreisel has"):

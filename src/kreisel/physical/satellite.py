@@ -193,6 +193,28 @@ class Satellite:
             np.arctan2(R[..., 2, 1], R[..., 2, 2]),
         )
 
+    def _axis(self, run: Any, which: int) -> Array:
+        """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""
+        g = algebra.rotation_matrix(np.asarray(run.g))
+        return np.asarray(g @ (self._principal_axes.T @ self._axes_of_orbit[:, which]))
+
+    def obliquity(self, run: Any) -> Array:
+        """The angle of the axis of the largest moment to the normal of the orbit, rad, at each row of a run."""
+        normal = self.orbit.frame(0.0)[:, 2]
+        return np.asarray(np.arccos(np.clip(self._axis(run, 2) @ normal, -1, 1)))
+
+    def resonant_angle(self, run: Any, ratio: float) -> Array:
+        """Theta - ratio n t, from -pi to pi, for theta the angle of the axis of the least moment from the pericentre.
+
+        In the plane of the orbit; n its mean motion, ratio of spin to orbit: 1.5 for Mercury.  It librates in the
+        resonance and circulates outside.  An axis has no front, so for half-integers 0 and pi are alike.
+        """
+        along, across = self.orbit.frame(0.0)[:, :2].T
+        axis = self._axis(run, 0)
+        time = np.asarray(run.time).reshape(-1, *[1] * (axis.ndim - 2))
+        angle = np.arctan2(axis @ across, axis @ along) - ratio * self.orbit.mean_motion * time
+        return np.asarray(np.angle(np.exp(1j * angle)))
+
     @property
     def librations(self) -> Frequencies:
         """Of small librations about `pointing()` on a circular orbit, by gravity alone.
