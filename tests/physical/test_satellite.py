@@ -5,10 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import kreisel as kr
 from kreisel import algebra
@@ -294,6 +296,31 @@ def test_bad_input(name: str) -> None:
 def test_a_primary_of_your_own() -> None:
     moon = Primary("Moon", 4.9028e12, 1.7374e6)
     assert Orbit.circular("100 km", primary=moon).period == pytest.approx(7067, abs=10)
+
+
+def test_toutatis_has_its_published_periods() -> None:
+    """A spin in the long-axis mode has both; in a run with the Sun the long axis goes round in 7.35 days."""
+    toutatis = kr.physical.Asteroid.toutatis()
+
+    def free(tilt: float, rate: float = 1.0) -> Any:
+        return toutatis.body.rotation((rate * np.cos(tilt), rate * np.sin(tilt), 0))
+
+    tilt = brentq(lambda tilt: free(tilt).period / free(tilt).precession_period - 5.41 / 7.35, 0.1, 1.0)
+    spin = free(tilt, free(tilt).period / (5.41 * 86400))
+    assert spin.kind == "long-axis mode"
+    run = kr.simulate(
+        toutatis.model(),
+        toutatis.state(spin=spin.spin),
+        dt=3600,
+        t_end=147 * 86400,
+        orientation=toutatis.orientation(),
+        progress=False,
+    )
+    g = algebra.rotation_matrix(run.g.values)
+    momentum = g[0] @ run.M.values[0] / np.linalg.norm(run.M.values[0])
+    across = g[:, :, 0] - np.outer(g[:, :, 0] @ momentum, momentum)
+    turned = np.einsum("i,ti->t", momentum, np.cross(across[:-1], across[1:])) / (across[:-1] ** 2).sum(-1)
+    assert 2 * np.pi * 147 / turned.sum() == pytest.approx(7.35, rel=2e-3)
 
 
 def test_resonant_angle_and_obliquity() -> None:

@@ -14,10 +14,11 @@ from kreisel.bodies import BODIES
 from kreisel.errors import InputError, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
 from kreisel.physical.measures import convert_fields, in_range, scales_of, si_number, si_numbers, three
-from kreisel.physical.orbit import SATURN, Orbit
+from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.units import Scales
 
+ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
 SOLAR_PRESSURE = 4.56e-6  # N/m^2 on what absorbs, at the distance of the Earth: 1361 W/m^2 over the speed of light
 
 
@@ -261,6 +262,15 @@ class Asteroid(Satellite):
         mean_motion = 2 * np.pi / (21.28 * 86400)
         orbit = Orbit((SATURN.mu / mean_motion**2) ** (1 / 3), 0.1, primary=SATURN)
         return cls.ellipsoid(5.62e18, (3.80e5, 2.90e5, 2.28e5), orbit)
+
+    @classmethod
+    def toutatis(cls) -> Asteroid:
+        """(4179) Toutatis, which turns in 5.41 days about its long axis, the first, while that goes round in 7.35 days.
+
+        Moments as 1 : 3.09 : 3.22 [Hudson, Ostro, Science 270 (1995) 84]; a = 2.5321 au, e = 0.6288 [JPL Small-Body
+        Database, epoch 2008].  The unit of its moments, 1e19 kg m^2, is arbitrary.
+        """
+        return cls((1e19, 3.09e19, 3.22e19), Orbit(2.5321 * ASTRONOMICAL_UNIT, 0.6288, primary=SUN))
 
 
 def _plate(value: Any) -> Plate:
