@@ -272,8 +272,8 @@ def without_spin(M, P, M1, P1, *, a1, eps):
 
 
 def other_way_round(M, P, *, a1, a3, b, e, eps):
-    M, P = clebsch.step(mat(a1) * M, P, b=b, eps=eps)
-    return kirchhoff_revolution.turned(M / mat(a1), P, a1, a3, e, -eps)
+    M = M + kirchhoff_revolution.kick(P, a1, b, eps)
+    return kirchhoff_revolution.turned(M, kirchhoff_revolution.carried(M, P, a1, eps), a1, a3, e, -eps)
 
 
 def without_rest(M, P):

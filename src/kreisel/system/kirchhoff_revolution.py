@@ -80,25 +80,29 @@ def turned(M, P, a1, a3, e, eps):
     return cayley_conjugate(-V, M), cayley_act(-V, P)
 
 
-def step(M, P, *, a1, a3, b, e, eps):
-    M, P = clebsch.step(mat(a1) * M, P, b=b, eps=eps)
-    return turned(M / mat(a1), P, a1, a3, e, eps)
+def kick(P, a1, b, eps):  # the change of M in a step
+    return clebsch.kick(P, b=b, eps=eps) / mat(a1)
+
+
+def carried(M, P, a1, eps):
+    return cayley_act(mat(-a1 * eps / 2) * M, P)
+
+
+def step(M, P, *, a1, a3, b, e, eps):  # (dClebsch spec) for (a1 M, P), then the turn
+    M = M + kick(P, a1, b, eps)
+    return turned(M, carried(M, P, a1, eps), a1, a3, e, eps)
 
 
 def inverse(M, P, *, a1, a3, b, e, eps):
     M, P = turned(M, P, a1, a3, e, -eps)
-    M, P = clebsch.inverse(mat(a1) * M, P, b=b, eps=eps)
-    return M / mat(a1), P
+    P = carried(M, P, a1, -eps)
+    return M - kick(P, a1, b, eps), P
 
 
 def adjoint(M, P, *, a1, a3, b, e, eps):
     M, P = turned(M, P, a1, a3, e, eps)
-    M, P = clebsch.adjoint(mat(a1) * M, P, b=b, eps=eps)
-    return M / mat(a1), P
-
-
-def kick(P, a1, b, eps):  # the change of M in a step
-    return clebsch.kick(P, b=b, eps=eps) / mat(a1)
+    P = carried(M, P, a1, eps)
+    return M + kick(P, a1, b, eps), P
 
 
 def involution(M, P, *, a1, b, eps):
