@@ -69,12 +69,21 @@ def _root(M, P, c, mu):
     return -1 / (least if np.iscomplexobj(mu) else least.real)
 
 
+def kick(P, Q, *, c):  # the change of M
+    return mat(2 * dot(P, Q) / dot(Q, Q)) * wedge(Q, c * Q)
+
+
 def step(M, P, Q, *, c):
-    M1 = M + mat(2 * dot(P, Q) / dot(Q, Q)) * wedge(Q, c * Q)
+    M1 = M + kick(P, Q, c=c)
     return M1, P - act(M + M1, Q)
 
 
 def pair(M, P, Q, *, c, mu):
+    K, P1 = kick_and_turn(M, P, Q, c=c, mu=mu)
+    return M + K, P1
+
+
+def kick_and_turn(M, P, Q, *, c, mu):
     """M += sum K_ij Q_i ^ CQ_j, K the inverse of <Q_i, Q_j>/(rho_i + rho_j); P turns in the plane of the Q_i.
 
     Multiples of the Q_i do as well: mu Q = u + i w has u near P and w = Im (rho C - M) Q small for short steps.
@@ -88,8 +97,8 @@ def pair(M, P, Q, *, c, mu):
     kuu = scale * (uu * i * i - 2 * uw * i * r + ww * squares)
     kww = scale * (uu * squares + 2 * uw * i * r + ww * i * i)
     kuw = scale * r * ((uu - ww) * i - 2 * uw * r)
-    kick = wedge(u, c * (vec(kuu) * u + vec(kuw) * w)) + wedge(w, c * (vec(kuw) * u + vec(kww) * w))
-    return M + kick, cayley_plane(vec(-2 * r / (i * both)) * u, w, P)
+    K = wedge(u, c * (vec(kuu) * u + vec(kuw) * w)) + wedge(w, c * (vec(kuw) * u + vec(kww) * w))
+    return K, cayley_plane(vec(-2 * r / (i * both)) * u, w, P)
 
 
 def arc(M, P, Q):

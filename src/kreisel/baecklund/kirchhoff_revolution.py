@@ -4,7 +4,7 @@
 commutes with that.  So the maps are those of Clebsch's case for (a1 M, P).
 """
 
-from kreisel.algebra import mat, project_out
+from kreisel.algebra import act, mat, project_out
 from kreisel.baecklund import clebsch, lagrange_top
 from kreisel.record.contract import Baecklund
 
@@ -18,13 +18,13 @@ def curve(M, P, *, c, a1, mu):
 
 
 def step(M, P, Q, *, c, a1):
-    M, P = clebsch.step(mat(a1) * M, P, Q, c=c)
-    return M / mat(a1), P
+    M1 = M + clebsch.kick(P, Q, c=c) / mat(a1)
+    return M1, P - act(mat(a1) * (M + M1), Q)
 
 
 def pair(M, P, Q, *, c, a1, mu):
-    M, P = clebsch.pair(mat(a1) * M, P, Q, c=c, mu=mu)
-    return M / mat(a1), P
+    K, P1 = clebsch.kick_and_turn(mat(a1) * M, P, Q, c=c, mu=mu)
+    return M + K / mat(a1), P1
 
 
 def arc_of_pair(M, P, Q, *, a1):
