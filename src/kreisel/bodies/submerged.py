@@ -11,7 +11,7 @@ as near the axes of the body as can be.  Then
 
     M' = M x Omega + P x U + (torque of V) + drag,    P' = P x Omega + F + drag,     Omega = dH/dM,  U = dH/dP
     V = weight height(center_of_mass) - buoyancy height(center_of_buoyancy),  both from O + shift
-    F = (buoyancy - weight) g^T e_3;    drag at O, of each part of nu: -(linear + quadratic |nu_i|) nu_i
+    F = (buoyancy - weight) g^T e_3;    drag at O, of each part of nu: -(linear_drag + quadratic_drag |nu_i|) nu_i
 
 Space has its third axis up and moves with the fluid, whose velocity is uniform.  The part of V that depends on the
 depth is counted as work, U.F.  [Lamb, Hydrodynamics, 6th ed., chapter 6; Fossen, Handbook of Marine Craft, 2011]
@@ -38,12 +38,12 @@ def potential(g, *, lever):
     return g[2] @ lever
 
 
-def wrench(M, P, *, inverse, coupling, D, turn, shift, linear, quadratic):
+def wrench(M, P, *, inverse, coupling, D, turn, shift, linear_drag, quadratic_drag):
     """The drag at O as a force and a torque along the body axes."""
     Omega = turn @ (inverse * M + coupling @ P)
     U = turn @ (D @ P + coupling @ M) - cross(Omega, shift)
     nu = [*U, *Omega]
-    drag = [-(linear[i] + quadratic[i] * sqrt(v * v + TINY)) * v for i, v in enumerate(nu)]
+    drag = [-(linear_drag[i] + quadratic_drag[i] * sqrt(v * v + TINY)) * v for i, v in enumerate(nu)]
     return np.array(drag[:3]), np.array(drag[3:])
 
 
@@ -117,10 +117,12 @@ PARAMETERS = (
     Parameter("buoyancy", "scalar", "weight of the fluid displaced, N", check_force, 0.0),
     Parameter("center_of_mass", "vector", "from O, m", default=np.zeros(3)),
     Parameter("center_of_buoyancy", "vector", "from O, m", default=np.zeros(3)),
-    Parameter("linear", "array", "drag, N s/m three times and N m s three times", check_drag, np.zeros(6)),
-    Parameter("quadratic", "array", "drag, N s^2/m^2 three times and N m s^2 three times", check_drag, np.zeros(6)),
+    Parameter("linear_drag", "array", "drag, N s/m three times and N m s three times", check_drag, np.zeros(6)),
+    Parameter(
+        "quadratic_drag", "array", "drag, N s^2/m^2 three times and N m s^2 three times", check_drag, np.zeros(6)
+    ),
 )
-MATRICES = ("inverse", "coupling", "D", "turn", "shift", "linear", "quadratic")
+MATRICES = ("inverse", "coupling", "D", "turn", "shift", "linear_drag", "quadratic_drag")
 AXES = {"C": 2, "B": 2, "D": 2, "coupling": 2, "inverse": 1, "turn": 2, "shift": 1, "lever": 1}
 OF_PARAMETERS = {p.letter: {"mass_matrix": 2, "weight": 0, "buoyancy": 0}.get(p.letter, 1) for p in PARAMETERS}
 

@@ -116,8 +116,8 @@ class SubmergedBody:
             buoyancy=self.displaced_mass * self.gravity,
             center_of_mass=self.center_of_mass,
             center_of_buoyancy=self.center_of_buoyancy,
-            linear=self.linear_drag,
-            quadratic=self.quadratic_drag,
+            linear_drag=self.linear_drag,
+            quadratic_drag=self.quadratic_drag,
         )
 
     @cached_property
