@@ -14,11 +14,14 @@ moving frame (M, P) with the plus bracket, F' = {H, F}.
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kreisel.display import SHOWN
 from kreisel.errors import ConservationWarning, InputError, RunError
 from kreisel.system import NAMED, REGISTRY
+
+if TYPE_CHECKING:
+    from kreisel.method import Method
 
 __version__ = "0.1.0"
 
@@ -48,7 +51,7 @@ __all__ = ["ConservationWarning", "InputError", "RunError", "methods", "systems"
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part != "reduction")]  # which needs JAX
 
 
-def methods() -> list[Any]:
+def methods() -> list[Method]:
     """The records of all methods: what each is for, its orders, what it conserves; `kreisel methods` prints them."""
     from kreisel.method import METHODS
 

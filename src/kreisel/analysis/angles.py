@@ -55,7 +55,7 @@ def quaternions(run: xr.Dataset) -> Array:
     return q * signs[..., None]
 
 
-def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
+def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """Euler's angles phi, theta, psi of the body against time: g = R_3(phi) R_1(theta) R_3(psi), n = 3, in rad.
 
     For a top the third axis of space is the vertical (against gravity), and that of the body is its axis; where they
@@ -90,7 +90,7 @@ def euler_angles(run: xr.Dataset, system: Any = None) -> xr.Dataset:
     return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _described(run))
 
 
-def _alignment(run: xr.Dataset, system: Any) -> tuple[Array, Array]:
+def _alignment(run: xr.Dataset, system: Model | None) -> tuple[Array, Array]:
     """Turns of space and body that make the vertical and the axis the third ones, ([lane,] 3, 3).
 
     Identities where there are none.
@@ -119,7 +119,7 @@ def _snapped(v: Array) -> Array:
     return near if np.abs(v - near).max() < 1e-12 and abs(near).sum() == 1 else v
 
 
-def rates(run: xr.Dataset, system: Any = None) -> xr.Dataset:
+def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """Tilt and the rates of Euler's angles at every row, from the state alone: no orientation, no differences.
 
     With the angular velocity omega, the vertical e and the axis k (unit vectors in one frame), cos(theta) = <e, k>:
@@ -164,7 +164,7 @@ def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
     return rates
 
 
-def mean_rates(run: xr.Dataset, system: Any = None) -> pd.DataFrame:
+def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
     """Nutation and precession measured in a run, beside the closed form where one is known (`kr.nutation`).
 
     The run is cut where the axis is highest, located to round-off (`events`).  Rows: nutation_period,

@@ -23,19 +23,21 @@ from kreisel.runs.settings import check_model, checked_state, initial_orientatio
 if TYPE_CHECKING:
     import xarray as xr
 
+    from kreisel.record.model import OrientationLike, StateLike
+
 APART = 1e-8  # of the neighbour, relative
 MOST = 10**9
 TINY = 1e-300
 
 
 def megno(
-    system: Any,
-    x0: Any,
+    system: Model,
+    x0: StateLike,
     *,
     dt: float,
     steps: int,
     every: int = 10,
-    orientation: Any = None,
+    orientation: OrientationLike | None = None,
     method: str | None = None,
     order: Any = None,
     seed: int = 0,
@@ -84,7 +86,7 @@ def megno(
     return xr.Dataset({k: (dims, v[:, 0] if single else v) for k, v in found.items()}, {"time": time[:, 0]})
 
 
-def _rows(system: Model, x0: Any, orientation: Any) -> tuple[Array, int, bool]:
+def _rows(system: Model, x0: StateLike, orientation: OrientationLike | None) -> tuple[Array, int, bool]:
     """States and orientations as a propagator takes them (lanes, size), how many, and whether it is a single one."""
     state = checked_state(system, x0)
     kinds = system.system.space.kinds

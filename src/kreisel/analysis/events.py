@@ -25,7 +25,7 @@ NEAR = 1e-11  # after the first correction, to the size of the values: the secon
 
 
 def events(
-    run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = None, system: Any = None
+    run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = None, system: Model | None = None
 ) -> xr.Dataset:
     """The times and states at which a quantity f(state) crosses a value, f = value, located to round-off.
 

@@ -26,7 +26,7 @@ ROWS_AT_ONCE = 20_000
 SMOOTH, BESIDE_CORNERS = 8, 1e-9  # pieces, and the relative error that will do in more
 
 
-def angular_velocity(run: xr.Dataset, system: Any = None, *, frame: str = BODY) -> xr.DataArray:
+def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str = BODY) -> xr.DataArray:
     """The angular velocity of every row, (time, axis) or (time, lane, axis) for n = 3, else skew (..., n, n).
 
     system   the model, for a system of your own
@@ -53,7 +53,7 @@ def angular_velocity(run: xr.Dataset, system: Any = None, *, frame: str = BODY) 
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning})
 
 
-def path(run: xr.Dataset, system: Any = None, *, start: Any = None) -> xr.DataArray:
+def path(run: xr.Dataset, system: Model | None = None, *, start: Any = None) -> xr.DataArray:
     """The position x of a body in space at every row, (time, axis) or (time, lane, axis): x' = g U, U = dH/dP.
 
     system   the model, for a system of your own

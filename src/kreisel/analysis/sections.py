@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from kreisel.runs.settings import whole_number
 if TYPE_CHECKING:
     import xarray as xr
 
+    from kreisel.record.model import Model
+
 
 def section(
-    run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = True, system: Any = None
+    run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = True, system: Model | None = None
 ) -> xr.Dataset:
     """Poincare's section: the states at which f = value is crossed in one direction, located to round-off (`events`).
 
@@ -32,7 +34,7 @@ def return_map(
     *,
     rising: bool | None = True,
     returns: int = 1,
-    system: Any = None,
+    system: Model | None = None,
 ) -> xr.Dataset:
     """The return map on the section f = value: `seen` at a crossing, and at the `returns`-th one after it.
 

@@ -139,7 +139,7 @@ class Contest:
 def kernel_of(case: BenchCase) -> Any:
     """The kernel of such an ensemble, for its machine code."""
     state = {k: np.tile(np.asarray(v, dtype=float), (LANES, 1)) for k, v in case.states["standard"].items()}
-    asked = {"dt": DT, "steps": 1, "every": 1, "method": "suris", "order": 1}
+    asked: dict[str, Any] = {"dt": DT, "steps": 1, "every": 1, "method": "suris", "order": 1}
     engine: Any = make_plan(case.model, case.model.state(**state), **asked).engine
     return engine._kernel
 

@@ -27,7 +27,7 @@ INNER = (2, 4, 6, 8)  # orders
 
 
 def perturbed(
-    system: Any,
+    system: Model,
     *,
     potential: Callable[..., Any] | None = None,
     torque: Callable[..., Any] | None = None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from kreisel.physical.measures import convert_fields, in_range, scales_of, si_nu
 from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.units import Scales
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
 SOLAR_PRESSURE = 4.56e-6  # N/m^2 on what absorbs, at the distance of the Earth: 1361 W/m^2 over the speed of light
@@ -181,7 +184,7 @@ class Satellite:
         """The inverse of `orientation`."""
         return self.body.attitude(g)
 
-    def angles(self, run: Any) -> Angles:
+    def angles(self, run: xr.Dataset) -> Angles:
         """Pitch, roll and yaw (...) of a run against the frame of the orbit, from -pi to pi."""
         g = algebra.rotation_matrix(np.asarray(run.g))
         frame = self.orbit.frame(np.asarray(run.time))
@@ -194,17 +197,17 @@ class Satellite:
             np.arctan2(R[..., 2, 1], R[..., 2, 2]),
         )
 
-    def _axis(self, run: Any, which: int) -> Array:
+    def _axis(self, run: xr.Dataset, which: int) -> Array:
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""
         g = algebra.rotation_matrix(np.asarray(run.g))
         return np.asarray(g @ (self._principal_axes.T @ self._axes_of_orbit[:, which]))
 
-    def obliquity(self, run: Any) -> Array:
+    def obliquity(self, run: xr.Dataset) -> Array:
         """The angle of the axis of the largest moment to the normal of the orbit, rad, at each row of a run."""
         normal = self.orbit.frame(0.0)[:, 2]
         return np.asarray(np.arccos(np.clip(self._axis(run, 2) @ normal, -1, 1)))
 
-    def resonant_angle(self, run: Any, ratio: float) -> Array:
+    def resonant_angle(self, run: xr.Dataset, ratio: float) -> Array:
         """Theta - ratio n t, from -pi to pi, for theta the angle of the axis of the least moment from the pericentre.
 
         In the plane of the orbit; n its mean motion, ratio of spin to orbit: 1.5 for Mercury.  It librates in the

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from kreisel.physical.free_body import UPRIGHT, FreeBody, attitude_quaternion
 from kreisel.physical.measures import STANDARD_GRAVITY, convert_fields, scales_of, si_number, si_numbers, three
 from kreisel.record.model import Model, State
 from kreisel.units import Scales
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SIX = ((6,), (6, 6))
 NONE = (0.0, 0.0, 0.0)
@@ -148,7 +151,7 @@ class SubmergedBody:
         back = algebra.inverse_turn(algebra.unit_quaternion(self._place[0]))
         return np.asarray(algebra.quaternion_product(attitude_quaternion(g, "g"), back))
 
-    def course(self, run: Any, start: Any = NONE) -> Course:
+    def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """Where O is in space at each row of a run, from `start`, and how it moves."""
         turn, shift = self._place
         g = algebra.rotation_matrix(np.asarray(run.g)) @ turn.T  # of the body axes

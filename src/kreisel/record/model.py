@@ -9,7 +9,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from datetime import timedelta
 from decimal import Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -31,6 +31,14 @@ from kreisel.record.contract import (
     component_axes,
     require_names,
 )
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import ArrayLike
+    from scipy.spatial.transform import Rotation
+
+    StateLike: TypeAlias = "State | Mapping[str, ArrayLike] | xr.Dataset"  # a state, its components, a row of a run
+    OrientationLike: TypeAlias = ArrayLike | Rotation  # a rotation matrix, a quaternion (w, x, y, z), a Rotation
 
 
 class State(Mapping[str, Array]):

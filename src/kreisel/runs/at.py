@@ -15,16 +15,18 @@ from kreisel.runs.settings import named, positive_number
 if TYPE_CHECKING:
     import xarray as xr
 
+    from kreisel.record.model import Model, OrientationLike, StateLike
+
 
 def at(
-    system: Any,
-    x0: Any,
+    system: Model,
+    x0: StateLike,
     times: Any,
     *,
     method: str = "exact",
     dt: float | None = None,
     order: int | None = None,
-    orientation: Any = None,
+    orientation: OrientationLike | None = None,
     observe: Sequence[str] | None = None,
 ) -> xr.Dataset:
     """The states at the given times, in any order, negative ones too, each to full double precision.
@@ -55,7 +57,13 @@ def at(
     if dt is not None and not (flat == np.floor(flat)).all():
         raise InputError("The times of a map are its steps, whole numbers k for the time k dt, got others.")
     reach = float(abs(flat).max(initial=0))
-    asked = {"method": method, "dt": step, "order": order, "orientation": orientation, "observe": observe}
+    asked: dict[str, Any] = {
+        "method": method,
+        "dt": step,
+        "order": order,
+        "orientation": orientation,
+        "observe": observe,
+    }
     plan, engine = plan_of_times(system, x0, reach=reach, **asked)
     from kreisel.runs.describing import in_memory
 

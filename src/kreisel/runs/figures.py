@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method.exact import motion
 from kreisel.runs.settings import check_model, checked_state
+
+if TYPE_CHECKING:
+    from kreisel.record.model import Model, StateLike
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Figures:
         return self.precession / self.period
 
 
-def nutation(system: Any, x0: Any) -> Figures:
+def nutation(system: Model, x0: StateLike) -> Figures:
     """The figures of the motion through x0, for `kr.LagrangeTop`, `kr.LagrangeTopMoving`, `kr.SymmetricTop`, n = 3.
 
     From the closed form in extended digits.  The given doubles are taken as exact: a motion is steady or on a
@@ -64,7 +67,7 @@ def nutation(system: Any, x0: Any) -> Figures:
         ) from None
 
 
-def _figures(system: Any, parts: tuple[Any, ...]) -> Figures:
+def _figures(system: Model, parts: tuple[Any, ...]) -> Figures:
     here = motion(system, parts, system.constants, reach=0.0)
     top, kind = here.nutation, _kind(here)
     known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x

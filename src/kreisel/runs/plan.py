@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
     from kreisel.method.auto import Choice
     from kreisel.method.auto_splitting import Pilot
+    from kreisel.record.model import OrientationLike, StateLike
 from kreisel.runs.settings import (
     Settings,
     check_model,
@@ -192,13 +193,13 @@ class Plan:
         return compiled_observe(self.scheme, self.variables, self.lanes, self.settings.observe)
 
 
-def make_plan(model: Any, x0: Any, *, orientation: Any = None, **asked: Any) -> Plan:
+def make_plan(model: Model, x0: StateLike, *, orientation: OrientationLike | None = None, **asked: Any) -> Plan:
     """The plan of a run with these settings.  Raises `InputError`."""
     check_model(model)
     return plan_of(model, x0, Settings.checked(**asked), orientation)
 
 
-def plan_of(model: Model, x0: Any, settings: Settings, orientation: Any = None) -> Plan:
+def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     state = checked_state(model, x0)
     if settings.order == "auto":
@@ -230,7 +231,7 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
     )
 
 
-def _chosen(model: Model, state: State, settings: Settings, orientation: Any) -> Plan:
+def _chosen(model: Model, state: State, settings: Settings, orientation: OrientationLike | None) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     (choice,) = _choices(model, state, settings, orientation, each=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
@@ -238,12 +239,16 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Any) ->
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
 
 
-def choices(model: Model, x0: Any, settings: Settings, orientation: Any = None) -> list[Choice]:
+def choices(
+    model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None
+) -> list[Choice]:
     """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
     return _choices(model, checked_state(model, x0), settings, orientation, each=True)
 
 
-def _choices(model: Model, state: State, settings: Settings, orientation: Any, each: bool) -> list[Choice]:
+def _choices(
+    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, each: bool
+) -> list[Choice]:
     from kreisel.method import auto, auto_splitting
 
     method, parts = settings.method or _default(model, settings), _initial_parts(model, state, None)
@@ -268,7 +273,9 @@ def _choices(model: Model, state: State, settings: Settings, orientation: Any, e
     return out
 
 
-def _pilot(model: Model, state: State, settings: Settings, orientation: Any) -> Callable[..., Pilot | None]:
+def _pilot(
+    model: Model, state: State, settings: Settings, orientation: OrientationLike | None
+) -> Callable[..., Pilot | None]:
     """Steps of splittings from the start, without a look at what is conserved."""
     from kreisel.method.auto_splitting import Pilot
 
@@ -312,14 +319,14 @@ def with_choice(choice: Choice, settings: Settings) -> Settings:
 
 
 def plan_of_times(
-    model: Any,
-    x0: Any,
+    model: Model,
+    x0: StateLike,
     *,
     reach: float,
     method: str,
     dt: float,
     order: int | None,
-    orientation: Any,
+    orientation: OrientationLike | None,
     observe: Any = None,
 ) -> tuple[Plan, ClosedForm]:
     """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
@@ -340,7 +347,7 @@ def plan_of_times(
     return plan, engine
 
 
-def _initial_parts(model: Model, state: State, orientation: Any) -> tuple[Array, ...]:
+def _initial_parts(model: Model, state: State, orientation: OrientationLike | None) -> tuple[Array, ...]:
     """The components of the initial state, and the checked orientation if there is one."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     return parts if orientation is None else (*parts, initial_orientation(orientation, model))

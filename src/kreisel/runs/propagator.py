@@ -45,7 +45,7 @@ AT_REST = 16  # engines that are kept for the next call, for each number of lane
 
 
 def propagator(
-    system: Any,
+    system: Model,
     *,
     method: str | None = None,
     order: int | None = None,

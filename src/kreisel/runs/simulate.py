@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kreisel.errors import InputError, Stopped
 from kreisel.runs.drift import watched
@@ -20,14 +20,15 @@ from kreisel.storage.replacing import settle
 if TYPE_CHECKING:
     import xarray as xr
 
+    from kreisel.record.model import Model, OrientationLike, StateLike
     from kreisel.storage.archive import Archive
 
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 
 
 def simulate(
-    system: Any,
-    x0: Any,
+    system: Model,
+    x0: StateLike,
     *,
     dt: float,
     steps: int | None = None,
@@ -36,7 +37,7 @@ def simulate(
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
-    orientation: Any = None,
+    orientation: OrientationLike | None = None,
     engine: str | None = None,
     project: bool = True,
     observe: Sequence[str] | None = None,
@@ -100,7 +101,11 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
 
 
 def resume(
-    path: str | os.PathLike[str], *, extend: int | None = None, progress: bool | None = None, system: Any = None
+    path: str | os.PathLike[str],
+    *,
+    extend: int | None = None,
+    progress: bool | None = None,
+    system: Model | None = None,
 ) -> xr.Dataset:
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen one that is finished.
 

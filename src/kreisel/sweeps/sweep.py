@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from kreisel.record.model import OrientationLike, StateLike
+
 SAVED = ("drift", "extremes", "frequencies", TRAJECTORIES)
 DEFAULT_SAVE = ("drift", "extremes")
 MEMORY_MIB = 256  # of arrays in a worker, beside Python and its libraries
@@ -53,8 +55,8 @@ class Report:
 
 
 def sweep(
-    system: Any,
-    x0: Any,
+    system: Model,
+    x0: StateLike,
     design: Design,
     *,
     dt: float,
@@ -64,7 +66,7 @@ def sweep(
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
-    orientation: Any = None,
+    orientation: OrientationLike | None = None,
     project: bool = True,
     save: Sequence[str] = DEFAULT_SAVE,
     block: int | None = None,
