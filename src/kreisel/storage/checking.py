@@ -33,6 +33,7 @@ from kreisel.storage.replacing import require_replaceable, settled, stands
 from kreisel.storage.verified import Damaged
 from kreisel.sweeps.blocks import COMPUTED, MISSING
 from kreisel.sweeps.sweep import open_sweep
+from kreisel.sweeps.sweep_record import SweepRecord
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,24 +105,24 @@ def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """
     try:
         run = open_sweep(path)
-        attrs, known = run.attrs, manifest.read(path)
+        record, known = SweepRecord.from_attrs(run.attrs, str(path)), manifest.read(path)
     except InputError as error:
         require_sound(path)
         return None, _unreadable(path) or [str(error)]
     faults = [
         message
         for name, message in manifest.faults(path, known)
-        if attrs["complete"] or not (manifest.is_chunk(name) or manifest.is_scratch(name))
+        if record.complete or not (manifest.is_chunk(name) or manifest.is_scratch(name))
     ]
     faults += too_large(run)
-    if run.sizes.get("lane") != attrs["lanes"] or "failed" not in run:
-        faults.append(f"{attrs['lanes']:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
+    if run.sizes.get("lane") != record.lanes or "failed" not in run:
+        faults.append(f"{record.lanes:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
     if faults:
         return run, faults
     if "time" in run.variables and "lane" not in run["time"].dims:
         faults += _unread(run["time"].variable, "time", "")
-    width, missing = attrs["block_lanes"], 0
-    for first in range(0, attrs["lanes"], width):
+    width, missing = record.block_lanes, 0
+    for first in range(0, record.lanes, width):
         lanes = run.isel(lane=slice(first, first + width))
         where = f" in lanes {first} to {first + lanes.sizes['lane'] - 1}"
         unread = _unread(lanes["failed"].variable, "failed", where)
@@ -137,10 +138,10 @@ def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
                 continue
             if not np.isfinite(variable.transpose("lane", ...).values[state == COMPUTED]).all():
                 faults.append(f"{name} is not finite{where}, although they did not fail")
-    blocks = -(-attrs["lanes"] // width)
-    if missing and attrs["complete"]:
+    blocks = record.blocks
+    if missing and record.complete:
         faults.append(f"{missing:,} of {blocks:,} blocks are missing")
-    elif not attrs["complete"]:
+    elif not record.complete:
         faults.insert(0, f"the sweep was interrupted: {missing:,} of {blocks:,} blocks are to do")
     return run, faults or lanes_again(run)
 

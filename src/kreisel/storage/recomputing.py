@@ -18,8 +18,8 @@ from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import Settings
-from kreisel.storage.reading import parsed
 from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of
+from kreisel.sweeps.sweep_record import SweepRecord
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -105,13 +105,13 @@ def lanes_again(run: xr.Dataset) -> list[str]:
     Only where versions and processor are those of the sweep.  Nothing is compared for a system of the user's own, whose
     file an archive does not hold, and for lanes that take too long.
     """
-    attrs = run.attrs
-    spec = parsed(attrs["sweep"], "The attribute sweep")
-    if "file" in spec or json.loads(attrs["versions"]) != versions() or "resumed" in attrs:
+    record = SweepRecord.from_attrs(run.attrs, "The sweep")
+    spec = record.description
+    if "file" in spec or json.loads(record.versions) != versions() or record.resumed is not None:
         return []
     sweep = Sweep(spec)
     arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}
-    for lane in np.unique(np.linspace(0, attrs["lanes"] - 1, SAMPLES).astype(int)).tolist():
+    for lane in np.unique(np.linspace(0, record.lanes - 1, SAMPLES).astype(int)).tolist():
         values = sweep.lanes.values(lane, lane + 1)
         settings = sweep.lanes.filled(values)["run"]
         if np.max(settings["steps"]) > MOST_STEPS // SAMPLES:

@@ -30,9 +30,9 @@ from kreisel.runs.own import load_system
 from kreisel.runs.plan import Plan, choices, plan_of, with_choice
 from kreisel.runs.settings import Settings
 from kreisel.storage import manifest
-from kreisel.storage.reading import parsed
 from kreisel.sweeps.design import Lanes, Varied
 from kreisel.sweeps.summaries import SUMMARIES, Summary
+from kreisel.sweeps.sweep_record import SweepRecord
 
 TRAJECTORIES = "trajectories"
 COMPUTED, FAILED, MISSING = 0, 1, 255  # values of the variable `failed`
@@ -285,15 +285,11 @@ def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict
     with zarr.config.set({"array.write_empty_chunks": True}):  # so that every chunk is there, and has its checksum
         group = zarr.open_group(part, mode="r+", zarr_format=3, use_consolidated=False)
         found: dict[str, Any] = dict(group.arrays())
-    text = str(group.attrs["sweep"])
-    if hashlib.sha256(text.encode()).hexdigest() != digest:
+    record = SweepRecord.from_attrs(group.attrs, part)
+    if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
     arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
-    return (
-        Sweep(parsed(text, "The attribute sweep"), Path(file) if file else None),
-        arrays,
-        int(str(group.attrs["block_lanes"])),
-    )
+    return Sweep(record.description, Path(file) if file else None), arrays, record.block_lanes
 
 
 def _numbered(value: Array, array: Any) -> Array:

@@ -16,8 +16,8 @@ from kreisel.errors import ConservationWarning, InputError
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales, read_values
 from kreisel.runs.integration import Integration
-from kreisel.storage.reading import parsed
 from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep
+from kreisel.sweeps.sweep_record import SweepRecord
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,7 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
     if not changes:
         return []
     try:
-        sweep = Sweep(parsed(result.attrs["sweep"], "The attribute sweep"), file)
+        sweep = Sweep(SweepRecord.from_attrs(result.attrs, "The sweep").description, file)
     except (InputError, KeyError):
         return []
     score = np.where(

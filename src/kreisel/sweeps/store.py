@@ -18,16 +18,16 @@ from kreisel.errors import InputError, RunError, disk_trouble
 from kreisel.runs.describing import TIME, dimensions, saved_times, versions
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
-from kreisel.storage.opening import metadata, require_sound
+from kreisel.storage.opening import require_sound
 from kreisel.storage.reading import parsed
 from kreisel.storage.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
 from kreisel.sweeps.design import Varied, as_json
 from kreisel.sweeps.summaries import FEWEST_ROWS, PARTS
+from kreisel.sweeps.sweep_record import SweepRecord
 from kreisel.sweeps.workers import LOST
 
-FORMAT = 1
 LONGEST_BLOCK = 10**9  # steps: about half a minute for n = 3
 MOST_IN_BLOCK = 4096
 FEWEST_BLOCKS = 16
@@ -91,11 +91,11 @@ class Store:
         return manifest.begun(where)
 
     def _same(self, where: Path) -> None:
-        attrs = sweep_attributes(where)
+        record = SweepRecord.of_store(where)
         require_sound(where)
-        if attrs["sweep"] != self._text or attrs["block_lanes"] != self.width:
+        if record.sweep != self._text or record.block_lanes != self.width:
             raise InputError(
-                f"{where} holds another sweep{_difference(attrs['sweep'], self._text)} and is left as it is. Choose "
+                f"{where} holds another sweep{_difference(record.sweep, self._text)} and is left as it is. Choose "
                 "another path, or replace it with --overwrite (overwrite=True)."
             )
 
@@ -148,25 +148,22 @@ class Store:
         from kreisel.storage.verified import made_array
 
         plan, system = self._plans[0], self.sweep.system
-        attrs = {
-            "Conventions": "CF-1.11",
-            "title": f"{system.title}: sweep of {self.sweep.lanes.total:,} lanes",
-            "source": f"kreisel {importlib.metadata.version('kreisel')}",
-            "references": system.source,
-            "kreisel_sweep": FORMAT,
-            "system": system.name,
-            "equations": system.equations,
-            "frame": system.frame.value,
-            "n": plan.model.n,
-            "sweep": self._text,
-            "lanes": self.sweep.lanes.total,
-            "block_lanes": self.width,
-            "complete": False,
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
-            "versions": json.dumps(versions()),
-        }
+        record = SweepRecord(
+            title=f"{system.title}: sweep of {self.sweep.lanes.total:,} lanes",
+            source=f"kreisel {importlib.metadata.version('kreisel')}",
+            references=system.source,
+            system=system.name,
+            equations=system.equations,
+            frame=system.frame.value,
+            n=plan.model.n,
+            sweep=self._text,
+            lanes=self.sweep.lanes.total,
+            block_lanes=self.width,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            versions=json.dumps(versions()),
+        )
         self.part.parent.mkdir(parents=True, exist_ok=True)
-        group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
+        group = zarr.create_group(str(self.part), zarr_format=3, attributes=record.to_attrs())
         if TRAJECTORIES in self.sweep.save:
             times = saved_times(plan)
             made_array(group, "time", data=times, chunks=times.shape, dimension_names=("time",), attributes=TIME)
@@ -207,7 +204,7 @@ class Store:
 
     def failed_lanes(self) -> int:
         """How many lanes failed, of a store that is whole."""
-        return int(sweep_attributes(self.path)["failed_lanes"])
+        return SweepRecord.of_store(self.path).failed_lanes or 0
 
 
 def _sweep_up(store: Path) -> None:
@@ -361,18 +358,3 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
             },
         }
     return out
-
-
-def sweep_attributes(store: Path) -> dict[str, Any]:
-    """The attributes of a sweep, checked.  Raises `InputError` for what is none."""
-    attrs = metadata(store)
-    if attrs.get("kreisel_sweep") != FORMAT:
-        raise InputError(f"{store} is no sweep of Kreisel (no kreisel_sweep = {FORMAT} among its attributes).")
-    kinds = {"sweep": str, "system": str, "versions": str, "lanes": int, "block_lanes": int, "complete": bool}
-    wrong = [k for k, kind in kinds.items() if not isinstance(attrs.get(k), kind)]
-    wrong += [k for k in ("lanes", "block_lanes") if k not in wrong and attrs[k] < 1]
-    if attrs.get("complete") and not isinstance(attrs.get("failed_lanes"), int):
-        wrong.append("failed_lanes")
-    if wrong:
-        raise InputError(f"{store} is damaged: its attributes lack or are wrong in {', '.join(wrong)}.")
-    return attrs

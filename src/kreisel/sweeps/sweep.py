@@ -22,7 +22,8 @@ from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
 from kreisel.sweeps.broken_lanes import watched_lanes
 from kreisel.sweeps.design import Design, described
-from kreisel.sweeps.store import Store, sweep_attributes
+from kreisel.sweeps.store import Store
+from kreisel.sweeps.sweep_record import SweepRecord
 from kreisel.sweeps.workers import Tasks, check_workers, pool
 
 if TYPE_CHECKING:
@@ -178,9 +179,9 @@ def open_sweep(path: Path) -> xr.Dataset:
     """The Dataset of a sweep, opened lazily; lanes of blocks that are not done have failed = 255."""
     from kreisel.storage.verified import verified
 
-    attrs = sweep_attributes(path)
+    record = SweepRecord.of_store(path)
     require_sound(path)
-    return dataset(path, verified(path, manifest.read(path), every_array=True, partial=not attrs["complete"]))
+    return dataset(path, verified(path, manifest.read(path), every_array=True, partial=not record.complete))
 
 
 def failures(run: xr.Dataset) -> pd.DataFrame:
