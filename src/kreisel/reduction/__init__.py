@@ -17,7 +17,7 @@ from kreisel.record.contract import Frame, Parameter
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, Unreduced, left_derivative, reduce, right_derivative, symmetric_rule
 from kreisel.reduction.double import double
-from kreisel.reduction.groups import SE3, SO, SU2, Group, matrix_group, product
+from kreisel.reduction.groups import SE3, SO, SU2, Group, matrix_group, product, unit_sums
 from kreisel.reduction.records import system
 from kreisel.reduction.representations import (
     Representation,
@@ -56,4 +56,5 @@ __all__ = [
     "symmetric_rule",
     "system",
     "trivial",
+    "unit_sums",
 ]

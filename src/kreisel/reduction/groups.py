@@ -238,6 +238,20 @@ def SE3() -> Group:
     return Group("SE(3)", basis)
 
 
+def unit_sums(count: int) -> Group:
+    """N x N matrices with unit column sums: they move the masses of N cells, the transposed inverses act on functions.
+
+    E_ij = e_i e_j^T - e_j e_j^T, i != j, ordered by j and then i: the rate of mass from cell j to cell i.
+    [Bauer Gay-Balmaz 2017, section 2, by the transposed inverses]
+    """
+    if not isinstance(count, int) or count < 2:
+        raise InputError(f"unit_sums(N) needs a whole N >= 2, got {shown(count)}.")
+    one = np.eye(count)
+    to, out_of = one[None, :, :, None], one[:, None, None, :]  # [j, i, a, b]
+    basis = (to - one[:, None, :, None]) * out_of
+    return Group(f"unit sums of {count}", basis[one == 0])
+
+
 def product(*groups: Group) -> Group:
     """G1 x G2 x ...: block-diagonal matrices; momenta are the momenta of the factors, one after the other."""
     size, first, blocks = sum(g.size for g in groups), 0, []
