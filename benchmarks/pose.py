@@ -29,13 +29,13 @@ BODIES: dict[str, tuple[Any, tuple[float, ...], tuple[float, ...], list[tuple[fl
         kr.KirchhoffRevolution(a1=A[0], a3=A[2], c1=C[0], c3=C[2]),
         (A[0], A[0], A[2]),
         (C[0], C[0], C[2]),
-        [(0.2, "baecklund", 8), (0.1, "baecklund", 8), (0.5, "exact", None)],
+        [(0.2, "baecklund", 8), (0.1, "baecklund", 8), (0.05, "baecklund", 8), (0.5, "exact", None)],
     ),
     "Clebsch": (
         kr.Clebsch(b=tuple(-c for c in C)),
         SAME,
         C,
-        [(0.2, "baecklund", 8), (0.1, "baecklund", 8), (0.5, "exact", None)],
+        [(0.2, "baecklund", 8), (0.1, "baecklund", 8), (0.05, "baecklund", 8), (0.5, "exact", None)],
     ),
     "Kirchhoff": (
         kr.Kirchhoff(C=[[0, A[2], A[1]], [A[2], 0, A[0]], [A[1], A[0], 0]], B=tuple(-c for c in C)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +55,30 @@ def test_path(name: str) -> None:
         g, M = algebra.rotation_matrix(run.g.values), algebra.hat(run.M.values)
         momentum = g @ M @ g.mT - algebra.wedge(x.values, START["P"] + 0 * x.values)
         assert abs(momentum - momentum[0]).max() < 1e-13 * abs(x.values).max()
+
+
+MAPS = {
+    "baecklund": (BODIES["revolution"][0], {"method": "baecklund", "order": 2}),
+    "suris": (BODIES["revolution"][0], {"method": "suris", "order": 1}),
+    "clebsch": (kr.Clebsch(b=(-0.9, -0.6, -0.25)), {"method": "baecklund", "order": 2}),
+    "variational": (ELLIPSOID, {"method": "variational", "order": 2}),
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_momenta_in_space_of_a_map(name: str) -> None:
+    """Of its own orientation and path, for steps so long that the state is off: p = g P and g M g^T - x ^ p."""
+    model, options = MAPS[name]
+    run = run_of(model, dt=0.2, steps=2000, every=10, **options)
+    x, g, M = kr.analysis.path(run).values, algebra.rotation_matrix(run.g.values), algebra.hat(run.M.values)
+
+    def change(g: np.ndarray) -> tuple[float, float]:
+        p = algebra.act(g, run.P.values)
+        m = g @ M @ g.mT - algebra.wedge(x, p)
+        return float(abs(p - p[0]).max()), float(abs(m - m[0]).max() / abs(x).max())
+
+    assert max(change(g)) < 1e-12
+    assert min(change(np.roll(g, 1, 0))) > 1e-3  # the mutant: an orientation of another row
 
 
 def test_path_does_not_depend_on_the_rows() -> None:
@@ -136,6 +162,19 @@ def test_attitude_message(tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="exists already"):
         kr.analysis.write_aem(run, out, epoch="2026-01-01")
     kr.analysis.write_aem(run, out, epoch="2026-01-01", overwrite=True)
+
+
+def test_attitude_message_from_the_command_line(tmp_path: Path) -> None:
+    archive, out = tmp_path / "body.zarr", tmp_path / "body.aem"
+    run_of(BODIES["revolution"][0], steps=3, path=archive)
+    command = [sys.executable, "-m", "kreisel", "export", str(archive), str(out)]
+    asked = {"capture_output": True, "text": True, "timeout": 120, "check": False}
+    assert "epoch: expected a date" in subprocess.run(command, **asked).stderr
+    assert subprocess.run([*command, "--epoch", "2026-01-01"], **asked).returncode == 0
+    assert out.read_text(encoding="ascii").count("2026-01-01T00:00:00.") == 7  # three in the header, four rows
+    other = subprocess.run([*command[:-1], str(tmp_path / "b.csv"), "--epoch", "2026-01-01"], **asked)
+    assert other.returncode == 2
+    assert "ends in .aem" in other.stderr
 
 
 BAD = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -11,13 +12,14 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.special import lpmv
 
 import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra.gradient import value_and_gradient
 from kreisel.analysis.frequencies import lines_of
 from kreisel.bodies import BODIES, kepler, satellite
-from kreisel.physical import EARTH, SOLAR_PRESSURE, Asteroid, Orbit, Plate, Primary, Satellite
+from kreisel.physical import EARTH, SOLAR_PRESSURE, SUN, Asteroid, Harmonics, Orbit, Plate, Primary, Satellite
 from kreisel.storage.checking import check_archive
 from kreisel.storage.recomputing import steps_again
 
@@ -145,6 +147,67 @@ def test_a_torque_that_is_wrong_is_seen(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setitem(satellite.BODIES[0].perturbation.potential.__dict__, "function", wrong)
     want = by_hand(body, g, 77.0, spin)
     assert abs(moment(body, g, 77.0, spin) - want).max() > 1e-7 * abs(want).max()
+
+
+ROCK = Orbit(100.0, 0.1, 0.4, 0.3, 0.2, Primary("rock", 1e5, 50.0))
+
+
+def of_points(masses: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, dict[tuple[int, int], tuple[float, float]]]:
+    """Inertia and coefficients C_lm, S_lm for R = 1 of point masses, by associated Legendre functions of SciPy."""
+    distance, total = np.linalg.norm(points, axis=-1), masses.sum()
+    longitude, sine = np.arctan2(points[:, 1], points[:, 0]), points[:, 2] / distance
+    found = {}
+    for degree in (3, 4):
+        for order in range(degree + 1):
+            share = (2 - (order == 0)) * math.factorial(degree - order) / math.factorial(degree + order)
+            part = (-1) ** order * share * masses * distance**degree * lpmv(order, degree, sine) / total
+            found[degree, order] = (part @ np.cos(order * longitude), part @ np.sin(order * longitude))
+    inertia = np.einsum(
+        "i,ijk->jk", masses, distance[:, None, None] ** 2 * np.eye(3) - points[:, :, None] * points[:, None]
+    )
+    return inertia, found
+
+
+@pytest.mark.parametrize(("keep", "least", "most"), [(4, 0, 3e-5), (3, 1e-4, 1), (2, 1e-3, 1)])
+def test_gravity_of_higher_order(keep: int, least: float, most: float) -> None:
+    """Against the sum of the forces on point masses 1 m apart, 100 m away; worse where degrees are left out."""
+    draw = np.random.default_rng(8)
+    masses, points = draw.uniform(1, 3, 6), draw.normal(size=(6, 3))
+    points -= masses @ points / masses.sum()
+    inertia, coefficients = of_points(masses, points)
+    given = {key: value for key, value in coefficients.items() if key[0] <= keep}
+    body = Satellite(inertia, ROCK, harmonics=Harmonics(masses.sum(), 1.0, given))
+    worst = largest = 0.0
+    for _ in range(10):
+        attitude, t = algebra.unit(draw.normal(size=4)), draw.uniform(0, 100)
+        place = points @ algebra.rotation_matrix(attitude).T
+        there = ROCK.at(t)[0] + place
+        forces = -ROCK.primary.mu * masses[:, None] * there / np.linalg.norm(there, axis=-1, keepdims=True) ** 3
+        want = np.cross(place, forces).sum(0)
+        g = algebra.rotation_matrix(body.orientation(attitude))
+        got = g @ moment(body, g, t, np.array([0.1, 0.2, -0.1]))
+        worst, largest = max(worst, abs(got - want).max()), max(largest, abs(want).max())
+    assert least * largest <= worst < most * largest
+
+
+def test_the_momentum_that_a_wheel_takes() -> None:
+    """Far from the primary g (M + wheel + wheel_torque t) is constant: the wheel takes what the body loses."""
+    far = Orbit(1e12, primary=SUN)
+    body = Satellite(TENSOR, far, wheel=(1e-3, 0, 2e-3), wheel_torque=(2e-5, -1e-5, 3e-5))
+    run = kr.simulate(
+        body.model(),
+        body.state((0.02, 0.1, -0.05)),
+        dt=0.25,
+        steps=1600,
+        orientation=body.orientation(),
+        progress=False,
+    )
+    g, along = algebra.rotation_matrix(run.g.values), body.body.principal.axes
+    wheel = (body.wheel + run.time.values[:, None] * body.wheel_torque) @ along
+    total = np.einsum("tij,tj->ti", g, run.M.values + wheel)
+    assert abs(total - total[0]).max() < 1e-6 * abs(total[0]).max()
+    alone = np.einsum("tij,tj->ti", g, run.M.values)
+    assert abs(alone - alone[0]).max() > 0.5 * abs(total[0]).max()
 
 
 def librated(body: Satellite, dt: float, steps: int, every: int, **turned: float) -> object:
@@ -282,6 +345,18 @@ BAD = {
     "part": (lambda: BODIES["satellite"](**SMALL, mirror=-0.1), "from 0 to 1"),
     "pressure": (lambda: BODIES["satellite"](**SMALL, pressure=-1), ">= 0"),
     "sun": (lambda: BODIES["satellite"](**SMALL, sun=(1, 1, 0)), "length 1"),
+    "hits by name": (
+        lambda: BODIES["satellite"](**SMALL, eccentricity=0.3),
+        "hits the primary: its pericentre is 4.9e",
+    ),
+    "km": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7000), "km for m"),
+    "wheel": (lambda: Satellite((1, 1, 1), LOW, wheel_torque=(1, 0, 0)), "expected a wheel too"),
+    "harmonics": (lambda: Satellite((1, 1, 1), LOW, harmonics={(3, 0): (1, 0)}), "expected Harmonics"),
+    "degree": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(2, 0): (1, 0)})), "l = 3 or 4"),
+    "order": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(3, 4): (1, 0)})), "0 <= m <= l"),
+    "coefficient": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(3, 1): 1.0})), "shape"),
+    "seven": (lambda: BODIES["satellite"](**SMALL, degree_3=np.zeros(6)), "expected 7 numbers"),
+    "nine": (lambda: BODIES["satellite"](**SMALL, degree_4=np.zeros(6)), "expected 9 numbers"),
     "rows": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, plates=[[1.0]]), "rows of 7"),
 }
 

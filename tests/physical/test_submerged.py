@@ -148,6 +148,17 @@ def test_reads_a_matrix_and_wamit(tmp_path: Path) -> None:
     assert read_added_mass(wamit, density=1000, length=2, period=-1)[0, 0] == pytest.approx(5600)
 
 
+def test_units_of_six_numbers() -> None:
+    body = SubmergedBody(
+        "1 kg",
+        (1, 1, 1),
+        added_mass=("2 kg", "2000 g", 2, "1 kg m^2", 1, "1e4 kg cm^2"),
+        quadratic_drag=("3 N s^2/m^2", 3, 3, "0.5 N m s^2", 0.5, 0.5),
+    )
+    assert np.diag(body.added_mass) == pytest.approx([2, 2, 2, 1, 1, 1])
+    assert body.quadratic_drag == pytest.approx([3, 3, 3, 0.5, 0.5, 0.5])
+
+
 BAD = {
     "negative": (lambda p: SubmergedBody(1, (1, 1, 1), (-3, 0, 0, 0, 0, 0)), "expected a positive matrix"),
     "not symmetric": (lambda p: SubmergedBody(1, (1, 1, 1), np.eye(6) + np.eye(6, k=3)), "expected a symmetric"),
@@ -155,6 +166,7 @@ BAD = {
     "shape": (lambda p: SubmergedBody(1, (1, 1, 1), np.eye(3)), "added_mass must be"),
     "drag": (lambda p: SubmergedBody(1, (1, 1, 1), linear_drag=(-1, 0, 0, 0, 0, 0)), ">= 0"),
     "units": (lambda p: SubmergedBody("3 m", (1, 1, 1)), "dimension of kg"),
+    "units of drag": (lambda p: SubmergedBody(1, (1, 1, 1), linear_drag=("1 N s/m",) * 6), "dimension of N m s"),
     "displaced": (lambda p: SubmergedBody(1, (1, 1, 1), displaced_mass=-1), ">= 0"),
     "no file": (lambda p: read_added_mass(p / "none.1"), "text file of numbers"),
     "words": (lambda p: read_added_mass(_text(p, "a b c")), "text file of numbers"),

@@ -10,8 +10,14 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
         - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
 
 The first part of V is (mu/r^3) (3 u.I u - tr I)/2, the potential of gravity to second order in the size of the body.
-A satellite with a wheel has h x Omega beside, h the momentum of the wheel against the body.  Space is the frame of the
-elements of the orbit, with z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9]
+To orders 3 and 4 it has -(mu/r^(l+1)) Y_l(-u) beside, with the harmonics of the body's own field,
+
+    Y_l(w) = sum over m of m_body R^l P_lm(sin phi) (C_lm cos m lambda + S_lm sin m lambda)    phi, lambda those of w
+
+about its centre of mass, P_lm without the sign (-1)^m and not normalized.  A satellite with a wheel has
+h x Omega - wheel_torque beside, with h = wheel + wheel_torque t its momentum against the body.  Space is the frame of
+the elements of the orbit, with z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9;
+W. M. Kaula, Theory of Satellite Geodesy, 1966, chapter 1]
 """
 
 from dataclasses import replace
@@ -35,12 +41,32 @@ def place(t, rate, along, across, eccentricity):
     return (c - eccentricity) * along + s * across, rate / (1 - eccentricity * c) * (c * across - s * along)
 
 
-def potential(g, t, *, J, rate, along, across, eccentricity, mu, field, dipole):
+def potential(g, t, *, J, rate, along, across, eccentricity, mu, field, dipole, degree_3, degree_4):
     r, z = place(t, rate, along, across, eccentricity)[0] @ g, g[2]
     square = r @ r
-    cube = square * sqrt(square)
-    gravity = mu * (J.sum() / 2 - 1.5 * (J @ (r * r)) / square)
-    return (gravity + field * (dipole @ (z - 3 * (z @ r) / square * r))) / cube
+    distance = sqrt(square)
+    w = -r / distance
+    gravity = mu * (J.sum() / 2 - 1.5 * (J @ (w * w)))
+    gravity = gravity - mu / distance * (degree_3 @ harmonics_3(w) + degree_4 @ harmonics_4(w) / distance)
+    return (gravity + field * (dipole @ (z - 3 * (z @ w) * w))) / (square * distance)
+
+
+def harmonics_3(w):
+    """P_3m cos m lambda and P_3m sin m lambda, m from 0 to 3, in a direction w."""
+    x, y, z = w
+    c2, s2, near = x * x - y * y, 2 * x * y, 1.5 * (5 * z * z - 1)
+    c3, s3 = x * c2 - y * s2, x * s2 + y * c2
+    return np.array([z * (5 * z * z - 3) / 2, near * x, near * y, 15 * z * c2, 15 * z * s2, 15 * c3, 15 * s3])
+
+
+def harmonics_4(w):
+    """The same of degree 4."""
+    x, y, z = w
+    c2, s2, near = x * x - y * y, 2 * x * y, 2.5 * z * (7 * z * z - 3)
+    c3, s3, c4, s4 = x * c2 - y * s2, x * s2 + y * c2, c2 * c2 - s2 * s2, 2 * c2 * s2
+    zonal, middle = (35 * z * z - 30) * z * z / 8 + 0.375, 7.5 * (7 * z * z - 1)
+    far = [105 * z * c3, 105 * z * s3, 105 * c4, 105 * s4]
+    return np.array([zonal, near * x, near * y, middle * c2, middle * s2, *far])
 
 
 def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, drag, sun, pressure, mirror, diffuse):
@@ -54,8 +80,8 @@ def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, 
     return torque
 
 
-def torque_with_wheel(M, g, t, *, moments, wheel, **known):
-    return torque(g, t, **known) + cross(wheel, M / moments)
+def torque_with_wheel(M, g, t, *, moments, wheel, wheel_torque, **known):
+    return torque(g, t, **known) + cross(wheel + wheel_torque * t, M / moments) - wheel_torque
 
 
 def ramp(x):
@@ -72,7 +98,8 @@ def half_axes(*, semi_major_axis, eccentricity, inclination, node, perigee, mu):
     return {"rate": np.sqrt(mu / a) / a, "along": a[..., None] * to_pericentre, "across": b[..., None] * ahead}
 
 
-def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu, mirror, diffuse):
+def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu, radius, mirror, diffuse):
+    check_pericentre(semi_major_axis * (1 - eccentricity), radius)
     if (mirror + diffuse > 1).any():
         raise InputError(f"mirror + diffuse: expected at most 1, got {shown((mirror + diffuse).tolist())}.")
     J = moments.sum(-1, keepdims=True) / 2 - moments
@@ -92,6 +119,14 @@ def check_moments(value, name):
 def check_eccentricity(value, name):
     if not ((value >= 0) & (value < 1)).all():
         raise InputError(f"{name}: expected an ellipse, 0 <= e < 1, got {shown(value.tolist())}.")
+
+
+def check_pericentre(distance, radius, name="primary"):
+    if (distance <= radius).any():
+        raise InputError(
+            f"The orbit hits the {name}: its pericentre is {np.min(distance):g} m from the centre, the radius is "
+            f"{np.max(radius):g} m. Usual cause: an altitude for a semi-major axis, or km for m."
+        )
 
 
 def check_positive(value, name):
@@ -114,6 +149,16 @@ def check_direction(value, name):
         raise InputError(f"{name}: expected a vector of length 1, got {shown(value.tolist())}.")
 
 
+def check_degree_3(value, name):
+    if value.shape != (7,):
+        raise InputError(f"{name}: expected 7 numbers, C_30, C_31, S_31, ..., got {shown(value.tolist())}.")
+
+
+def check_degree_4(value, name):
+    if value.shape != (9,):
+        raise InputError(f"{name}: expected 9 numbers, C_40, C_41, S_41, ..., got {shown(value.tolist())}.")
+
+
 def check_plates(value, name):
     if value.ndim != 2 or value.shape[1] != 7 or (value[:, 6] < 0).any():
         raise InputError(
@@ -131,6 +176,13 @@ PARAMETERS = (
     Parameter("node", "scalar", "angle of the ascending node, rad", default=0.0),
     Parameter("perigee", "scalar", "angle from the node to the pericentre, where t = 0, rad", default=0.0),
     Parameter("mu", "scalar", "gravitational parameter of the primary, m^3/s^2", check_positive, EARTH),
+    Parameter("radius", "scalar", "of the primary, m: no orbit goes below", check_not_negative, 6_378_137.0),
+    Parameter(
+        "degree_3", "array", "body's mass times R^3 (C_30, C_31, S_31, ... S_33), kg m^3", check_degree_3, np.zeros(7)
+    ),
+    Parameter(
+        "degree_4", "array", "body's mass times R^4 (C_40, C_41, S_41, ... S_44), kg m^4", check_degree_4, np.zeros(9)
+    ),
     Parameter("dipole", "vector", "magnetic moment, A m^2, along the principal axes", default=np.zeros(3)),
     Parameter("field", "scalar", "k, the magnetic dipole of the primary, T m^3", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
@@ -142,7 +194,12 @@ PARAMETERS = (
     Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", check_part, 0.0),
     Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
 )
-WHEEL = Parameter("wheel", "vector", "momentum of the wheel against the body, N m s, along the principal axes")
+WHEEL = (
+    Parameter("wheel", "vector", "momentum of the wheel against the body at t = 0, N m s, along the principal axes"),
+    Parameter(
+        "wheel_torque", "vector", "of its motor on the wheel, N m, along the principal axes", default=np.zeros(3)
+    ),
+)
 ORBIT = ("rate", "along", "across", "eccentricity")
 LOADS = (*ORBIT, "torque", "plates", "density", "drag", "sun", "pressure", "mirror", "diffuse")
 DERIVED = {"J": 1, "c": 2, "rate": 0, "along": 1, "across": 1}  # axes
@@ -151,7 +208,7 @@ DERIVED = {"J": 1, "c": 2, "rate": 0, "along": 1, "across": 1}  # axes
 def body(name, title, tau, *more):
     parameters = (*PARAMETERS, *more)
     axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2}[p.kind] for p in parameters}
-    gravity = Force(potential, ("g", "t"), ("J", *ORBIT, "mu", "field", "dipole"))
+    gravity = Force(potential, ("g", "t"), ("J", *ORBIT, "mu", "field", "dipole", "degree_3", "degree_4"))
     return perturbed_record(
         Perturbation(base=euler_top.SYSTEM, potential=gravity, torque=tau),
         axes | DERIVED,
@@ -173,7 +230,7 @@ BODIES = (
     body(
         "satellite-with-wheel",
         "Satellite with a wheel, on a Kepler orbit",
-        Force(torque_with_wheel, ("M", "g", "t"), ("moments", "wheel", *LOADS)),
-        WHEEL,
+        Force(torque_with_wheel, ("M", "g", "t"), ("moments", "wheel", "wheel_torque", *LOADS)),
+        *WHEEL,
     ),
 )

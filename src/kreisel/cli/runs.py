@@ -27,6 +27,7 @@ from kreisel.cli.output import (
     shout,
     warnings_in_the_table,
 )
+from kreisel.errors import InputError
 
 
 @app.command()
@@ -199,13 +200,20 @@ def check(
 @app.command()
 def export(
     archive: Annotated[Path, a_path("An archive of a run or a sweep.")],
-    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet or .csv.")],
+    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv or .aem.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+    epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem.")] = None,
 ) -> None:
-    """Write an archive as NetCDF (HDF5), Parquet or CSV."""
+    """Write an archive as NetCDF (HDF5), Parquet, CSV or, the attitude alone, as a CCSDS attitude ephemeris message."""
+    from kreisel.storage.attitude import SUFFIX, write_aem
     from kreisel.storage.exporting import export as write
 
-    write(archive, out, overwrite=overwrite)
+    if out.suffix.lower() == SUFFIX:
+        write_aem(archive, out, epoch=epoch, overwrite=overwrite)
+    elif epoch is not None:
+        raise InputError(f"--epoch: expected a file that ends in {SUFFIX}, got {out.name}.")
+    else:
+        write(archive, out, overwrite=overwrite)
     say(f"{archive} -> {out}")
 
 

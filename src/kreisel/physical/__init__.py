@@ -21,7 +21,7 @@ from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
-from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Plate, Satellite
+from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
 from kreisel.physical.submerged import Course, SubmergedBody, read_added_mass
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "FreeBody",
     "FreeRotation",
     "Gyroscope",
+    "Harmonics",
     "HeavyBody",
     "Motion",
     "Orbit",

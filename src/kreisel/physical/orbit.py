@@ -58,11 +58,8 @@ class Orbit:
         if not 0 <= e < 1:
             raise InputError(f"eccentricity: expected an ellipse, 0 <= e < 1, got {e:g}.")
         object.__setattr__(self, "eccentricity", e)
-        if self.pericentre <= self.primary.radius:
-            raise InputError(
-                f"The orbit hits the {self.primary.name}: its pericentre is {self.pericentre:g} m from the centre, the "
-                f"radius is {self.primary.radius:g} m. Usual cause: an altitude for a semi-major axis, or km for m."
-            )
+        formulas = cast("Any", satellite)  # of a page, without types
+        formulas.check_pericentre(np.asarray(self.pericentre), self.primary.radius, self.primary.name)
         in_range("The orbit", lambda: self.mean_motion)
 
     @classmethod

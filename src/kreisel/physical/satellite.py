@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.bodies import BODIES
+from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
 from kreisel.physical.measures import convert_fields, in_range, scales_of, si_number, si_numbers, three
@@ -31,6 +32,17 @@ class Plate(NamedTuple):
     normal: Any
     centre: Any
     area: Any
+
+
+class Harmonics(NamedTuple):
+    """Of a body's own field, of degrees 3 and 4, about its centre of mass along the body axes.
+
+    mass, kg;  radius R to which the coefficients belong, m;  coefficients: {(l, m): (C_lm, S_lm)}, not normalized
+    """
+
+    mass: Any
+    radius: Any
+    coefficients: Any
 
 
 class Angles(NamedTuple):
@@ -54,14 +66,16 @@ class Satellite:
     """A rigid satellite on a Kepler orbit, in SI units: a run of it is in SI units too.
 
     inertia        classical inertia tensor about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
-    orbit          an `Orbit`; gravity acts to second order in the size of the satellite
+    orbit          an `Orbit`; gravity acts to second order in the size of the satellite, with `harmonics` to the fourth
     magnetic_moment   (3,), A m^2, in the field of the primary's dipole, along its axis
     torque         (3,), N m, steady
-    wheel          (3,), N m s, momentum of reaction wheels against the body, constant; None for no wheel
+    wheel          (3,), N m s, momentum of reaction wheels against the body at t = 0; None for no wheel
+    wheel_torque   (3,), N m, steady, of the motors on the wheels; the body feels the opposite
     plates         `Plate` records, for drag and sunlight; each is seen from its front, and none is in a shadow
     density, drag  of the air, kg/m^3, the same on the whole orbit, and the drag coefficient
     light, sun     the pressure of sunlight, N/m^2 (`SOLAR_PRESSURE`), and the direction of the Sun in space
     mirror, diffuse   parts of the light that are reflected and scattered
+    harmonics      `Harmonics` of the body's own field
 
     Vectors are along the body axes; a run has the momentum M along the principal axes.  Raises `InputError` for moments
     that no body has.  The equations: `kreisel.bodies.satellite`.
@@ -72,6 +86,7 @@ class Satellite:
     magnetic_moment: Any = (0.0, 0.0, 0.0)
     torque: Any = (0.0, 0.0, 0.0)
     wheel: Any = None
+    wheel_torque: Any = (0.0, 0.0, 0.0)
     plates: tuple[Plate, ...] = ()
     density: float = 0.0
     drag: float = 2.2
@@ -79,6 +94,7 @@ class Satellite:
     sun: Any = (1.0, 0.0, 0.0)
     mirror: float = 0.0
     diffuse: float = 0.0
+    harmonics: Harmonics | None = None
     body: FreeBody = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -86,10 +102,13 @@ class Satellite:
             raise InputError(f"orbit: expected kr.physical.Orbit(...), got {shown(self.orbit)}.")
         object.__setattr__(self, "body", FreeBody(self.inertia))
         object.__setattr__(self, "inertia", self.body.inertia)
-        for name, unit in (("magnetic_moment", "A m^2"), ("torque", "N m"), ("sun", "1")):
+        units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m", "sun": "1"}
+        for name, unit in units.items():
             object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
         if self.wheel is not None:
             object.__setattr__(self, "wheel", si_numbers(self.wheel, "N m s", "wheel", ((3,),)))
+        elif self.wheel_torque.any():
+            raise InputError("wheel_torque: expected a wheel too, got wheel=None. For wheels at rest, wheel=(0, 0, 0).")
         convert_fields(self, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
         for name in ("density", "drag", "light", "mirror", "diffuse"):
             if getattr(self, name) < 0:
@@ -126,6 +145,7 @@ class Satellite:
         given = {
             "moments": self.body.principal.moments,
             **self.orbit.elements,
+            "radius": self.orbit.primary.radius,
             "dipole": self.magnetic_moment @ along,
             "field": self.orbit.primary.field,
             "torque": self.torque @ along,
@@ -136,10 +156,11 @@ class Satellite:
             "pressure": self.light,
             "mirror": self.mirror,
             "diffuse": self.diffuse,
+            **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
         if self.wheel is None:
             return BODIES["satellite"](**given)
-        return BODIES["satellite-with-wheel"](**given, wheel=self.wheel @ along)
+        return BODIES["satellite-with-wheel"](**given, wheel=self.wheel @ along, wheel_torque=self.wheel_torque @ along)
 
     def state(self, spin: Any = None, axis: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
@@ -274,6 +295,28 @@ class Asteroid(Satellite):
         Database, epoch 2008].  The unit of its moments, 1e19 kg m^2, is arbitrary.
         """
         return cls((1e19, 3.09e19, 3.22e19), Orbit(2.5321 * ASTRONOMICAL_UNIT, 0.6288, primary=SUN))
+
+
+def _moments(given: Harmonics, along: Array) -> dict[str, Array]:
+    """The parameters degree_3 and degree_4: m R^l (C_l0, C_l1, S_l1, ...), along the columns of `along`."""
+    if not isinstance(given, Harmonics) or not isinstance(given.coefficients, Mapping):
+        raise InputError(f"harmonics: expected Harmonics(mass, radius, {{(3, 0): (C, S)}}), got {shown(given)}.")
+    size = si_number(given.mass, "kg", "mass", positive=True)
+    R = si_number(given.radius, "m", "radius", positive=True)
+    found = {3: np.zeros((4, 2)), 4: np.zeros((5, 2))}
+    for key, value in given.coefficients.items():
+        degree, order = key if isinstance(key, tuple) and len(key) == 2 else (None, None)
+        if degree not in found or order not in range(degree + 1):
+            raise InputError(f"harmonics: expected (l, m) with l = 3 or 4 and 0 <= m <= l, got {shown(key)}.")
+        found[degree][order] = size * R**degree * si_numbers(value, "1", f"harmonics {key}", ((2,),))
+    formulas = cast("Any", satellite)  # of a page, without types
+    w = np.random.default_rng(0).normal(size=(64, 3))
+    w /= np.linalg.norm(w, axis=-1, keepdims=True)
+    out = {}
+    for degree, basis in ((3, formulas.harmonics_3), (4, formulas.harmonics_4)):
+        there, here = (np.array([basis(v) for v in x]) for x in (w @ along.T, w))
+        out[f"degree_{degree}"] = np.linalg.lstsq(here, there @ np.delete(found[degree].ravel(), 1))[0]
+    return out
 
 
 def _plate(value: Any) -> Plate:

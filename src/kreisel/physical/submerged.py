@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SIX = ((6,), (6, 6))
+HALVES = {"added_mass": ("kg", "kg m^2"), "linear_drag": ("N s/m", "N m s"), "quadratic_drag": ("N s^2/m^2", "N m s^2")}
 NONE = (0.0, 0.0, 0.0)
 
 
@@ -75,7 +76,7 @@ class SubmergedBody:
         for name, unit in (("center_of_mass", "m"), ("center_of_buoyancy", "m"), ("current", "m/s")):
             object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
         for name, shapes in (("added_mass", SIX), ("linear_drag", SIX[:1]), ("quadratic_drag", SIX[:1])):
-            object.__setattr__(self, name, si_numbers(getattr(self, name), "1", name, shapes))
+            object.__setattr__(self, name, _six(getattr(self, name), name, shapes))
         if self.added_mass.ndim == 1:
             object.__setattr__(self, "added_mass", np.diag(self.added_mass))
         self.model()
@@ -172,6 +173,14 @@ class SubmergedBody:
         """The units of the variables of a run, for `kreisel.units.measured`."""
         joule = ("J", 1.0)
         return scales_of(1.0, M=("kg m^2/s", 1.0), P=("kg m/s", 1.0), energy=joule, work=joule, balance=joule)
+
+
+def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
+    """Numbers in SI, or three quantities of the velocity and three of the angular velocity.  Raises `InputError`."""
+    if np.shape(value) == (6,) and isinstance(value, list | tuple):
+        halves = zip((value[:3], value[3:]), HALVES[name], strict=True)
+        return np.concatenate([si_numbers(half, unit, name, ((3,),)) for half, unit in halves])
+    return si_numbers(value, "1", name, shapes)
 
 
 def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: Any = 1.0, period: float = 0.0) -> Array:

@@ -308,7 +308,10 @@ def _array(value: Any, name: str) -> Array:
     ):
         return array
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be real numbers, got {shown(value)}.")
+        hint = (
+            " Units are left out here: `kreisel systems NAME` says which they are." if array.dtype.kind == "U" else ""
+        )
+        raise InputError(f"{name} must be real numbers, got {shown(value)}.{hint}")
     array = array.astype(np.promote_types(array.dtype, np.float64))
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite, got {shown(value)}. Look for NaN or infinity in the input.")

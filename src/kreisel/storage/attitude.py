@@ -40,6 +40,7 @@ META_STOP
 
 DATA_START
 """
+SUFFIX = ".aem"
 LONGEST = 2**53 // 10**6  # seconds, whose microseconds a double counts
 
 
@@ -69,7 +70,7 @@ def write_aem(
     """
     where = target(out)
     flag(overwrite, "overwrite")
-    if where.suffix.lower() != ".aem":
+    if where.suffix.lower() != SUFFIX:
         raise InputError(f"The attitude must go to a file that ends in .aem, got {str(out)!r}.")
     require_file(where, overwrite)
     data = open_run(run) if isinstance(run, str | os.PathLike) else run

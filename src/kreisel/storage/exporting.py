@@ -43,7 +43,9 @@ def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) ->
     flag(overwrite, "overwrite")
     write = WRITERS.get(where.suffix.lower())
     if write is None:
-        raise InputError(f"The export must end in {', '.join(WRITERS)}, got {str(out)!r}.")
+        raise InputError(
+            f"The export must end in {', '.join(WRITERS)}, got {str(out)!r}. For .aem: kr.analysis.write_aem."
+        )
     require_file(where, overwrite)
     data = open_run(run) if isinstance(run, str | os.PathLike) else run
     if not hasattr(data, "data_vars") or not data.variables:
