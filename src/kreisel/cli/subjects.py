@@ -58,6 +58,7 @@ def verify(
     listed: Annotated[bool, typer.Option("--list", help="Name the statements without testing them.")] = False,
     as_json: AsJson = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random points, steps and parameters.")] = 0,
 ) -> None:
     """Every theorem and displayed identity of the paper, exactly over Q and in floats, n = 3 to 6."""
     from rich.console import Console
@@ -75,7 +76,7 @@ def verify(
     with console.status("") as status:
         for statement in asked:
             status.update(f"{statement.name} ({len(findings) + 1} of {len(asked)})")
-            findings.append(paper.tested(statement))
+            findings.append(paper.tested(statement, seed=seed))
             if not (as_json or markdown):
                 print_finding(findings[-1])
     if as_json:

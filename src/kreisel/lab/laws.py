@@ -43,6 +43,12 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
         raise InputError(f"numbers must be 'exact' or 'float', got {shown(numbers)}.")
     rng = np.random.default_rng([within(seed, "seed", 0, 2**63 - 1), n])
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
+    return drawn_case(system, n, numbers, draw)
+
+
+def drawn_case(system: System | Model, n: int, numbers: str, draw: exact.Random) -> Case:
+    """The same with random numbers from `draw`."""
+    record = system.system if isinstance(system, Model) else system
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
     state = exact.random_state(record.space, n, draw)
     eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats

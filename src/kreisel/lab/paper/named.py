@@ -38,7 +38,7 @@ def su2_rest(s: Setting) -> Sides:
     dimensions=(3,),
 )
 def su2_moving(s: Setting) -> Sides:
-    M, P, A, alpha = s.skew(), s.vector(), s.vector(), abs(s.scalar())
+    M, P, A, alpha = s.skew(), s.vector(), s.vector(), s.scalar()
     M1, P1 = lagrange_top_moving.step(M, P, A=A, alpha=alpha, eps=s.eps)
     X = lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=s.eps)
     w = su2(2 * axial(X))
@@ -134,6 +134,6 @@ for name, (place, commutes) in MAPS.items():
         "integrals-of-the-map",
         "discrete-lax-equation",
         *(["commuting-maps"] if commutes else []),
-        in_rationals=False,
+        numbers=("float",),
         dimensions=sizes(system),
     )

@@ -23,14 +23,14 @@ def _leaf_point(s: Setting) -> tuple[Array, Array]:
     "Section 7, end, the smallest leaf",
     "at M = x ^ q, P = x the bracket has rank 2(n - 1) (printed 2n, E6)",
     "E6",
+    numbers=("exact",),
 )
 def neumann_leaf(s: Setting) -> Sides:
     yield np.asarray(_leaf_rank(s)), np.asarray(2 * (s.n - 1))
 
 
 def _leaf_rank(s: Setting) -> int:
-    exact_setting = Setting(s.n, "exact")
-    x, q = _leaf_point(exact_setting)
+    x, q = _leaf_point(s)
     return rank(CLEBSCH.space.tensor(wedge(x, q), x))
 
 

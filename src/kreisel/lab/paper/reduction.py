@@ -105,18 +105,24 @@ def well_defined(s: Setting) -> Sides:
 @stated(
     "right-section",
     "Section 3, right version",
-    "the section is G x O_A: w_k = g_(k+1) g_k^-1 is in G (printed g x O_A, E9)",
+    "the section is G x O_A: (w, a) fix (g_k, g_(k+1)) up to h in G^[A], (g_k h, g_(k+1) h) = (g, w g) with gA = a (printed g x O_A, E9)",
     "E9",
 )
 def right_section(s: Setting) -> Sides:
-    w = s.rotation() @ s.rotation().T
-    yield w.T @ w, identity(s.n) + 0 * w
+    g, g1, A = s.rotation(), s.rotation(), s.vector()
+    w, a = g1 @ g.T, act(g, A)
+    other = cayley(project_out(s.skew(), a) / dot(a, a)) @ g  # another g with gA = a
+    yield act(other, A), a
+    h = g.T @ other
+    yield act(h, A), A
+    yield g1 @ h, w @ other
 
 
 @printed("right-section")
 def right_section_printed(s: Setting) -> Sides:
-    w = s.rotation() @ s.rotation().T
-    yield w + w.T, 0 * w
+    g, g1 = s.rotation(), s.rotation()
+    w = g1 @ g.T
+    yield w + w.T, 0 * w  # in g
 
 
 # -- section 2, Theorem 2.1: the raw Euler-Lagrange equation in a chart against the reduced one -------

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, identity, trace_log
-from kreisel.lab import laws
+from kreisel.lab.exact import jacobian
+from kreisel.lab.law import Case
 from kreisel.lab.paper.statements import rank
+from kreisel.record.contract import System
 
 
 def outer(x: Array) -> Array:
@@ -32,11 +36,17 @@ HALF_LEAF = {3: 2, 4: 4, 5: 6, 6: 9}
 SPECTRAL_RANK = {3: 2, 4: 3, 5: 4, 6: 5}
 
 
-def leaf_rank(case: laws.Case, names: tuple[str, ...]) -> int:
-    """The rank on the leaf of the differentials of the energy and the named integrals, at a random rational point."""
-    gradients = [case.jacobian(case.system.space.casimirs)[1]]
-    casimirs = rank(np.concatenate(gradients))
-    for name in ("energy", *names):
-        function = case.system.energy if name == "energy" else case.system.integrals[name]
-        gradients.append(np.atleast_2d(case.jacobian(function)[1]).reshape(-1, gradients[0].shape[-1]))
-    return rank(np.concatenate(gradients)) - casimirs
+def rank_on_leaf(system: System, state: tuple[Array, ...], functions: Sequence[Callable[..., Any]]) -> int:
+    """The rank on the leaf of the differentials of functions of the state, at a rational point."""
+    slopes = [
+        jacobian(f, state, system.space.kinds, state[0].shape[-1])[1] for f in (system.space.casimirs, *functions)
+    ]
+    casimirs, *others = [x.reshape(-1, x.shape[-1]) for x in slopes]
+    return rank(np.concatenate([casimirs, *others])) - rank(casimirs)
+
+
+def leaf_rank(case: Case, names: tuple[str, ...]) -> int:
+    """The same of the energy and the named integrals of a record."""
+    system = case.system
+    functions = [partial(case.call, f) for f in (system.energy, *(system.integrals[name] for name in names))]
+    return rank_on_leaf(system, case.state, functions)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, bracket, dot, identity, pairing, triangle, wedge
+from kreisel.algebra.matrices import border
 from kreisel.lab.jets import coefficient, generator
-from kreisel.lab.law import Sides
+from kreisel.lab.law import Case, Sides
 from kreisel.lab.paper.shared import outer
 from kreisel.lab.paper.statements import Setting, gradient, printed, stated, stated_law
 from kreisel.system import heavy_top, lagrange_top, lagrange_top_moving, symmetric_top
@@ -34,6 +35,25 @@ stated_law(
     "integrals-of-the-map",
     "discrete-lax-equation",
 )
+
+
+@stated(
+    "introduction-frames",
+    "Section 1, first display",
+    "(m, a, p) = (-M, P, A) carries flow and map to those of the rest frame; there (g M g^T)' = a ^ p, (gA)' = ma for the top of any alpha",
+)
+def introduction_frames(s: Setting) -> Sides:
+    M, P, A, g, alpha = s.skew(), s.vector(), s.unit(), s.rotation(), s.scalar()
+    for mine, theirs in (
+        (symmetric_top.flow(M, P, A=A), lagrange_top.flow(-M, P, p=A)),
+        (symmetric_top.step(M, P, A=A, eps=s.eps), lagrange_top.step(-M, P, p=A, eps=s.eps)),
+    ):
+        yield from zip((-mine[0], mine[1]), theirs, strict=True)
+    Omega, (dM, dP) = (f(M, P, A=A, alpha=alpha) for f in (lagrange_top_moving.velocity, lagrange_top_moving.flow))
+    m, a, p = g @ M @ g.T, act(g, A), act(g, P)
+    rates = g @ (dM + bracket(Omega, M)) @ g.T, act(g @ Omega, A)
+    yield from zip(rates, lagrange_top.flow(m, a, p=p), strict=True)
+    yield dP, -act(Omega, P)
 
 
 @stated(
@@ -199,13 +219,17 @@ def inertia_inverse(s: Setting) -> Sides:
     yield Omega, M / alpha + (1 - alpha) / alpha * wedge(A, act(M, A))
 
 
-stated_law(
+@stated(
     "proposition-5.1",
     "Section 5, Proposition 5.1",
-    "L' = [L, U] along (mLT left), moving frame",
-    MOVING,
-    "lax-equation",
+    "for any rates (M', P'), L' - [L, U] has the entries of (M', P') less (mLT left), so that it vanishes if and only if they hold",
 )
+def proposition_5_1(s: Setting) -> Sides:
+    M, P, A, alpha, dM, dP = s.skew(), s.vector(), s.unit(), s.scalar(), s.skew(), s.vector()
+    Omega = lagrange_top_moving.velocity(M, P, A=A, alpha=alpha)
+    L, U = border(M, s.lam * A - P / s.lam), border(Omega, s.lam * A)
+    off = dM - bracket(M, Omega) - wedge(A, P), dP + act(Omega, P)
+    yield border(dM, -dP / s.lam) - bracket(L, U), border(off[0], -off[1] / s.lam)
 
 
 @stated(
@@ -247,6 +271,43 @@ stated_law(
     "jacobi-identity",
     "casimirs",
 )
-stated_law(
-    "proposition-5.2", "Section 5, Proposition 5.2", "l' = [l, u] along (mLT right), rest frame", TOP, "lax-equation"
+
+
+@stated(
+    "proposition-5.2",
+    "Section 5, Proposition 5.2",
+    "for any rates (m', a'), l' - [l, u] has the entries of (m', a') less (mLT right), so that it vanishes if and only if they hold",
 )
+def proposition_5_2(s: Setting) -> Sides:
+    m, a, p, dm, da = s.skew(), s.vector(), s.vector(), s.skew(), s.vector()
+    l, u = border(m, s.lam * a - p / s.lam), border(0 * m, s.lam * a)  # noqa: E741 - the paper's letter
+    yield border(dm, s.lam * da) - bracket(l, u), border(dm - wedge(a, p), s.lam * (da - act(m, a)))
+
+
+@stated(
+    "cartan-twist",
+    "Sections 5 and 6, the loop algebra twisted by the Cartan automorphism",
+    "-L(lambda)^T = L(-lambda), and so for U, l, u, l_k, L_k; V_k(-lambda) V_k(lambda)^T = 1 in both frames (with the printed U it fails, E2)",
+    "E2",
+)
+def cartan_twist(s: Setting) -> Sides:
+    for system in (TOP, MOVING):
+        assert system.map is not None
+        case = s.case(system)
+        for function in (system.lax, system.map.lax):
+            here, there = case.call(function), case.call(function, lam=-case.lam)
+            for X, Y in zip(*((z if isinstance(z, tuple) else (z,)) for z in (here, there)), strict=True):
+                yield -X.T, Y
+        yield from _twisted(case, system.map.conjugator)
+
+
+def _twisted(case: Case, conjugator: Any) -> Sides:
+    V, turned = case.call(conjugator), case.call(conjugator, lam=-case.lam)
+    yield turned @ V.T, identity(len(V)) + 0 * V
+
+
+@printed("cartan-twist")
+def cartan_twist_printed(s: Setting) -> Sides:
+    from kreisel.lab.paper.top_moving_frame import printed_conjugator
+
+    yield from _twisted(s.case(MOVING), printed_conjugator)
