@@ -38,9 +38,9 @@ SPECTRAL_RANK = {3: 2, 4: 3, 5: 4, 6: 5}
 
 def rank_on_leaf(system: System, state: tuple[Array, ...], functions: Sequence[Callable[..., Any]]) -> int:
     """The rank on the leaf of the differentials of functions of the state, at a rational point."""
-    slopes = [
-        jacobian(f, state, system.space.kinds, state[0].shape[-1])[1] for f in (system.space.casimirs, *functions)
-    ]
+    space, n = system.space, state[0].shape[-1]
+    assert space.casimirs is not None
+    slopes = [jacobian(f, state, space.kinds, n)[1] for f in (space.casimirs, *functions)]
     casimirs, *others = [x.reshape(-1, x.shape[-1]) for x in slopes]
     return rank(np.concatenate([casimirs, *others])) - rank(casimirs)
 
