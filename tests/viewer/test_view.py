@@ -92,7 +92,28 @@ def test_a_body_in_a_fluid_is_its_ellipsoid():
     reach = abs(np.array(data["body"]["points"])).max(0)
     assert np.allclose(reach / reach.max(), (1, 2 / 3, 1 / 3), rtol=2e-2)
     assert "ellipsoid" in data["legend"]["tip"]
-    assert np.allclose(abs(tip(data)[0] @ tip(data)[0]), 1)
+
+
+def test_a_body_in_a_fluid_is_on_its_path(monkeypatch):
+    """Its momentum is the vertical; its nose turns as g does; no path where there are too many rows."""
+    from kreisel.viewer import scene as part
+
+    body = kr.Kirchhoff(C=[[0, 0.5, 0.8], [0.5, 0, 1.2], [0.8, 1.2, 0]], B=(-0.9, -0.7, -0.4))
+    start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}
+    run = kr.simulate(body, start, dt=0.1, steps=300, orientation=(0.5, 0.5, 0.5, 0.5), progress=False)
+    data, x = scene(run), kr.analysis.path(run).values
+    shown, g = tip(data), kr.algebra.rotation_matrix(run.g.values)
+    p = g[0] @ run.P.values[0] / np.linalg.norm(run.P.values[0])
+    assert data["kind"] == "path" and "momentum points up" in data["note"]
+    assert np.allclose(shown.max(0), -shown.min(0), atol=1e-5)
+    assert np.allclose(np.diff(shown[:, 2]), np.diff(x @ p), atol=1e-5)
+    far = [np.linalg.norm(v - v[:1], axis=-1) for v in (shown, x)]
+    assert np.allclose(*far, atol=1e-4)
+    nose = np.array(data["nose"])
+    assert np.allclose(turned(data, nose[None])[:, 0, 2], g @ nose @ p, atol=1e-5)
+    with monkeypatch.context() as fewer:
+        fewer.setattr(part, "MOST_PLACED", 300)
+        assert scene(run)["kind"] == "body"
 
 
 def test_particle_projection_lane_and_own_system():

@@ -3,6 +3,7 @@
 | run                                          | shown                                                             |
 |----------------------------------------------|-------------------------------------------------------------------|
 | n = 3, a body, with its orientation          | the body in space, the trace of its axis                          |
+| the same, of a body that moves through space | the body on its path, not to scale                                |
 | n = 3, rest frame, without                   | the body along its axis; its own turn about the axis is not known |
 | n = 3, moving frame, without                 | the carried vector as the body sees it                            |
 | n = 3, position and momentum                 | the particle                                                      |
@@ -40,6 +41,8 @@ MOST_PATH = 4_000  # points of the whole trace
 # While it moves: without a GPU 4000 dots took 0.6 of the time of a picture, and so did 2.9 times as long as 400
 MOVING_PATH = 400
 LARGEST_GAP = 0.3  # radii between points that are joined by a line
+MOST_PLACED = 20_000  # rows of which the path is computed
+ON_ITS_PATH = 0.16  # half the length of a body, to the largest distance
 MOST_STRETCHES = 1_200  # of a drift
 MOST_SERIES = 24
 BLOCK = 1 << 18  # rows read at once
@@ -79,6 +82,7 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
         "radius": shown.radius,
         "arrow": None if shown.arrow is None else [float(v) for v in shown.arrow],
         "body": shown.body,
+        "nose": None if shown.nose is None else [float(v) for v in shown.nose],
         "time": packed(time, "f8"),
         "tip": packed(tip, "f4"),
         "turn": None if shown.turn is None else packed(shown.turn, "f4"),
@@ -150,6 +154,7 @@ class _Shown:
         self.turn: Array | None = None
         self.arrow: Array | None = None
         self.body: dict[str, Any] | None = None
+        self.nose: Array | None = None
         self.legend: dict[str, str] = {}
         self.coordinates = [0, 1, 2]
         self._choose()
@@ -160,7 +165,8 @@ class _Shown:
         if plain and "skew" not in self.kinds.values():
             self._particle()
         elif plain and ORIENTATION in self.run:
-            self._in_space()
+            x = self._path()
+            self._in_space() if x is None else self._on_its_path(x)
         elif plain and self.space:
             self._along_the_axis()
         elif plain:
@@ -182,6 +188,37 @@ class _Shown:
         self.kind, self.tip = "particle", self.carried
         self.note = "The particle on its sphere."
         self.legend = {"tip": self.letter}
+
+    def _path(self) -> Array | None:
+        """Where the body is, if it moves through space and its rows follow each other closely enough."""
+        from kreisel.analysis.moving import path
+
+        known = self.model is not None and self.model.system.translation is not None
+        if not known or self.run.sizes["time"] > MOST_PLACED:
+            return None
+        try:
+            return np.asarray(path(self.run).values)
+        except InputError:
+            return None
+
+    def _on_its_path(self, x: Array) -> None:
+        assert self.model is not None
+        q = orientation_of(self.run)
+        free = self.model.system.perturbation is None
+        up = algebra.rotation_matrix(q[0]) @ self.carried[0]  # the momentum
+        S = to_third_axis(up / np.linalg.norm(up)) if free and up.any() else np.eye(3)
+        x = x @ S.T
+        self.tip = x - (x.max(0) + x.min(0)) / 2
+        size = ON_ITS_PATH * (float(np.linalg.norm(self.tip, axis=-1).max()) or 1.0)
+        self.body, axis = bodies.ellipsoid(bodies.gyration(self.model, self.carried[0]), size)
+        self.kind, self.nose, self.turn = (
+            "path",
+            1.4 * size * axis,
+            algebra.quaternion_product(algebra.unit_quaternion(S), q),
+        )
+        self.legend["tip"] = "long axis of the ellipsoid of inertia"
+        self.note = "The body on its path, larger or smaller than it is; "
+        self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
 
     def _in_space(self) -> None:
         q = orientation_of(self.run)

@@ -50,9 +50,16 @@
     return rows;
   }
 
-  function sphere() {
+  function surroundings() { // a sphere, or the floor under a path
     const x = [], y = [], z = [], r = D.radius;
     const push = (a, b, c) => { x.push(a); y.push(b); z.push(c); };
+    if (D.kind === "path") {
+      for (let i = -4; i <= 4; i++) {
+        push(-r, i * r / 4, -r); push(r, i * r / 4, -r); push(null, null, null);
+        push(i * r / 4, -r, -r); push(i * r / 4, r, -r); push(null, null, null);
+      }
+      return { x, y, z };
+    }
     for (let i = 0; i < 6; i++) {
       const u = Math.PI * i / 6;
       for (let j = 0; j <= 48; j++) { const v = 2 * Math.PI * j / 48; push(r * Math.cos(u) * Math.sin(v), r * Math.sin(u) * Math.sin(v), r * Math.cos(v)); }
@@ -66,21 +73,26 @@
     return { x, y, z };
   }
 
-  function turned() {
+  function turned(P) {
     const k = D.turn.length === BYTES_TURN ? 0 : state.frame;
-    const [w, a, b, c] = D.turn.subarray(4 * k, 4 * k + 4), P = D.body.points;
+    const [w, a, b, c] = D.turn.subarray(4 * k, 4 * k + 4);
+    const [p, q, r] = D.kind === "path" ? D.tip.subarray(3 * state.frame, 3 * state.frame + 3) : [0, 0, 0];
     const m = [1 - 2 * (b * b + c * c), 2 * (a * b - w * c), 2 * (a * c + w * b),
                2 * (a * b + w * c), 1 - 2 * (a * a + c * c), 2 * (b * c - w * a),
                2 * (a * c - w * b), 2 * (b * c + w * a), 1 - 2 * (a * a + b * b)];
     const x = new Array(P.length), y = new Array(P.length), z = new Array(P.length);
     for (let i = 0; i < P.length; i++) {
       const [u, v, t] = P[i];
-      x[i] = m[0] * u + m[1] * v + m[2] * t; y[i] = m[3] * u + m[4] * v + m[5] * t; z[i] = m[6] * u + m[7] * v + m[8] * t;
+      x[i] = p + m[0] * u + m[1] * v + m[2] * t; y[i] = q + m[3] * u + m[4] * v + m[5] * t; z[i] = r + m[6] * u + m[7] * v + m[8] * t;
     }
     return { x, y, z };
   }
 
-  const fromOrigin = (tip) => ({ x: [0, tip.x[0]], y: [0, tip.y[0]], z: [0, tip.z[0]] });
+  function pointer() {
+    if (D.kind === "path") return turned([[0, 0, 0], D.nose]);
+    const { x, y, z } = pick([state.frame]);
+    return { x: [0, x[0]], y: [0, y[0]], z: [0, z[0]] };
+  }
 
   // ---- the two figures
 
@@ -89,16 +101,16 @@
     const trace = (rows, colour, width, joined) => ({ ...base, ...pick(rows), mode: joined ? "lines" : "markers",
       line: { color: colour, width }, marker: { color: colour, size: Math.max(1.2, width / 1.5), line: { width: 0 } } });
     const out = [
-      { ...base, ...sphere(), mode: "lines", line: { color: t.grid, width: 1 } },
+      { ...base, ...surroundings(), mode: "lines", line: { color: t.grid, width: 1 } },
       trace(D.path, t.faint, 1.5, D.path_joined),
       trace(trailRows(), c[0], 5, D.joined),
-      { ...base, ...fromOrigin(pick([state.frame])), mode: "lines+markers", line: { color: c[1], width: 4 }, marker: { color: c[1], size: [0, 6] } },
+      { ...base, ...pointer(), mode: "lines+markers", line: { color: c[1], width: 4 }, marker: { color: c[1], size: [0, 6] } },
       { ...base, x: [0, 0], y: [0, 0], z: [0, 0], mode: "lines", line: { color: c[2], width: 5 } },
     ];
     if (D.arrow) { const [x, y, z] = D.arrow; Object.assign(out[ARROW], { x: [0, x], y: [0, y], z: [0, z] }); }
     if (D.body) {
       const F = D.body.faces, shades = [c[0], c[4]];
-      out.push({ type: "mesh3d", hoverinfo: "skip", ...turned(), i: F.map((f) => f[0]), j: F.map((f) => f[1]), k: F.map((f) => f[2]),
+      out.push({ type: "mesh3d", hoverinfo: "skip", ...turned(D.body.points), i: F.map((f) => f[0]), j: F.map((f) => f[1]), k: F.map((f) => f[2]),
         facecolor: D.body.shade.map((s) => shades[s]), flatshading: true, opacity: 1,
         lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.15, roughness: 0.8 } });
     }
@@ -213,8 +225,8 @@
     }
     if (state.drawn >= 0) { showPath(false); state.moved = now; }
     state.drawn = state.frame;
-    const parts = [pick(trailRows()), fromOrigin(pick([state.frame]))], traces = [TRAIL, AXIS];
-    if (D.body && D.turn.length > BYTES_TURN) { parts.push(turned()); traces.push(BODY); }
+    const parts = [pick(trailRows()), pointer()], traces = [TRAIL, AXIS];
+    if (D.body && D.turn.length > BYTES_TURN) { parts.push(turned(D.body.points)); traces.push(BODY); }
     Plotly.restyle("scene", { x: parts.map((p) => p.x), y: parts.map((p) => p.y), z: parts.map((p) => p.z) }, traces);
     placeCursor();
     document.body.dataset.frame = state.frame;
