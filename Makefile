@@ -31,6 +31,8 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'kreisel needs Python 3.11 or newer: make PYTHON=python3.11 ...')"
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt reboundx >/dev/null 2>&1 \
+	  || echo "== REBOUNDx needs a C compiler: the tests that compare with it are skipped"
 	@touch $(STAMP)
 
 demo: $(STAMP)

@@ -44,11 +44,12 @@ _LAZY = {
 }
 SHOWN.update({what: f"kreisel.viewer.html:{what}_html" for what in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
-_PARTS = ("analysis", "lab", "physical", "reduction", "units")
+_PARTS = ("analysis", "lab", "physical", "rebound", "reduction", "units")
+_EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX
 
 globals().update(NAMED)  # __init__.pyi tells them to editors and type checkers
 __all__ = ["ConservationWarning", "InputError", "RunError", "methods", "systems"]
-__all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part != "reduction")]  # which needs JAX
+__all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
 
 
 def methods() -> list[Method]:

@@ -10,6 +10,7 @@ from kreisel.record.model import Model
 from kreisel import analysis as analysis
 from kreisel import lab as lab
 from kreisel import physical as physical
+from kreisel import rebound as rebound
 from kreisel import reduction as reduction
 from kreisel import units as units
 from kreisel.sweeps.design import Design as Design

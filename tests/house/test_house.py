@@ -29,6 +29,7 @@ RANK = {  # a part imports what stands on its own line or above
             ("kernels",),
             ("runs", "storage", "sweeps"),
             ("lab", "analysis", "physical", "viewer", "bench"),
+            ("rebound",),
             ("cli",),
             ("__main__",),
         )
@@ -86,8 +87,8 @@ print(kr.reduction.SO(3).n, *(getattr(kr, part).__name__ for part in kr._PARTS))
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout
     assert out.splitlines() == [
-        "False True True True False True",
-        "3 kreisel.analysis kreisel.lab kreisel.physical kreisel.reduction kreisel.units",
+        "False True True True False False True",
+        "3 kreisel.analysis kreisel.lab kreisel.physical kreisel.rebound kreisel.reduction kreisel.units",
     ]
 
 

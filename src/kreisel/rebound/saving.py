@@ -1,0 +1,75 @@
+"""A simulation and its bodies in one file: NumPy's archive of plain arrays, one of them the bytes of REBOUND's."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.errors import InputError, RunError, disk_trouble, shown
+from kreisel.rebound.compiled import COLUMNS
+from kreisel.rebound.library import rebound
+from kreisel.rebound.spins import Spins
+
+FORMAT = 1
+SHAPES = {"z": 7, "c": COLUMNS}
+
+
+def save(spins: Spins, path: Any) -> None:
+    """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
+    target = Path(path)
+    names = [("#" if isinstance(name, str) else "") + str(name) for name in spins.names]
+    kick = np.nan if spins._kick is None else spins._kick
+    try:
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".kreisel-") as folder:
+            part = Path(folder, "simulation")
+            spins.sim.save_to_file(str(part))
+            data = np.frombuffer(part.read_bytes(), dtype=np.uint8)
+            whole = Path(folder, "whole.npz")
+            with whole.open("wb") as file:
+                parts = {"z": spins._z, "c": spins._c, "names": np.array(names), "dt": np.array(kick)}
+                np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
+                file.flush()
+                os.fsync(file.fileno())
+            whole.replace(target)
+    except OSError as error:
+        raise disk_trouble(error, path, "be written", "") from error
+
+
+def load(path: Any) -> Spins:
+    """The simulation and its bodies as they were saved; they go on bit for bit.
+
+    Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
+    for a file that is no such file, `RunError` where it cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt")}
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
+    except OSError as error:
+        raise disk_trouble(error, path, "be read", "") from error
+    z, c = found["z"], found["c"]
+    fits = all(found[name].shape == (len(found["names"]), width) for name, width in SHAPES.items())
+    if int(found["format"]) != FORMAT or not fits or found["dt"].shape != ():
+        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {found['format']}.")
+    try:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            sim = rebound().Simulation(found["simulation"].tobytes())
+    except RuntimeError as error:
+        raise RunError(
+            f"{path}: REBOUND could not read its part: {error}. Usual cause: another version of it."
+        ) from error
+    for each in said:
+        if "corrupted" in str(each.message):
+            raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
+        warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
+    names = [name[1:] if name.startswith("#") else int(name) for name in found["names"].tolist()]
+    kick = None if np.isnan(found["dt"]) else float(found["dt"])
+    return Spins(sim, names, z.astype(np.float64), c.astype(np.float64), kick)

@@ -1,0 +1,276 @@
+"""Spin and orientation of particles of a REBOUND simulation, split symmetrically from its integrator.
+
+A step of the length h is K(h/2) (N(h) and the free rotation, exactly) K(h/2), N a step of REBOUND and K the interaction
+of each body with the masses of the other particles: order 2.  K changes the velocities of both and the spin by what one
+potential says, so linear and angular momentum are conserved to rounding; the spin angular momentum itself is stored.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable, Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError, hint, shown
+from kreisel.rebound import compiled
+from kreisel.rebound.body import Body
+from kreisel.rebound.interaction import potential
+from kreisel.rebound.library import rebound
+
+FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
+ADAPTIVE = ("ias15", "bs")
+CHUNK = 50_000  # steps between two looks at what happened
+LATE = 1e-9  # of a step: rounding of the time
+
+
+class Spins:
+    """The bodies of a simulation `sim`; `attach` makes it.
+
+    dt      the step; with an adaptive integrator the time between two kicks, else that of the simulation
+    names   the particles that are bodies, as they were given
+    """
+
+    def __init__(self, sim: Any, names: Iterable[int | str], z: Array, c: Array, kick: float | None):
+        self.sim, self.names = sim, list(names)
+        self._index = np.array([index_of(sim, name) for name in self.names], dtype=np.int64)
+        self._z, self._c, self._kick = z, c, kick
+        self._count = int(sim.N)
+        self._check()
+
+    @property
+    def dt(self) -> float:
+        """The step.  Raises `InputError` unless it is a number that is not 0."""
+        name = str(self.sim.integrator)
+        if name not in (*FIXED, *ADAPTIVE):
+            raise InputError(f"sim.integrator: expected one of {', '.join((*FIXED, *ADAPTIVE))}, got {shown(name)}.")
+        if (self._kick is None) == (name in ADAPTIVE):
+            raise InputError(
+                f"dt: expected the time between two kicks with an adaptive integrator, else None and sim.dt, got "
+                f"dt={self._kick} with {name}. Usual cause: REBOUND's default integrator is ias15; say "
+                "sim.integrator = 'whfast', or attach(..., dt=...)."
+            )
+        dt = float(self.sim.dt if self._kick is None else self._kick)
+        if not np.isfinite(dt) or dt == 0:
+            raise InputError(f"dt: expected a number that is not 0, got {dt}.")
+        return dt
+
+    def integrate(self, t: float) -> None:
+        """Go on in steps of dt until the time is t or later, by less than a step.
+
+        Raises `InputError` for a time behind, `RunError` where particles are lost or a state is no longer finite, and
+        what `sim.integrate` raises.
+        """
+        dt = self.dt
+        ahead = (float(t) - self.sim.t) / dt if np.isfinite(t) else np.nan
+        if not ahead >= -LATE:
+            raise InputError(
+                f"t: expected a time that dt = {dt} leads to from {self.sim.t}, got {shown(t)}. Usual cause: the sign "
+                "of dt; set sim.dt = -sim.dt to go back."
+            )
+        self.steps(max(0, int(np.ceil(ahead - LATE))))
+
+    def steps(self, count: int) -> None:
+        """Make `count` steps.  Raises what `integrate` does."""
+        dt = self.dt
+        self._check()
+        advance = self._by_calls if self._kick is not None else self._compiled
+        for first in range(0, count, CHUNK):
+            advance(dt, min(CHUNK, count - first))
+            self.sim.process_messages()
+            self._check_finite()
+
+    def _compiled(self, dt: float, count: int) -> None:
+        sim, library = self.sim, rebound().clibrebound
+        fields = [self._field("N", np.int64), self._field("did_modify_particles", np.uint32)]
+        status = self._field("_status", np.int32)
+        status[0] = -1  # running
+        step = ctypes.cast(library.reb_simulation_steps, ctypes.c_void_p).value
+        where = ctypes.addressof(sim)
+        rows = *self._arguments(), dt, float(sim.G), step, where, *fields, status, count
+        done = compiled.kernels().advance(*rows)
+        if done < 0:
+            self._refuse_turns(dt)
+        self._check_count()
+        if status[0] > 0:
+            sim.process_messages()
+            raise RunError(
+                f"REBOUND stopped at t = {sim.t}: expected to run on, got its status {status[0]}. Usual cause: a "
+                "collision, or exit_min_distance or exit_max_distance of the simulation."
+            )
+
+    def _by_calls(self, dt: float, count: int) -> None:
+        kernels, G = compiled.kernels(), float(self.sim.G)
+        for _ in range(count):
+            rows = self._arguments()
+            kernels.act_on_all(*rows, dt / 2, G, False)
+            if kernels.turn_all(self._z, self._c, dt) < 0:
+                self._refuse_turns(dt)
+            self.sim.did_modify_particles = 1
+            self.sim.integrate(self.sim.t + dt)
+            self._check_count()
+            kernels.act_on_all(*self._arguments(), dt / 2, G, True)
+
+    def spin(self, which: int | str) -> Array:
+        """The angular velocity (3,) of a body in the frame of the simulation.  Raises `InputError`."""
+        k = self._number(which)
+        R = algebra.rotation_matrix(self._z[k, 3:])
+        return R @ ((self._z[k, :3] @ R) * self._c[k, :3])
+
+    def orientation(self, which: int | str) -> Array:
+        """The unit quaternion (4,) of the principal axes of a body, body to the frame of the simulation."""
+        return self._z[self._number(which), 3:].copy()
+
+    def spin_angular_momentum(self, which: int | str) -> Array:
+        """Of a body, (3,)."""
+        return self._z[self._number(which), :3].copy()
+
+    def angular_momentum(self) -> Array:
+        """Of all orbits and spins, (3,)."""
+        return np.array([*self.sim.angular_momentum()]) + self._z[:, :3].sum(0)
+
+    def energy(self) -> float:
+        """Of the particles, of the rotation of the bodies, and of their interaction; tides that lag take it away."""
+        p, masses, index, z, c = self._arguments()
+        total = float(self.sim.energy())
+        for i, row, known in zip(index, z, c, strict=True):
+            R = algebra.rotation_matrix(row[3:])
+            M, D, (tide, fluid, _) = row[:3] @ R, known[15:18], known[18:]
+            total += M @ (M * known[:3]) / 2
+            for j in range(self._count):
+                if j != i and masses[j]:
+                    b = (p[j, :3] - p[i, :3]) @ R
+                    given = {"D": D, "tide": tide, "fluid": fluid, "G": self.sim.G, "m": masses[j]}
+                    total += masses[j] * potential(b, M * known[:3], **given)
+        return float(total)
+
+    def save(self, path: Any) -> None:
+        """One file with the simulation, as REBOUND's own data, and the bodies; `kreisel.rebound.load` reads it."""
+        from kreisel.rebound.saving import save
+
+        save(self, path)
+
+    # -- what the kernels work on ---------------------------------------------------------------------------
+
+    def _arguments(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Particles, where they lie in memory, the masses with which they act, and the bodies."""
+        sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
+        rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(sim._particles.contents))
+        p = np.ctypeslib.as_array(rows)
+        masses = p[:, 9].copy()
+        if not sim.testparticle_type and sim.N_active < self._count:
+            masses[sim.N_active :] = 0
+        return p, masses, self._index, self._z, self._c
+
+    def _field(self, name: str, kind: Any) -> Array:
+        """A number of the simulation where it lies in memory."""
+        where = ctypes.addressof(self.sim) + getattr(type(self.sim), name).offset
+        size = np.dtype(kind).itemsize
+        return np.frombuffer((ctypes.c_char * size).from_address(where), dtype=kind)
+
+    def _number(self, which: int | str) -> int:
+        if which not in self.names:
+            raise InputError(
+                f"expected one of the bodies {self.names}, got {shown(which)}.{hint(which, map(str, self.names))}"
+            )
+        return self.names.index(which)
+
+    def _check(self) -> None:
+        """What simulations must be.  Raises `InputError`."""
+        self._check_count()
+        check_simulation(self.sim)
+        _ = self.dt
+        _, masses, index, *_ = self._arguments()
+        for name, i in zip(self.names, index, strict=True):
+            if not masses[i] > 0:
+                raise InputError(
+                    f"particle {name!r}: expected a mass > 0 that acts on others, got {self.sim.particles[int(i)].m}. "
+                    "Usual cause: a test particle; give it a mass, and N_active room for it."
+                )
+
+    def _check_count(self) -> None:
+        if self.sim.N != self._count:
+            raise RunError(
+                f"t = {self.sim.t}: expected the {self._count} particles that there were, got {self.sim.N}. Usual "
+                "cause: a collision that merged two, an open boundary, sim.add or sim.remove. Attach the bodies again."
+            )
+
+    def _check_finite(self) -> None:
+        p = self._arguments()[0]
+        if not (np.isfinite(self._z).all() and np.isfinite(p[:, :6]).all()):
+            raise RunError(
+                f"t = {self.sim.t}: expected finite positions, velocities and spins, got others. Usual cause: a body "
+                "at the place of another particle, or a step too long for a close encounter."
+            )
+
+    def _refuse_turns(self, dt: float) -> NoReturn:
+        self._check_finite()
+        raise RunError(
+            f"t = {self.sim.t}: expected bodies that turn less than {compiled.MOST_PARTS} times in dt = {dt}, got a "
+            "faster one. Usual cause: a spin in other units than the simulation."
+        )
+
+
+def check_simulation(sim: Any) -> None:
+    """Raises `InputError` for simulations that the splitting does not suit."""
+    if not isinstance(sim, rebound().Simulation):
+        raise InputError(f"sim: expected a rebound.Simulation, got {shown(sim)}.")
+    if not (np.isfinite(sim.G) and sim.G > 0):
+        raise InputError(f"sim.G: expected a number > 0, got {sim.G}. Usual cause: units; say sim.units = (...).")
+    if sim.N_var:
+        raise InputError(
+            f"expected no variational particles, got {sim.N_var}. Usual cause: MEGNO. They do not know of the bodies; "
+            "compare two simulations that begin close to each other."
+        )
+    if str(sim.boundary) not in ("none", "open"):
+        raise InputError(f"sim.boundary: expected 'none' or 'open', got {sim.boundary!r}.")
+    if str(sim.integrator) in ("whfast", "saba") and sim.integrator.keep_unsynchronized:
+        raise InputError(
+            "sim.integrator.keep_unsynchronized: expected 0, got 1. The bodies act on synchronized particles."
+        )
+    if sim.simulationarchive_filename:
+        raise InputError(
+            f"expected no archive that REBOUND writes by itself, got {sim.simulationarchive_filename!r}. It has no "
+            "spins, and is written in the middle of a step. Use spins.save(path)."
+        )
+
+
+def index_of(sim: Any, name: int | str) -> int:
+    """Where a particle stands.  Raises `InputError`."""
+    known = [p.name for p in sim.particles]
+    if isinstance(name, str) and name in known:
+        return known.index(name)
+    if isinstance(name, int | np.integer) and not isinstance(name, bool) and 0 <= name < sim.N:
+        return int(name)
+    named = [n for n in known if n]
+    raise InputError(
+        f"expected an index below {sim.N} or the name of a particle, one of {named}, got {shown(name)}."
+        + hint(name, named)
+    )
+
+
+def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) -> Spins:
+    """Make particles of a REBOUND simulation extended bodies, by index or name; `sim` itself is moved by the result.
+
+    dt: the time between two kicks where the integrator is adaptive (ias15, bs); else the step is sim.dt.
+
+        spins = kreisel.rebound.attach(sim, {"Mercury": Body(inertia=(A, B, C), spin=(0, 0, w))})
+        spins.integrate(100.0)
+
+    Raises `InputError`.
+    """
+    check_simulation(sim)
+    if not isinstance(bodies, Mapping) or not bodies or not all(isinstance(b, Body) for b in bodies.values()):
+        raise InputError(f"bodies: expected {{index or name: kreisel.rebound.Body(...), ...}}, got {shown(bodies)}.")
+    index = [index_of(sim, name) for name in bodies]
+    if len(set(index)) < len(index):
+        raise InputError(f"bodies: expected each particle once, got {shown(list(bodies))}.")
+    rows = [
+        (b.state(), b.principal()[0], b.tides(sim.particles[i].r)) for b, i in zip(bodies.values(), index, strict=True)
+    ]
+    z = np.array([state for state, _, _ in rows])
+    c = np.array([compiled.columns(moments, *tides) for _, moments, tides in rows])
+    return Spins(sim, bodies, z, c, dt)

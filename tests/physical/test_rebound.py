@@ -1,0 +1,548 @@
+"""Bodies of REBOUND simulations: the interaction, what it conserves, its order, resonance, restart, bad input."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rebound
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.exact.turning import turn
+from kreisel.kernels.layout import MACHINE_EPSILON as EPS
+from kreisel.rebound import Body, Spins, attach, compiled, interaction, library, load
+from rotors import closed_form
+
+DAY, EARTH_RADIUS = 2 * np.pi / 365.25, 4.2635e-5  # G = 1, masses in that of the Sun, lengths in au
+EARTH, MOON = 3.003e-6, 3.694e-8
+INTEGRATORS = ("whfast", "leapfrog", "saba", "mercurius", "trace", "ias15", "bs")
+
+
+def random_turn(draw: np.random.Generator) -> np.ndarray:
+    return algebra.unit(draw.normal(size=4))
+
+
+def given(draw: np.random.Generator) -> dict[str, Any]:
+    """r, L, g, h, m, G of a body with all that acts."""
+    I = draw.uniform(0.5, 1, 3)  # noqa: E741
+    state = {"r": draw.normal(size=3) + 2, "L": draw.normal(size=3), "g": random_turn(draw)}
+    return {**state, "h": 0.1, "m": 0.3, "G": 1.3, "I": I, "D": I - I.mean(), "tide": 0.2, "fluid": 0.0}
+
+
+def triple(integrator: str, per: int = 60) -> Any:
+    """A star, a planet near to it and another."""
+    sim = rebound.Simulation()
+    sim.add(m=1.0, r=0.05, name="star")
+    sim.add(m=1e-3, a=1.0, e=0.2, inc=0.3, r=0.01, name="planet")
+    sim.add(m=1e-3, a=3.0, e=0.1)
+    sim.move_to_com()
+    sim.integrator = integrator
+    sim.dt = 2 * np.pi / per
+    return sim
+
+
+def attached(integrator: str, per: int = 60, **star: float) -> Spins:
+    sim = triple(integrator, per)
+    bodies = {
+        "planet": Body(inertia=np.array([0.3, 0.35, 0.4]) * 1e-4, spin=(0.1, 0.3, 1.5)),
+        0: Body(inertia=4e-3, spin=(0, 1, 3), radius=0.2, **{"love": 0.5, **star}),
+    }
+    return attach(sim, bodies, dt=sim.dt if integrator in ("ias15", "bs") else None)
+
+
+# -- the interaction -------------------------------------------------------------------------------------------
+
+
+def of_point_masses(r: np.ndarray, g: np.ndarray, arms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The force on a unit mass by six of 1/6 at +- arms, less that of their sum, and the torque on them."""
+    R = algebra.rotation_matrix(g)
+    force, torque = r / np.linalg.norm(r) ** 3, np.zeros(3)
+    for arm in (*np.diag(arms), *np.diag(-arms)):
+        d = r - R @ arm
+        pull = -d / np.linalg.norm(d) ** 3 / 6
+        force, torque = force + pull, torque - np.cross(R @ arm, pull)
+    return force, torque
+
+
+def errors_of(kick: Callable[..., np.ndarray]) -> np.ndarray:
+    """Of force and torque at four distances, relative."""
+    draw = np.random.default_rng(1)
+    arms, g, way = np.array([1.0, 0.6, 0.3]), random_turn(draw), algebra.unit(draw.normal(size=3))
+    moments = (arms @ arms - arms**2) / 3
+    out = []
+    for distance in (10, 20, 40, 80):
+        r = distance * way
+        force, torque = of_point_masses(r, g, arms)
+        a = kick(r, np.zeros(3), g, 1.0, 1.0, 1.0, I=moments, D=moments - moments.mean(), tide=0.0, fluid=0.0)
+        out.append([np.linalg.norm(x - y) / np.linalg.norm(y) for x, y in ((a, force), (-np.cross(r, a), torque))])
+    return np.array(out)
+
+
+def test_force_and_torque_are_those_of_point_masses_to_second_order() -> None:
+    errors = errors_of(interaction.kick)
+    slopes = np.log2(errors[:-1] / errors[1:])
+    assert abs(slopes - 2).max() < 0.15 and errors[-1].max() < 1e-3
+
+
+@pytest.mark.parametrize("mutant", ["turned wrongly", "moments of other axes", "too strong"])
+def test_mutants_of_the_force_are_seen(mutant: str) -> None:
+    def kick(r: np.ndarray, L: np.ndarray, g: np.ndarray, *given: Any, D: np.ndarray, **known: Any) -> np.ndarray:
+        if mutant == "turned wrongly":
+            g = algebra.inverse_turn(g)
+        if mutant == "moments of other axes":
+            D = D[[1, 0, 2]]
+        return (1.001 if mutant == "too strong" else 1) * interaction.kick(r, L, g, *given, D=D, **known)
+
+    errors = errors_of(kick)
+    assert errors[-1].max() > 5e-4 and abs(np.log2(errors[-2] / errors[-1]) - 2).max() > 0.3
+
+
+def test_a_late_tide_is_one_raised_at_an_earlier_place() -> None:
+    """The bulge that a mass at r' raised, -G m k R^5 (3 (u.u')^2 - 1)/(2 r^3 r'^3), r' = r - lag (v - Omega x r)."""
+    draw = np.random.default_rng(2)
+    r, v, L, g, moments = (
+        draw.normal(size=3) + 2,
+        draw.normal(size=3),
+        draw.normal(size=3),
+        random_turn(draw),
+        np.ones(3),
+    )
+    G, m, tide, lag = 1.3, 0.3, 0.2, 1e-5
+
+    def pull(at: np.ndarray) -> np.ndarray:  # on a unit mass at r
+        d, e, c = np.linalg.norm(r), np.linalg.norm(at), r @ at
+        slope = 3 * c / d**5 * at - (15 * c**2 / (2 * d**7) - 1.5 * e**2 / d**5) * r
+        return G * m * tide / e**5 * slope
+
+    back = lag * (v - np.cross(L, r))
+    want = (pull(r - back) - pull(r + back)) / 2
+    h = 1e-9
+    got = interaction.friction(r, v, L, g, h, m, 1.0, G, I=moments, tide=tide, lag=lag) / h
+    assert np.linalg.norm(got - want) < 1e-7 * np.linalg.norm(want)
+    radial = want - 2 * (r @ want) / (r @ r) * r  # the mutant: another sign along r
+    assert np.linalg.norm(got - radial) > 0.1 * np.linalg.norm(want)
+
+
+def test_a_fluid_ball_keeps_the_length_of_its_spin() -> None:
+    """The midpoint rule: -r x m a turns L about r."""
+    draw = np.random.default_rng(3)
+    known = given(draw) | {"I": np.full(3, 0.4), "D": np.zeros(3), "fluid": 0.2, "h": 1.0}
+    a = interaction.kick(**known)
+    after = known["L"] - np.cross(known["r"], known["m"] * a)
+    assert abs(np.linalg.norm(after) / np.linalg.norm(known["L"]) - 1) < 8 * EPS
+    assert np.linalg.norm(after - known["L"]) > 0.01 and abs((after - known["L"]) @ known["r"]) < 8 * EPS
+    explicit = interaction.kick(**known | {"h": 1e-12}) * 1e12
+    lengthened = np.linalg.norm(known["L"] - np.cross(known["r"], known["m"] * explicit))
+    assert lengthened / np.linalg.norm(known["L"]) - 1 > 1e-5  # the mutant: Euler's rule
+
+
+def test_kernels_are_the_formulas() -> None:
+    spins = attached("leapfrog", lag=0.3)
+    p, masses, index, z, c = spins._arguments()
+    states, before, h, G = z.copy(), p.copy(), 0.01, 1.0
+    for body, i in enumerate(index):
+        for j in range(3):
+            if i == j:
+                continue
+            r, row, known = before[j, :3] - before[i, :3], states[body], c[body, 12:]
+            figure = {"I": known[:3], "tide": known[6]}
+
+            def act(dv: np.ndarray, i: int = i, j: int = j, row: np.ndarray = row, r: np.ndarray = r) -> None:
+                before[j, 3:6] += dv
+                before[i, 3:6] -= masses[j] / masses[i] * dv
+                row[:3] -= np.cross(r, masses[j] * dv)
+
+            v = before[j, 3:6] - before[i, 3:6]
+            if known[8]:
+                act(interaction.friction(r, v, row[:3], row[3:], h, masses[j], masses[i], G, lag=known[8], **figure))
+            act(interaction.kick(r, row[:3], row[3:], h, masses[j], G, D=known[3:6], fluid=known[7], **figure))
+    compiled.kernels().act_on_all(p, masses, index, z, c, h, G, False)
+    assert np.allclose(p[:, 3:6], before[:, 3:6], rtol=1e-13, atol=1e-15) and np.allclose(z, states, rtol=1e-13)
+
+
+@pytest.mark.parametrize("moments", [(0.3, 0.35, 0.4), (0.4, 0.4, 0.4)])
+def test_bodies_without_masses_near_turn_freely(moments: tuple[float, ...]) -> None:
+    sim = rebound.Simulation()
+    sim.add(m=1.0)
+    sim.add(x=1.0, vy=1.0)  # without a mass
+    sim.integrator, sim.dt = "leapfrog", 3.0  # several turns a step
+    spins = attach(sim, {0: Body(inertia=moments, spin=(0.9, 1.1, 4.2), orientation=(0.5, 0.5, 0.5, 0.5))})
+    start, L = spins.orientation(0), spins.spin_angular_momentum(0)
+    M = L @ algebra.rotation_matrix(start)
+    spins.steps(20)
+    if moments[0] == moments[2]:
+        g = algebra.quaternion_product(start, turn(M / moments * 60.0, 9))
+    else:
+        _, g = closed_form(np.array(moments), M, start, 60.0, 40)
+    off = min(max(abs(float(x - s * y)) for x, y in zip(g, spins.orientation(0), strict=True)) for s in (1, -1))
+    assert off < 1e-12 and (spins.spin_angular_momentum(0) == L).all()
+
+
+# -- what is conserved, and to what order ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("lag", [0.0, 1e-3])
+def test_momentum_and_angular_momentum(integrator: str, lag: float) -> None:
+    spins = attached(integrator, lag=lag)
+    p, masses, *_ = spins._arguments()
+    L, momentum, spin = spins.angular_momentum(), masses @ p[:, 3:6], spins.spin_angular_momentum(0)
+    spins.steps(600)
+    bound = 1e-11 if integrator == "bs" else 1e-12  # its own error
+    assert np.linalg.norm(spins.angular_momentum() - L) < bound * np.linalg.norm(L)
+    assert abs(masses @ p[:, 3:6] - momentum).max() < 1e-14
+    assert np.linalg.norm(spins.spin_angular_momentum(0) - spin) > 1e-6  # something was exchanged
+
+
+def act_in_python(text: str) -> np.ndarray:
+    """The change of momentum and angular momentum by the interactions of a step, by the text of the kernels."""
+    names: dict[str, Any] = {}
+    text = text.replace("from numba import njit", "njit = lambda *a, **k: lambda f: f")
+    exec(text.replace("from kreisel.kernels._numba.fused import fma, sign", "fma = lambda x, y, z: x * y + z"), names)
+    p, masses, index, z, c = attached("leapfrog", lag=0.3)._arguments()
+
+    def sums() -> np.ndarray:
+        return np.concatenate([masses @ p[:, 3:6], masses @ np.cross(p[:, :3], p[:, 3:6]) + z[:, :3].sum(0)])
+
+    before = sums()
+    names["act_on_all"](p, masses, index, z, c, 0.1, 1.0, False)
+    return abs(sums() - before)
+
+
+def test_each_interaction_has_its_reaction() -> None:
+    text = compiled.source()
+    assert act_in_python(text).max() < 1e-16
+    for line, change in (
+        ("p[i, 3 + k] -= m / own * out[k]", "p[i, 3 + k] -= 0.999 * m / own * out[k]"),
+        ("z[body, 1] -= r[2] * out[0] - r[0] * out[2]", "z[body, 1] += r[2] * out[0] - r[0] * out[2]"),
+        ("z[body, 2] -= r[0] * out[1] - r[1] * out[0]", "pass"),
+    ):
+        assert line in text and act_in_python(text.replace(line, change)).max() > 1e-14
+
+
+@pytest.mark.parametrize("integrator", ["whfast", "leapfrog", "ias15"])
+def test_the_energy_is_of_order_two(integrator: str) -> None:
+    errors = []
+    for per in (40, 80, 160, 320):
+        spins = attached(integrator, per)
+        energy, worst = spins.energy(), 0.0
+        for _ in range(24):
+            spins.steps(per // 20)
+            worst = max(worst, abs(spins.energy() - energy))
+        errors.append(worst)
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert abs(slopes[1:] - 2).max() < 0.15, slopes
+
+
+def test_late_tides_shrink_a_circle() -> None:
+    """a'/a = -6 k q (1 + q) (R/a)^8 (G M lag/R^3) (1 - Omega/n) [Hut 1981]."""
+    for spin in (0.0, 0.3):
+        sim = rebound.Simulation()
+        sim.add(m=1.0, r=0.2)
+        sim.add(m=0.1, a=1.0)
+        sim.move_to_com()
+        sim.integrator = "whfast"
+        n = sim.particles[1].n
+        sim.dt = 2 * np.pi / n / 40
+        spins = attach(sim, {0: Body(10.0, spin=(0, 0, spin * n), love=0.3, lag=0.008)})
+        energies, sizes = [], []
+        for _ in range(11):
+            energies.append(spins.energy())
+            sizes.append(sim.particles[1].a)
+            spins.steps(4000)
+        rate = 6 * 0.3 * 0.1 * 1.1 * 0.2**5 * 0.008 * (1 - spin)
+        assert (np.diff(energies) < 0).all() and abs(np.log(sizes[0] / sizes[-1]) / (40000 * sim.dt * rate) - 1) < 0.03
+
+
+def test_the_moon_of_a_tilted_orbit() -> None:
+    """Sun, Earth and Moon, its orbit inclined by 60 degrees, tides that lag: case of the thread reboundx 172."""
+    for integrator in ("whfast", "ias15"):
+        sim = rebound.Simulation()
+        sim.add(m=1.0)
+        sim.add(m=EARTH, a=1.0, e=0.0167, r=EARTH_RADIUS, name="Earth")
+        moon = {"a": 32 * EARTH_RADIUS, "e": 0.01, "inc": np.radians(60), "primary": sim.particles["Earth"]}
+        sim.add(m=MOON, r=1.161e-5, name="Moon", **moon)
+        sim.move_to_com()
+        sim.integrator = integrator
+        n = sim.particles["Moon"].orbit(primary=sim.particles["Earth"]).n
+        sim.dt = 2 * np.pi / n / 60
+        day, lag = 5 / 24 * DAY, 600 / 86400 * DAY
+        axis = np.array([0, -np.sin(np.radians(60)), np.cos(np.radians(60))])
+        bodies = {
+            "Earth": Body(0.3308 * EARTH * EARTH_RADIUS**2, spin=(0, 0, 2 * np.pi / day), love=0.298, lag=lag),
+            "Moon": Body(0.393 * MOON * 1.161e-5**2, spin=n * axis, love=0.024, lag=lag),
+        }
+        spins = attach(sim, bodies, dt=sim.dt if integrator == "ias15" else None)
+        L, earth = spins.angular_momentum(), spins.spin_angular_momentum("Earth")
+        spins.steps(60 * 100)
+        assert np.linalg.norm(spins.angular_momentum() - L) < 1e-12 * np.linalg.norm(L)
+        lost = np.linalg.norm(spins.spin_angular_momentum("Earth") - earth) / np.linalg.norm(earth)
+        assert 1e-6 < lost < 1e-2  # to the orbit of the Moon
+
+
+# -- Mercury ---------------------------------------------------------------------------------------------------
+
+E, J2, C22, C = 0.2056, 5.03e-5, 8.09e-6, 0.346  # Smith 2012, Margot 2012
+MERCURY = np.array([C - J2 - 2 * C22, C - J2 + 2 * C22, C]) * 1.66e-7 * 1.631e-5**2
+
+
+def resonance(rate: float) -> tuple[Spins, float, float]:
+    """Mercury from its perihelion; `rate`: of the angle against 3:2 resonance there, in parts of the half width."""
+    sim = rebound.Simulation()
+    sim.add(m=1.0)
+    sim.add(m=1.66e-7, a=0.387, e=E, name="Mercury")
+    sim.move_to_com()
+    sim.integrator = "whfast"
+    n = sim.particles["Mercury"].n
+    sim.dt = 2 * np.pi / n / 50
+    A, B, third = MERCURY
+    width = n * np.sqrt(3 * (B - A) / third * (7 * E / 2 - 123 * E**3 / 16))  # Murray Dermott 1999, chapter 5
+    return attach(sim, {"Mercury": Body(MERCURY, spin=(0, 0, 1.5 * n + rate * width))}), n, width
+
+
+def angles(spins: Spins, n: float, orbits: int) -> np.ndarray:
+    """The angle of the longest axis less 3/2 of the mean anomaly, at each perihelion."""
+    out = []
+    for _ in range(orbits):
+        spins.steps(50)
+        w, _, _, z = spins.orientation("Mercury")
+        out.append((2 * np.arctan2(z, w) - 1.5 * n * spins.sim.t + np.pi / 2) % np.pi - np.pi / 2)
+    return np.array(out)
+
+
+def test_mercury_librates_in_its_resonance() -> None:
+    spins, n, width = resonance(0.05)
+    angle = angles(spins, n, 310)
+    rising = np.nonzero((angle[:-1] < 0) & (angle[1:] >= 0))[0]
+    crossings = rising - angle[rising] / (angle[rising + 1] - angle[rising])
+    period = np.diff(crossings).mean()
+    assert len(crossings) == 4 and abs(period * width / n - 1) < 0.01 and abs(angle).max() < 0.06
+
+
+@pytest.mark.parametrize(("rate", "held"), [(0.95, True), (-0.95, True), (1.05, False), (-1.05, False)])
+def test_the_width_of_the_resonance(rate: float, held: bool) -> None:
+    spins, n, _ = resonance(rate)
+    assert (abs(angles(spins, n, 250)).max() < 1.45) == held
+
+
+# -- a run as a user has it ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_saved_and_loaded_bit_for_bit(integrator: str, tmp_path: Path) -> None:
+    straight = attached(integrator, lag=1e-3)
+    straight.steps(70)
+    begun = attached(integrator, lag=1e-3)
+    begun.steps(30)
+    begun.save(tmp_path / "run.npz")
+    again = load(tmp_path / "run.npz")
+    again.steps(40)
+    begun.steps(40)
+    for other in (again, begun):
+        assert other.sim.t == straight.sim.t and other.names == straight.names
+        for one, two in zip(other._arguments(), straight._arguments(), strict=True):
+            columns = 6 if one.shape[-1] == straight._arguments()[0].shape[-1] else None
+            assert (one[..., :columns] == two[..., :columns]).all()
+    assert [*tmp_path.iterdir()] == [tmp_path / "run.npz"]
+
+
+def test_times() -> None:
+    spins = attached("whfast")
+    spins.integrate(10.0)
+    assert 10 <= spins.sim.t < 10 + spins.dt
+    before = spins.sim.t
+    spins.integrate(before)
+    assert spins.sim.t == before
+    energy = spins.energy()
+    spins.sim.dt = -spins.sim.dt
+    spins.integrate(0.0)
+    start = attached("whfast")
+    assert abs(spins.sim.t) < 1e-12 and abs(spins.energy() - start.energy()) < 1e-12 * abs(energy)
+    assert np.allclose(spins.spin("planet"), (0.1, 0.3, 1.5), atol=1e-11)
+
+
+def test_without_safe_mode_the_same() -> None:
+    one, two = attached("whfast"), attached("whfast")
+    two.sim.integrator.safe_mode = 0
+    for spins in (one, two):
+        spins.steps(50)
+    assert np.allclose(one._z, two._z, rtol=1e-12) and one.sim.t == two.sim.t
+
+
+def test_bodies_of_the_physical_package_and_tensors() -> None:
+    tensor = [[0.35, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.4]]
+    sim = triple("whfast")
+    spins = attach(
+        sim, {1: Body(kr.physical.FreeBody(tensor), spin=(0.2, 0.1, 1)), 2: Body(tensor, spin=(0.2, 0.1, 1))}
+    )
+    for k in (1, 2):
+        assert np.allclose(spins.spin(k), (0.2, 0.1, 1), atol=1e-15)
+        assert np.allclose(spins.spin_angular_momentum(k), np.array(tensor) @ (0.2, 0.1, 1), atol=1e-15)
+
+
+def test_a_test_particle_feels_and_does_not_act() -> None:
+    paths = []
+    for bodies in ({"star": Body(1e-2)}, {"star": Body((1e-2, 1e-2, 1.8e-2))}):
+        sim = triple("leapfrog")
+        sim.add(a=0.5)
+        spins = attach(sim, bodies)
+        spins.steps(100)
+        p = spins._arguments()[0]
+        paths.append((p[3, :3].copy(), spins.angular_momentum()))
+    assert np.linalg.norm(paths[0][0] - paths[1][0]) > 1e-4
+    assert np.linalg.norm(paths[0][1] - paths[1][1]) < 1e-13
+
+
+def test_a_flyby_on_a_hyperbola() -> None:
+    sim = rebound.Simulation()
+    sim.add(m=1.0)
+    sim.add(m=1e-3, a=-1.0, e=1.5, f=-2.0, name="guest")
+    sim.move_to_com()
+    sim.integrator, sim.dt = "whfast", 0.01
+    spins = attach(sim, {"guest": Body((3e-6, 4e-6, 5e-6), spin=(0, 0.5, 1))})
+    L, energy = spins.angular_momentum(), spins.energy()
+    spins.integrate(10)
+    assert sim.particles["guest"].orbit().e > 1.4
+    assert np.linalg.norm(spins.angular_momentum() - L) < 1e-13 and abs(spins.energy() - energy) < 1e-8
+
+
+# -- bad input -------------------------------------------------------------------------------------------------
+
+
+def changed(sim: Any, **fields: Any) -> Any:
+    for name, value in fields.items():
+        setattr(sim, name, value)
+    return sim
+
+
+def variational(sim: Any) -> Any:
+    sim.add_variation()
+    return sim
+
+
+def archived(sim: Any, path: Path) -> Any:
+    sim.save_to_file(str(path / "own.bin"), step=5)
+    return sim
+
+
+BALL = Body(inertia=1e-3)
+BAD: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
+    "no simulation": (lambda sim, path: attach(None, {0: BALL}), "expected a rebound.Simulation, got None"),
+    "no bodies": (lambda sim, path: attach(sim, {}), "expected {index or name"),
+    "no body": (lambda sim, path: attach(sim, {0: (1, 2, 3)}), "expected {index or name"),
+    "twice": (lambda sim, path: attach(sim, {0: BALL, "star": BALL}), "each particle once"),
+    "no such name": (lambda sim, path: attach(sim, {"plant": BALL}), "Did you mean 'planet'"),
+    "no such index": (lambda sim, path: attach(sim, {7: BALL}), "an index below 3 or the name of a particle"),
+    "no mass": (lambda sim, path: attach(changed(sim, N_active=1), {1: BALL}), "a mass > 0 that acts on others"),
+    "triangle": (lambda sim, path: attach(sim, {0: Body((1, 1, 3))}), "No body has the principal moments"),
+    "a rod": (lambda sim, path: attach(sim, {0: Body((1, 1, 0))}), "three moments > 0"),
+    "a rate": (lambda sim, path: attach(sim, {0: Body(1, spin=3.0)}), "an angular velocity"),
+    "words": (lambda sim, path: attach(sim, {0: Body(1, spin="fast")}), "an angular velocity"),
+    "no turn": (lambda sim, path: attach(sim, {0: Body(1, orientation=(1, 1, 0, 0))}), "unit quaternions"),
+    "love": (lambda sim, path: attach(sim, {0: Body(1, love=-1)}), "love: expected a finite number >= 0"),
+    "lag": (lambda sim, path: attach(sim, {0: Body(1, lag=1)}), "lag: expected 0 for a body without tides"),
+    "radius": (lambda sim, path: attach(sim, {2: Body(1, love=0.3)}), "radius: expected a number > 0"),
+    "G": (lambda sim, path: attach(changed(sim, G=0.0), {0: BALL}), "sim.G: expected a number > 0"),
+    "ias15": (lambda sim, path: attach(changed(sim, integrator="ias15"), {0: BALL}), "the time between two kicks"),
+    "dt": (lambda sim, path: attach(sim, {0: BALL}, dt=0.1), "else None and sim.dt"),
+    "no dt": (lambda sim, path: attach(changed(sim, dt=0.0), {0: BALL}), "a number that is not 0"),
+    "janus": (lambda sim, path: attach(changed(sim, integrator="janus"), {0: BALL}), "sim.integrator: expected one of"),
+    "variations": (lambda sim, path: attach(variational(sim), {0: BALL}), "no variational particles"),
+    "boundary": (lambda sim, path: attach(changed(sim, boundary="periodic"), {0: BALL}), "sim.boundary: expected"),
+    "archive": (lambda sim, path: attach(archived(sim, path), {0: BALL}), "Use spins.save"),
+    "backwards": (lambda sim, path: attach(sim, {0: BALL}).integrate(-1.0), "the sign of dt"),
+    "no time": (lambda sim, path: attach(sim, {0: BALL}).integrate(np.nan), "expected a time"),
+    "other body": (lambda sim, path: attach(sim, {"star": BALL}).spin("stat"), "Did you mean 'star'"),
+    "no file": (lambda sim, path: load(__file__), "expected a file that spins.save wrote"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(case: str, tmp_path: Path) -> None:
+    act, message = BAD[case]
+    with pytest.raises(kr.InputError) as caught:
+        act(triple("whfast"), tmp_path)
+    assert message in str(caught.value)
+
+
+def test_unsynchronized_particles_are_refused() -> None:
+    sim = triple("whfast")
+    sim.integrator.safe_mode, sim.integrator.keep_unsynchronized = 0, 1
+    with pytest.raises(kr.InputError, match="keep_unsynchronized: expected 0"):
+        attach(sim, {0: BALL})
+
+
+def test_lost_particles_are_noticed() -> None:
+    spins = attached("leapfrog")
+    spins.sim.remove(2)
+    with pytest.raises(kr.RunError, match="expected the 3 particles that there were, got 2"):
+        spins.steps(1)
+
+
+@pytest.mark.parametrize("integrator", ["leapfrog", "ias15"])
+@pytest.mark.parametrize("resolve", ["merge", "halt"])
+def test_collisions_end_the_run(integrator: str, resolve: str) -> None:
+    sim = rebound.Simulation()
+    sim.add(m=1.0, r=0.1)
+    sim.add(m=0.1, x=2.0, r=0.1, name="falling")
+    sim.integrator, sim.dt = integrator, 0.01
+    sim.collision, sim.collision_resolve = "direct", resolve
+    spins = attach(sim, {"falling": Body(1e-4)}, dt=0.01 if integrator == "ias15" else None)
+    with pytest.raises((kr.RunError, rebound.Collision)):
+        spins.integrate(10.0)
+    assert 1 < sim.t < 3
+
+
+def test_states_that_are_no_numbers_end_the_run() -> None:
+    spins = attached("leapfrog")
+    spins.sim.particles[2].x = np.nan
+    with pytest.raises(kr.RunError, match="expected finite positions"):
+        spins.steps(10)
+
+
+def test_turns_in_other_units_end_the_run() -> None:
+    sim = triple("leapfrog")
+    spins = attach(sim, {0: Body(1e-3, spin=(0, 0, 1e9))})
+    with pytest.raises(kr.RunError, match="a spin in other units"):
+        spins.steps(1)
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    spins = attached("leapfrog")
+    with pytest.raises(kr.RunError, match="could not be written"):
+        spins.save(tmp_path / "none" / "run.npz")
+    with pytest.raises(kr.RunError, match="could not be read"):
+        load(tmp_path / "none.npz")
+
+
+def test_broken_files(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    attached("leapfrog").save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(kr.InputError, match=r"expected a file that spins.save wrote"):
+        load(path)
+    with np.load(io.BytesIO(whole)) as file:
+        parts = dict(file)
+    np.savez(path, **{**parts, "z": parts["z"][:, :5]})
+    with pytest.raises(kr.InputError, match=r"expected format 1"):
+        load(path)
+    np.savez(path, **{**parts, "simulation": parts["simulation"][:50]})
+    with pytest.raises(kr.RunError, match="REBOUND could not read"):
+        load(path)
+
+
+def test_without_rebound(monkeypatch: pytest.MonkeyPatch) -> None:
+    library.rebound.cache_clear()
+    monkeypatch.setitem(sys.modules, "rebound", None)
+    try:
+        with pytest.raises(kr.InputError, match=r"pip install 'kreisel\[rebound\]'"):
+            kr.rebound.attach(None, {})
+    finally:
+        library.rebound.cache_clear()
