@@ -1,0 +1,32 @@
+"""The table of published numbers: every figure in its range, the page as the result, some computed again."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from support import ROOT
+
+RESULT, PAGE = ROOT / "benchmarks" / "results" / "published.json", ROOT / "docs" / "satellites.md"
+
+
+def agrees(row: dict) -> bool:
+    return row["least"] <= row["found"] and (row["most"] is None or row["found"] <= row["most"])
+
+
+def test_published_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import published
+
+    rows = json.loads(RESULT.read_text(encoding="utf-8"))["rows"]
+    assert len(rows) >= 9
+    assert [row["what"] for row in rows if not agrees(row)] == []
+    assert published.table(rows) in PAGE.read_text(encoding="utf-8")
+    again = [row for part in (published.mercury, published.disc) for row in part()]
+    assert len(again) == 4
+    committed = {row["what"]: row["found"] for row in rows}
+    for row in again:
+        assert agrees(row._asdict()), row
+        assert row.found == pytest.approx(committed[row.what], rel=1e-3)
+    assert not agrees({**rows[0], "found": 1.0})
