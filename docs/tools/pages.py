@@ -121,6 +121,10 @@ def main(asked: list[str]) -> int:
             print(f"{seconds:6.1f} s  {name}", flush=True)
             failed |= bool(complaints)
             print("".join(complaints), end="", file=sys.stderr, flush=True)
+        if not asked and not failed:  # with the pictures that the pages have made
+            _, _, complaints = pool.apply(task, ("notebooks",))
+            failed |= bool(complaints)
+            print("".join(complaints), end="", file=sys.stderr, flush=True)
     return int(failed)
 
 

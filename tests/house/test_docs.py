@@ -41,7 +41,7 @@ Text.
 def tools(monkeypatch: pytest.MonkeyPatch) -> object:
     monkeypatch.syspath_prepend(str(DOCS / "tools"))
     yield importlib.import_module
-    for name in ("pages", "typeset", "methods"):
+    for name in ("pages", "typeset", "methods", "notebooks"):
         sys.modules.pop(name, None)
 
 
@@ -87,6 +87,27 @@ def test_every_python_block_is_executed_or_says_why_not(tools) -> None:
 def test_hidden_and_skipped_blocks(tools) -> None:
     text = "<!-- python\nx = 1\n-->\n\n<!-- not run: a cluster -->\n```python\n1 / 0\n```\n\n```python\nprint(x)\n```\n"
     assert [block.code for block in tools("pages").blocks(text)] == ["x = 1\n", "print(x)\n"]
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("guide-*.md")), ids=lambda page: page.stem)
+def test_guides_are_notebooks(tools, page: Path, tmp_path: Path) -> None:
+    """The code of the page, which is executed; its picture, what it prints; no link to a page."""
+    pytest.importorskip("nbformat")
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("# ") and text.split("\n", 1)[0].endswith("?")
+    assert f'<a href="notebooks/{page.stem}.ipynb" download>' in text
+    (picture,) = re.findall(r"generated/figures/([\w-]+\.png)", text)
+    (tmp_path / picture).write_bytes(b"a picture")
+    made = tools("notebooks").notebook(text, tmp_path)
+    blocks = tools("pages").blocks(text)
+    code = [cell for cell in made.cells if cell.cell_type == "code"]
+    assert [cell.source for cell in code] == [block.code.rstrip("\n") for block in blocks] and len(code) > 1
+    streams = ["".join(o.text for o in cell.outputs if o.output_type == "stream") or None for cell in code]
+    assert streams == [block.shown for block in blocks]
+    pictures = [o for cell in code for o in cell.outputs if o.output_type == "display_data"]
+    assert [o.data["image/png"] for o in pictures] == ["YSBwaWN0dXJl"]
+    words = "\n".join(cell.source for cell in made.cells if cell.cell_type == "markdown")
+    assert ".md" not in words and "<a " not in words and page.stem not in words
 
 
 @pytest.mark.parametrize("name", REGISTRY)
