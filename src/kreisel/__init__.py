@@ -27,6 +27,7 @@ __version__ = "0.1.0"
 
 _LAZY = {
     "perturbed": "kreisel.forces.body",
+    "Event": "kreisel.runs.breaks",
     "Design": "kreisel.sweeps.design",
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",

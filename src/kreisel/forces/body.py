@@ -16,6 +16,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
+from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, keywords
 from kreisel.record.model import Model, axes_of
@@ -46,7 +47,8 @@ def perturbed(
         H = H_system + V + M.KP,   M' = {M, H} + tau - damping M,   P' = {P, H} + F
 
     system     the integrable part with its parameters, such as `kr.LagrangeTop(p=(0, 0, 1))` or `kr.EulerTop(J=...)`;
-               or one with H = T(M) + V(P) and principal axes, such as `kr.Kirchhoff(C=..., B=...)`
+               or one with H = T(M) + V(P) and principal axes, such as `kr.Kirchhoff(C=..., B=...)`; or a list of
+               different ones that a potential couples: letters and parameters end in the number of the body, a1, a2
     potential  V of what it names: letters of the state that the body carries (a, P; not the momentum), the orientation
                g (a matrix, body to space), the time t; parameters after `*`.  Its force is derived from it
     torque     tau of what it names, the momentum too: the rate of the momentum beside, in the frame of the state
@@ -70,6 +72,8 @@ def perturbed(
     branches.  Skew components come as axial vectors for n = 3.  Without any force the system itself comes back.
     Raises `InputError` for what is no such function, names what is not there, or does not suit the system.
     """
+    if isinstance(system, list | tuple):
+        system = product(system)
     if not isinstance(system, Model):
         raise InputError(
             f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
@@ -84,7 +88,7 @@ def perturbed(
         COUPLING: coupling,
         PAIRS: pairs,
     }
-    if all(value is None for value in (*given.values(), pair_potential)):
+    if all(value is None for value in (*given.values(), pair_potential)) and not system.system.product:
         return system
     _require_base(system)
     own = _parameters(system, params or {})
@@ -111,6 +115,8 @@ def perturbed(
 
 def _require_base(model: Model) -> None:
     system = model.system
+    for factor in system.product:
+        _require_base(Model(factor.system, factor.known(model.params)))
     if system.perturbation is not None:
         raise InputError(
             f"perturbed: expected an integrable system, got {system.name}, which is perturbed. Give all forces at once."
@@ -238,6 +244,13 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             f"potential: expected a function of {', '.join((*_carried(system), ORIENTATION, TIME))}, got one of the "
             f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
             "damping=..."
+        )
+    if system.product and (
+        record.potential is None or record.names(ORIENTATION) or record.functions.keys() > {"potential"}
+    ):
+        raise InputError(
+            f"{system.name}: expected several bodies with one potential, of {', '.join(_carried(system))}, t,"
+            " got none, or other forces. Forces that take g are those of a body alone, or of bodies in pairs."
         )
     turns = record.loaded or record.damping or record.inertia or record.coupling or record.names(ORIENTATION)
     if turns and (space.kinds[0] != "skew" or system.velocity is None):

@@ -34,7 +34,7 @@ def perturbed_record(record: Perturbation, axes: Mapping[str, int], **stated: An
     """The system of these forces; `axes` of each constant, without those of lanes; `stated`: fields of the record."""
     made = replace(record.base, **{**UNKNOWN, **stated}, perturbation=record)
     names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
-    named: dict[str, Any] = {what: _naming(f, names) for what, f in _functions(made, axes).items()}
+    named: dict[str, Any] = {what: naming(f, names) for what, f in _functions(made, axes).items()}
     return replace(made, **named)
 
 
@@ -81,7 +81,7 @@ def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
     return Body(state, known.get(ORIENTATION), known.get(TIME))
 
 
-def _naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
+def naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
     """The function as one that takes just these parameters by keyword."""
     one = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
     more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]

@@ -81,13 +81,22 @@ class ReferenceEngine:
             ]
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        for row in out:
+            self._steps += every
+            row[:] = self._at(self._steps * self._dt, look)
+            self.z[:] = row
+
+    def between(self, after: float) -> Floats:
+        """The state (lanes, d) at a time after the last step of dt."""
+        return self._at(self._steps * self._dt + after, no_look)
+
+    def _at(self, t: float, look: Look) -> Floats:
+        out = np.empty_like(self.z)
+        parts = out.reshape(len(self._solvers), -1)
         with np.errstate(all="ignore"):
-            for row in out:
-                self._steps += every
-                parts = row.reshape(len(self._solvers), -1)
-                for lane, solver in enumerate(self._solvers):
-                    parts[lane] = self._to(solver, lane, self._steps * self._dt, look)
-                self.z[:] = row
+            for lane, solver in enumerate(self._solvers):
+                parts[lane] = self._to(solver, lane, t, look)
+        return out
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         return False

@@ -39,10 +39,13 @@ Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count)
 
 def rate_of(model: Model, state: tuple[Array, ...]) -> float:
     """The fastest rate of the integrable part, of all lanes."""
-    base = perturbation_of(model.system).base
-    own = Model(base, {p.letter: model.params[p.letter] for p in base.parameters})
+    base, lanes = perturbation_of(model.system).base, with_lanes(model, state)
+    if base.product:
+        bodies = [(f.system, f.known(model.params), lanes[f.place]) for f in base.product]
+    else:
+        bodies = [(base, {p.letter: model.params[p.letter] for p in base.parameters}, lanes)]
     with np.errstate(all="ignore"):
-        return float(fastest(own, with_lanes(model, state)).max())
+        return max(float(fastest(Model(system, params), own).max()) for system, params, own in bodies)
 
 
 def choose(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> Choice:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import rotor_step, top_step
 from kreisel.forces.kicks import inverse_inertia_columns, perturbation_of, require_principal
+from kreisel.forces.product import Factor
 from kreisel.method.composition import symmetric_composition
 from kreisel.method.observing import turned_by_map
 from kreisel.record.contract import Frame, Map, System, call
@@ -42,18 +44,53 @@ def integrable(model: Model) -> Integrable:
     Where H = T(M) + V has neither a map nor a closed form it is the free body, and V is left to the kicks.
     """
     record = perturbation_of(model.system)
-    base = record.base
-    if record.inner is None and base.moments is not None and model.n == 3:
+    if record.base.product:
+        return _side_by_side(
+            [
+                (factor, _integrable(factor.system, record.inner, model.n, factor.known(model.constants)))
+                for factor in record.base.product
+            ]
+        )
+    return _integrable(record.base, record.inner, model.n, model.constants)
+
+
+def _integrable(base: System, inner: int | None, n: int, known: Constants) -> Integrable:
+    if inner is None and base.moments is not None and n == 3:
         return _free_body(base)
-    if record.inner is None and base.top is not None and model.n == 3:
+    if inner is None and base.top is not None and n == 3:
         return _top(base)
     if base.map is not None:
-        return _composed(base, base.map, record.inner or ORDER)
-    if separable(base, model.n):
-        require_principal(base, model.constants)
+        return _composed(base, base.map, inner or ORDER)
+    if separable(base, n):
+        require_principal(base, known)
         return _carrying_rotor(base)
     raise InputError(
-        f"perturbed: no map and no closed form of {base.name}, n = {model.n}, is known here. Use method='dop853'."
+        f"perturbed: no map and no closed form of {base.name}, n = {n}, is known here. Use method='dop853'."
+    )
+
+
+def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
+    """Bodies of different systems, each with its own motion."""
+
+    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+        return tuple(z for f, part in parts for z in part.move(own[f.place], (), h, f.known(known))[0]), g
+
+    def reach(own: State, h: Any, known: Constants) -> Any:
+        found = [part.reach(own[f.place], h, f.known(known)) for f, part in parts if part.reach is not None]
+        return reduce(algebra.maximum, found)
+
+    def left(own: State, known: Constants) -> State:
+        return tuple(
+            z
+            for f, part in parts
+            for z in (part.left(own[f.place], f.known(known)) if part.left else [0 * x for x in own[f.place]])
+        )
+
+    return Integrable(
+        " and ".join(dict.fromkeys(part.name for _, part in parts)),
+        move,
+        reach if any(part.reach for _, part in parts) else None,
+        left if any(part.left for _, part in parts) else None,
     )
 
 

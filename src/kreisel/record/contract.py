@@ -308,6 +308,7 @@ class System:
                              (`kreisel.reduction`), and steps are compiled by JAX
     perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
                              then flow and energy may take by keyword the orientation g, as a matrix, and the time t
+    product                  the bodies of which this is a product (`kreisel.forces.product`)
     """
 
     name: str
@@ -339,6 +340,7 @@ class System:
     n: int | None = None
     numbers: str = "any"
     perturbation: Perturbation | None = None
+    product: tuple[Any, ...] = ()
 
     def __call__(self, *unnamed: Any, **params: Any) -> Model:
         """The system with these parameters, by name.  Raises `InputError` as `Model` does."""

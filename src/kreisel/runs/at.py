@@ -9,12 +9,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, RunError, shown
-from kreisel.runs.plan import plan_of_times
-from kreisel.runs.settings import named, positive_number
+from kreisel.method import scheme
+from kreisel.runs.plan import Plan, initial_parts, planned
+from kreisel.runs.settings import (
+    Settings,
+    check_model,
+    checked_state,
+    named,
+    observed,
+    positive_number,
+    whole_order,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.record.model import Model, OrientationLike, StateLike
 
 
@@ -77,6 +87,35 @@ def at(
     for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
         del run.attrs[name]
     return run if wanted.ndim else run.isel(time=0)
+
+
+def plan_of_times(
+    model: Model,
+    x0: StateLike,
+    *,
+    reach: float,
+    method: str,
+    dt: float,
+    order: int | None,
+    orientation: OrientationLike | None,
+    observe: Any = None,
+) -> tuple[Plan, ClosedForm]:
+    """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
+    from kreisel.kernels.exact.engine import ClosedForm
+
+    check_model(model)
+    state = checked_state(model, x0)
+    made = scheme(model, named(method, "method"), dt, whole_order(order), orientation is not None)
+    if made.orbits is None:
+        raise InputError(
+            f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
+            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
+        )
+    settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
+    plan = planned(model, made, settings, initial_parts(model, state, orientation), "cpu")
+    engine = ClosedForm(plan.scheme, plan.first, dt, reach)
+    plan.engine = engine
+    return plan, engine
 
 
 def wanted_times(times: Any) -> np.ndarray:

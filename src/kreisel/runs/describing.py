@@ -25,6 +25,7 @@ from kreisel.storage import checkpoint
 if TYPE_CHECKING:
     import xarray as xr
 
+MOST_EVENTS = 10_000  # in an attribute
 MOST_SCALES = 4096  # numbers in an attribute
 MANY_SAMPLES_N = 16  # beyond, there are fewer
 MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
@@ -85,10 +86,26 @@ def describe(plan: Plan) -> RunRecord:
         dt=plan.dt,
         steps=plan.steps,
         every=plan.every,
+        rows=None if plan.settings.times is None and plan.timetable.end is None else plan.rows,
+        stopped=None if plan.timetable.end is None else plan.timetable.end[1],
+        impulses=json.dumps(plan.settings.impulses) if plan.settings.impulses else None,
+        events=json.dumps([event.name for event in plan.events]) if plan.events else None,
+        event_times=_event_times(plan),
         rows_in_block=block_rows(plan),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=json.dumps(versions()),
     )
+
+
+def _event_times(plan: Plan) -> str | None:
+    """When which events happened, the first ones, or None without events."""
+    return json.dumps(plan.fired[:MOST_EVENTS]) if plan.events else None
+
+
+def at_the_end(plan: Plan) -> dict[str, Any]:
+    """The attributes of an archive that are known at the end of its run."""
+    made = {"rows": plan.rows, "stopped": plan.timetable.end[1]} if plan.timetable.end else {}
+    return {"complete": True, **made, **({"event_times": _event_times(plan)} if plan.events else {})}
 
 
 def parameters_of(model: Model) -> str:
@@ -175,15 +192,10 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     return out
 
 
-def times_of(rows: Floats, every: int, steps: int, dt: float) -> Floats:
-    """Times of saved rows, k dt."""
-    return np.asarray(np.minimum(rows * every, steps) * dt)
-
-
 def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
     """Times of the saved rows first to stop - 1."""
     rows = np.arange(first, plan.rows if stop is None else stop, dtype=np.float64)
-    return times_of(rows, plan.every, plan.steps, plan.dt)
+    return plan.timetable.times_of(rows)
 
 
 TIME = {"long_name": "time", "units": "1", "axis": "T"}

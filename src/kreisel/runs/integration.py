@@ -16,6 +16,8 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
+from kreisel.method.scheme import Flow, Orbits
+from kreisel.runs.breaks import BREAKS, Breaks, Stop
 from kreisel.runs.plan import Plan
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
@@ -76,9 +78,11 @@ class Integration:
         self._first = plan.engine.z.copy()
         self.buffer = np.empty((self.most, *plan.engine.z.shape))
         self.buffer[0] = plan.engine.z
-        self.filled, self.flushed, self.into = 1, 0, 0
+        self.filled, self.flushed, self.into = int(plan.settings.times is None), 0, 0
         self.inside: Callable[[], None] = lambda: None
         self._scratch, self._burst = np.empty((1, *plan.engine.z.shape)), 1  # a single step may take seconds
+        by_itself = plan.settings.times is None or isinstance(plan.scheme.motion, Flow | Orbits)
+        self._breaks = None if by_itself and not plan.broken else Breaks(plan)
 
     @property
     def rows(self) -> int:
@@ -93,15 +97,16 @@ class Integration:
     @property
     def regular(self) -> bool:
         """Whether a longer run has all these rows too: the last one is at a multiple of `every`."""
-        return self.rows <= self.plan.steps // self.plan.every + 1
+        return self.plan.irregular or self.rows <= self.plan.steps // self.plan.every + 1
 
     def _step_of(self, row: int) -> int:
-        return min(row * self.plan.every, self.plan.steps)
+        return self.plan.timetable.step_of(row)
 
     def snapshot(self) -> Snapshot:
         """A copy of all that is needed to go on.  Raises `RunError` where the state is no longer finite."""
         self._check()
         engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()} | self.plan.computed
+        engine |= {} if self._breaks is None else self._breaks.snapshot()
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -111,21 +116,24 @@ class Integration:
         """
         computed, rows = self.plan.computed, len(snapshot.rows)
         mine = {**self.plan.engine.snapshot(), **computed}
-        shapes = {name: value.shape for name, value in snapshot.engine.items()}
+        of_breaks = {name: value for name, value in snapshot.engine.items() if name.startswith(BREAKS)}
+        shapes = {name: value.shape for name, value in snapshot.engine.items() if name not in of_breaks}
         fits = (
             snapshot.rows.dtype == np.float64
             and snapshot.rows.shape == (rows, *self.buffer.shape[1:])
             and shapes == {name: np.shape(value) for name, value in mine.items()}
             and rows <= self.most
             and 0 <= snapshot.flushed <= self.plan.rows - rows
-            and 0 <= snapshot.into < max(1, self.plan.every)
+            and 0 <= snapshot.into < max(1, self.plan.steps if self.plan.irregular else self.plan.every)
         )
-        if not fits or snapshot.flushed + rows < 1:
+        if not fits or snapshot.flushed + rows < (self.plan.settings.times is None):
             raise InputError("The checkpoint does not belong to the attributes of its archive; one of them is damaged.")
         self.flushed, self.into, self.filled = snapshot.flushed, snapshot.into, len(snapshot.rows)
         self.buffer[: self.filled] = snapshot.rows
         self.plan.adopt({name: snapshot.engine[name] for name in computed})
         self.plan.engine.restore(snapshot.engine)
+        if self._breaks is not None:
+            self._breaks.restore(of_breaks)
 
     def blocks(self, between: Callable[[], None] = lambda: None) -> Iterator[dict[str, Array]]:
         """Blocks of outputs, time in front, in order; the first holds the initial state."""
@@ -141,32 +149,86 @@ class Integration:
 
     def _advance(self) -> None:
         """One call of the engine, of about a tick: some rows, or a part of one."""
+        times = self.plan.timetable.times
+        if times is not None and self._breaks is None and isinstance(self.plan.scheme.motion, Orbits):
+            self._at_times(times)
+            return
         every = self._step_of(self.rows) - self._step_of(self.rows - 1)
         left = every - self.into
+        quiet = self.plan.steps if self._breaks is None else self._breaks.quiet(self.steps)
+        if times is not None or quiet < left:
+            self._within_steps(left)
+            return
         if left > self._burst:
             steps = self._burst  # the call changes it
             self._call(self._scratch, steps)
             self.into += steps
             return
         regular = self.plan.steps // self.plan.every + 1 - self.rows
-        rows = 1 if self.into or regular < 1 else min(self.most - self.filled, regular, max(1, self._burst // every))
+        most = min(self.most - self.filled, regular, min(self._burst, quiet) // every)
+        rows = 1 if self.into else max(1, most)
         self._call(self.buffer[self.filled : self.filled + rows], left)
         self.filled, self.into = self.filled + rows, 0
 
+    def _within_steps(self, left: int) -> None:
+        """At most so many steps to the next row, which may stand within a step, and so may what breaks the step."""
+        steps = min(left, self._burst)
+        if self._breaks is None:
+            if steps:
+                self._call(self._scratch, steps)
+        else:
+            breaks = self._breaks
+            steps = self._timed(lambda look: breaks.advance(self.steps, steps, look)) if steps else 0
+        self.into += steps
+        stop = None if self._breaks is None else self._breaks.stop
+        if stop is not None:
+            self.buffer[self.filled] = stop.z
+        elif steps == left:
+            self.buffer[self.filled], stop = self._row()
+        else:
+            return
+        self.filled, self.into = self.filled + 1, 0
+        if stop is not None:
+            self.plan.timetable.end = self.rows, stop.time
+
+    def _row(self) -> tuple[Floats, Stop | None]:
+        """The next row, within the step that begins here, and where the run stops before it."""
+        ahead, engine = self.plan.timetable.within_step(self.rows), self.plan.engine
+        if not ahead:
+            return engine.z, None
+        if self._breaks is not None:
+            return self._breaks.row(self.steps, ahead)
+        return engine.between(ahead), None  # type: ignore[attr-defined]  # of a `ReferenceEngine`
+
+    def _at_times(self, times: Floats) -> None:
+        """Rows in closed form."""
+        rows = times[self.rows : self.rows + self.most - self.filled]
+        self.buffer[self.filled : self.filled + len(rows)] = self.plan.engine.at(rows)  # type: ignore[attr-defined]
+        self.filled += len(rows)
+
     def _call(self, out: Floats, every: int) -> None:
+        def advance(look: Callable[[], None]) -> int:
+            self.plan.engine.advance(out, every, look)
+            return len(out) * every
+
+        self._timed(advance)
+
+    def _timed(self, advance: Callable[[Callable[[], None]], int]) -> int:
+        """Call what makes steps, with a longer or shorter call next time.  Returns their number."""
         begun = time.perf_counter()
 
         def look() -> None:
             if time.perf_counter() - begun > LONG_SECONDS:
                 self.inside()
 
-        self.plan.engine.advance(out, every, look)
+        steps = advance(look)
         seconds = time.perf_counter() - begun
-        self.tick(len(out) * every * self.plan.lanes)
+        self.tick(steps * self.plan.lanes)
         if seconds < TICK_SECONDS:
             self._burst = min(2 * self._burst, 1 << 40)
         elif seconds > 2 * TICK_SECONDS:
             self._burst = max(1, self._burst // 2)
+        return steps
 
     def _check(self) -> None:
         self._require(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,26 +22,26 @@ from kreisel.method.reference import with_tolerance
 from kreisel.method.scheme import Flow
 from kreisel.record.contract import component_axes
 from kreisel.record.model import Model, State
-
-if TYPE_CHECKING:
-    from kreisel.kernels.exact.engine import ClosedForm
-    from kreisel.kernels.large.blockwise import Printer
-    from kreisel.method.auto import Choice
-    from kreisel.method.auto_splitting import Pilot
-    from kreisel.record.model import OrientationLike, StateLike
+from kreisel.runs.breaks import Event, not_conserved
 from kreisel.runs.settings import (
+    LARGE,
     Settings,
     check_model,
     checked_state,
     initial_orientation,
-    named,
     observed,
     whole_order,
     within_tolerances,
 )
+from kreisel.runs.timetable import Timetable
 
-# n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
-LARGE = 9  # from here on the structured kernel, where there is one
+if TYPE_CHECKING:
+    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.method.auto import Choice
+    from kreisel.method.auto_splitting import Pilot
+    from kreisel.record.model import OrientationLike, StateLike
+
+TIMES = "times"  # of the rows, beside the state in `Plan.start`
 COMPUTED = ("constants", "stages", "basis")  # of a scheme
 MOST_CHOSEN = 10**6  # steps in a dt that was asked for
 
@@ -55,8 +55,10 @@ class Plan:
     settings: Settings
     first: Floats  # the start (lanes, d) in the method's own variables
     batched: bool
-    start: Mapping[str, Floats]  # the state at time 0 as it was given, and the orientation
+    start: Mapping[str, Floats]  # the state at time 0 as it was given, the orientation, and the times of rows
     printer: Printer | None = None  # of the kernel of engine="large"
+    events: tuple[Event, ...] = ()
+    fired: list[tuple[float, int]] = field(default_factory=list)  # the times and numbers of events that happened
 
     @property
     def dt(self) -> float:
@@ -76,12 +78,27 @@ class Plan:
     @cached_property
     def outcomes(self) -> dict[str, Outcome]:
         """The variables that are computed, and what each is."""
-        chosen = self.settings.observe
+        chosen, lost = self.settings.observe, not_conserved(self)
         return {
-            name: outcome
+            name: replace(outcome, conserved=False) if name in lost else outcome
             for name, outcome in self.scheme.outcomes.items()
             if chosen is None or name in chosen or outcome.kind in ("state", "orientation")
         }
+
+    @property
+    def broken(self) -> bool:
+        """Whether something breaks a step: impulses, events."""
+        return bool(self.settings.impulses or self.events)
+
+    @cached_property
+    def timetable(self) -> Timetable:
+        """Which rows are saved."""
+        return Timetable(self.settings)
+
+    @property
+    def irregular(self) -> bool:
+        """Whether rows or steps are other than each `every`-th of dt."""
+        return self.settings.times is not None or self.broken
 
     @property
     def lanes(self) -> int:
@@ -96,9 +113,13 @@ class Plan:
     @cached_property
     def engine(self) -> Engine:
         """What makes the steps, at the start; compiled when it is first asked for.  Raises `InputError`."""
+        return self.engine_at(self.first)
+
+    def engine_at(self, z: Floats) -> Engine:
+        """The same at z."""
         return engine_of(
             self.scheme,
-            self.first.copy(),
+            z.copy(),
             name=self.where,
             dt=self.dt,
             steps=self.steps,
@@ -109,8 +130,8 @@ class Plan:
 
     @property
     def rows(self) -> int:
-        """How many rows are saved: those of the steps 0, every, 2 every, ... and the last."""
-        return 1 + self.steps // self.every + (self.steps % self.every > 0)
+        """How many rows are saved."""
+        return self.timetable.rows
 
     @property
     def kinds(self) -> list[str]:
@@ -209,7 +230,7 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     if settings.tol is not None:
         made = with_tolerance(made, within_tolerances(settings.tol))
     observed(settings.observe, made)
-    return planned(model, made, settings, _initial_parts(model, state, orientation), settings.engine)
+    return planned(model, made, settings, initial_parts(model, state, orientation), settings.engine)
 
 
 def _default(model: Model, settings: Settings) -> str:
@@ -226,7 +247,7 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
         settings=settings,
         first=start.reshape(-1, start.shape[-1]),
         batched=start.ndim > 1,
-        start=_parts_by_name(model, parts),
+        start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
         printer=printer,
     )
 
@@ -251,7 +272,7 @@ def _choices(
 ) -> list[Choice]:
     from kreisel.method import auto, auto_splitting
 
-    method, parts = settings.method or _default(model, settings), _initial_parts(model, state, None)
+    method, parts = settings.method or _default(model, settings), initial_parts(model, state, None)
     when = settings.every * settings.dt, settings.time, settings.tol
     if method not in ("baecklund", "splitting"):
         raise InputError(
@@ -279,7 +300,7 @@ def _pilot(
     """Steps of splittings from the start, without a look at what is conserved."""
     from kreisel.method.auto_splitting import Pilot
 
-    parts = _initial_parts(model, state, orientation)
+    parts = initial_parts(model, state, orientation)
 
     def steps(order: Any, h: float, count: int) -> Pilot | None:
         try:
@@ -318,36 +339,7 @@ def with_choice(choice: Choice, settings: Settings) -> Settings:
     )
 
 
-def plan_of_times(
-    model: Model,
-    x0: StateLike,
-    *,
-    reach: float,
-    method: str,
-    dt: float,
-    order: int | None,
-    orientation: OrientationLike | None,
-    observe: Any = None,
-) -> tuple[Plan, ClosedForm]:
-    """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
-    from kreisel.kernels.exact.engine import ClosedForm
-
-    check_model(model)
-    state = checked_state(model, x0)
-    made = scheme(model, named(method, "method"), dt, whole_order(order), orientation is not None)
-    if made.orbits is None:
-        raise InputError(
-            f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
-            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
-        )
-    settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
-    plan = planned(model, made, settings, _initial_parts(model, state, orientation), "cpu")
-    engine = ClosedForm(plan.scheme, plan.first, dt, reach)
-    plan.engine = engine
-    return plan, engine
-
-
-def _initial_parts(model: Model, state: State, orientation: OrientationLike | None) -> tuple[Array, ...]:
+def initial_parts(model: Model, state: State, orientation: OrientationLike | None) -> tuple[Array, ...]:
     """The components of the initial state, and the checked orientation if there is one."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     return parts if orientation is None else (*parts, initial_orientation(orientation, model))

@@ -22,8 +22,9 @@ from kreisel.method.scheme import Flow, Orbits, Scheme
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.at import wanted_times
-from kreisel.runs.plan import LARGE, planned
+from kreisel.runs.plan import planned
 from kreisel.runs.settings import (
+    LARGE,
     MOST_STEPS,
     Settings,
     check_model,
@@ -181,6 +182,11 @@ class Propagator(StateForms):
     def dt(self) -> float:
         """The step."""
         return self.settings.dt
+
+    @property
+    def by_trajectory(self) -> bool:
+        """Whether the constants of the method depend on the start."""
+        return self._scheme.trajectory is not None
 
     @property
     def _is_flow(self) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, shown
 from kreisel.record.model import Model
+from kreisel.runs.timetable import count_of_rows
 from kreisel.storage.reading import a_run, as_made, parsed
 
 if TYPE_CHECKING:
@@ -46,6 +47,11 @@ class RunRecord:
     dt: float
     steps: int
     every: int
+    rows: int | None = None  # where they are not those of every `every`-th step
+    stopped: float | None = None  # the time at which an event stopped the run
+    impulses: str | None = None  # JSON
+    events: str | None = None  # JSON, their names: an archive holds no code
+    event_times: str | None = None  # JSON, (time, number of the event)
     rows_in_block: int
     complete: bool = True
     created: str
@@ -114,6 +120,26 @@ class RunRecord:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise InputError(f"The attribute observe is damaged: expected a list of names, got {shown(names)}.")
         return names
+
+    @property
+    def row_count(self) -> int:
+        """How many rows the run has."""
+        return count_of_rows(self.steps, self.every) if self.rows is None else self.rows
+
+    @property
+    def at_times(self) -> bool:
+        """Whether rows stand at times that were given."""
+        return self.rows is not None and self.stopped is None
+
+    @property
+    def broken(self) -> bool:
+        """Whether impulses or events break steps."""
+        return self.impulses is not None or self.events is not None
+
+    @property
+    def struck(self) -> tuple[dict[str, Any], ...]:
+        """The impulses.  Raises `InputError` for damaged ones."""
+        return () if self.impulses is None else tuple(parsed(self.impulses, "The attribute impulses"))
 
     @property
     def is_own(self) -> bool:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped
+from kreisel.runs.breaks import Event, checked_events
 from kreisel.runs.drift import watched
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
@@ -19,6 +21,7 @@ from kreisel.storage.replacing import settle
 
 if TYPE_CHECKING:
     import xarray as xr
+    from numpy.typing import ArrayLike
 
     from kreisel.record.model import Model, OrientationLike, StateLike
     from kreisel.storage.archive import Archive
@@ -33,6 +36,7 @@ def simulate(
     dt: float,
     steps: int | None = None,
     t_end: float | None = None,
+    times: ArrayLike | None = None,
     every: int = 1,
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
@@ -41,6 +45,8 @@ def simulate(
     engine: str | None = None,
     project: bool = True,
     observe: Sequence[str] | None = None,
+    impulses: Mapping[str, Any] | Sequence[Mapping[str, Any]] = (),
+    events: Event | Sequence[Event] = (),
     path: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     progress: bool | None = None,
@@ -52,6 +58,8 @@ def simulate(
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less
+    times        of the rows, in order, in place of `steps` and `every`: a row between two steps is a shorter step away
+                 from the one before, and changes nothing of the steps
     method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
                  bodies, n = 3, where neither an order nor an engine for maps is asked for
     order        one of those that the method has; of splittings a tuple, (8, 2).  "auto" (baecklund, splitting): the
@@ -67,6 +75,10 @@ def simulate(
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
     observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
+    impulses     what is added to a momentum at a time: {"time": 2.0, "m": (0, 0, 0.1)}, or a list of such; a row at
+                 that time is after it
+    events       `kr.Event(quantity, action)` or a list: where a quantity changes its sign the run stops, or an action
+                 changes the state; an attribute of the run, event_times, has when
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
@@ -78,7 +90,9 @@ def simulate(
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
-    plan = make_plan(system, x0, orientation=orientation, dt=dt, steps=steps, t_end=t_end, every=every, **choices)
+    when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
+    plan = make_plan(system, x0, orientation=orientation, **when, **choices)
+    plan = replace(plan, events=checked_events(events))
     return watched(_in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress))
 
 
@@ -106,6 +120,7 @@ def resume(
     extend: int | None = None,
     progress: bool | None = None,
     system: Model | None = None,
+    events: Event | Sequence[Event] = (),
 ) -> xr.Dataset:
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen one that is finished.
 
@@ -113,6 +128,7 @@ def resume(
     extend    the run's new number of steps, more than it has: a finished run goes on to it
     progress  as in `simulate`
     system    of a system of your own (`kr.perturbed`), which no archive holds: the same as in the run
+    events    of a run with events, which no archive holds either: the same as in the run
 
     The parameters, the start, the method and the state of its engine come from the archive.  The same bits are
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
@@ -126,7 +142,7 @@ def resume(
     with Lock(where):
         if settle(where) and extend is None:  # all that was left to do
             return open_archive(where)
-        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system)
+        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system, events)
         return watched(_write(archive, integration, progress))
 
 
@@ -139,7 +155,8 @@ def _write(archive: Archive, integration: Integration, progress: bool | None) ->
     def between() -> None:
         nonlocal last, kept
         due = time.monotonic() - last > CHECKPOINT_SECONDS or stop.signal is not None
-        closing = integration.rows == plan.steps // plan.every + 1  # what a longer run would have is there
+        last_whole = plan.steps // plan.every + 1
+        closing = not plan.irregular and integration.rows == last_whole  # what a longer run would have is there
         written = integration.filled == 0  # a block was just written
         if integration.into == 0 if closing else integration.regular and (due or written):
             archive.checkpoint(integration.snapshot())

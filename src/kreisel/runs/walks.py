@@ -65,10 +65,10 @@ def first_crossing(
         count, h = (min(block, math.floor(left)), p.dt) if left >= 1 else (1, end - walk.time)
         rows, block = walk.rows(h, count, 1), min(2 * block, MOST_ROWS)
         for k, row in enumerate(rows[1:]):
-            begun, before, value = walk.time + k * h, value, _value(p, quantity, row, walk.time + (k + 1) * h)
+            begun, value = walk.time + k * h, _value(p, quantity, row, walk.time + (k + 1) * h)
             new = np.sign(value)
             if side * new < 0 and rising in (None, new > 0):
-                at = _root(p, quantity, walk, rows[k], begun, h) if side * np.sign(before) > 0 else 0.0
+                at = _root(p, quantity, walk, rows[k], begun, h, side)
                 return p.returned(walk.one_step(rows[k], begun, at), begun + at), begun + at, True
             side = new or side
         walk.z, walk.time = rows[-1], end if left < 1 else walk.time + count * h
@@ -94,14 +94,20 @@ def _size(p: Propagator, quantity: Callable[[Floats], float], walk: Walk) -> flo
     return max(abs(_value(p, quantity, z, t)) for z, t in states)
 
 
-def _root(p: Propagator, quantity: Callable[[Floats], float], walk: Walk, z: Floats, begun: float, h: float) -> float:
-    """How long after z the quantity changes its sign, within a step of length h: to rounding, by Brent's method."""
+def _root(
+    p: Propagator, quantity: Callable[[Floats], float], walk: Walk, z: Floats, begun: float, h: float, side: float
+) -> float:
+    """How long after z the quantity changes its sign, within a step of length h."""
+    return root_within(lambda s: _value(p, quantity, walk.one_step(z, begun, s), begun + s), side, h)
+
+
+def root_within(value: Callable[[float], float], side: float, h: float) -> float:
+    """Where a function leaves the sign `side` between 0 and h: to rounding, by Brent's method."""
     from scipy.optimize import brentq
 
-    def value(s: float) -> float:
-        return _value(p, quantity, walk.one_step(z, begun, s), begun + s)
-
-    return float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
+    if value(0.0) * side <= 0:
+        return 0.0
+    return h if value(h) * side >= 0 else float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
 
 
 def number_of(quantity: Any, state: Any) -> float:

@@ -9,6 +9,7 @@ SHA-256 of every file (`kreisel.storage.manifest`).  Archives are data: arrays a
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -22,10 +23,12 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
+from kreisel.runs.breaks import Event, checked_events
 from kreisel.runs.describing import (
     CORRECTION,
     TIME,
     _corrections,
+    at_the_end,
     attributes,
     describe,
     dimensions,
@@ -34,6 +37,7 @@ from kreisel.runs.describing import (
 )
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan
+from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.opening import (
     _checkpoint,
@@ -185,7 +189,9 @@ class Archive:
         with _disk(self.path, "be finished"):
             self._require_there()
             of_variables = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
-            consolidated(self.part, of_variables, complete=True)
+            if self.plan.timetable.end is not None:
+                _resize(self._group, self.plan.rows)
+            consolidated(self.part, of_variables, **at_the_end(self.plan))
             manifest.seal(self.part, [checkpoint.NAME])
             self._require_there()
             take_name(self.path)
@@ -201,7 +207,9 @@ class Archive:
                 remove(self.part)
 
 
-def reopen(path: Path, extend: int | None, system: Model | None = None) -> tuple[Archive, Integration]:
+def reopen(
+    path: Path, extend: int | None, system: Model | None = None, events: Any = None
+) -> tuple[Archive, Integration]:
     """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
     part = part_of(path)
     store = part if stands(part) else path
@@ -214,8 +222,11 @@ def reopen(path: Path, extend: int | None, system: Model | None = None) -> tuple
     steps = record.steps if extend is None else extend
     if extend is not None and extend < record.steps:
         raise InputError(f"{path} has {record.steps:,} steps: expected more for --extend, got {extend:,}.")
+    if extend is not None and record.rows is not None:
+        why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
+        raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
     snapshot, start, known = _checkpoint(store, record)
-    plan = _plan_of_run(record, start, steps, system)
+    plan = replace(_plan_of_run(record, start, steps, system), events=_same_events(record, events))
     block = record.rows_in_block if snapshot.flushed else block_rows(plan)
     integration = _integration(plan, block)
     integration.restore(snapshot)
@@ -242,9 +253,27 @@ def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
     with edited(part) as group:
         group.attrs.update({"complete": False, "steps": plan.steps, "rows_in_block": block})
         note_versions(group, versions())
-        for _, array in group.arrays() if snapshot.flushed else ():
-            if array.metadata.dimension_names[0] == "time" and array.shape[0] != plan.rows:
-                array.resize((plan.rows, *array.shape[1:]))
+        if snapshot.flushed:
+            _resize(group, plan.rows)
+
+
+def _resize(group: Any, rows: int) -> None:
+    """Give every array along the time so many rows."""
+    for _, array in group.arrays():
+        if array.metadata.dimension_names[0] == "time" and array.shape[0] != rows:
+            array.resize((rows, *array.shape[1:]))
+
+
+def _same_events(record: RunRecord, events: Any) -> tuple[Event, ...]:
+    """The events of a run, given again.  Raises `InputError` for others."""
+    found = checked_events(events)
+    names = json.dumps([event.name for event in found]) if found else None
+    if names != record.events:
+        raise InputError(
+            f"events: expected those of the run, {record.events or 'none'}, which an archive does not hold, got "
+            f"{names or 'none'}. Give them as kr.resume(path, events=...)."
+        )
+    return found
 
 
 @contextlib.contextmanager

@@ -13,7 +13,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method import Scheme, scheme
-from kreisel.runs.describing import times_of
 from kreisel.runs.drift import KINDS, lane_scales
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint, manifest
@@ -153,7 +152,7 @@ def _unread(part: xr.Variable, name: str, where: str) -> list[str]:
 
 def _size_faults(run: xr.Dataset) -> list[str]:
     record = RunRecord.from_attrs(run.attrs)
-    expected = 1 + record.steps // record.every + (record.steps % record.every > 0)
+    expected = record.row_count
     rows = run.sizes.get("time", 0)
     faults = [f"{expected} rows were expected, {rows} are there"] if record.complete and rows != expected else []
     return faults + too_large(run)
@@ -252,7 +251,9 @@ def _definition(record: RunRecord) -> Scheme | None:
 def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Scheme | None) -> Iterator[str]:
     time = block["time"].values
     rows = np.arange(first, first + len(time), dtype=np.float64)
-    if record.recovered is None and (time != times_of(rows, record.every, record.steps, record.dt)).any():
+    of_steps = np.minimum(rows * record.every, record.steps) * record.dt
+    of_steps[rows == record.row_count - 1] = of_steps[-1] if record.stopped is None else record.stopped
+    if record.recovered is None and not record.at_times and (time != of_steps).any():
         yield "time is not that of the steps"
     if not (np.diff(time) > 0).all():
         yield "time does not increase"

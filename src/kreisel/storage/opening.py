@@ -19,7 +19,7 @@ from kreisel.record.model import Model
 from kreisel.runs.describing import in_memory, parameters_of, saved_times
 from kreisel.runs.drift import KINDS
 from kreisel.runs.integration import Integration, Snapshot
-from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.plan import TIMES, Plan, plan_of
 from kreisel.runs.run_record import FORMAT, RunRecord
 from kreisel.runs.settings import Settings, check_model
 from kreisel.storage import checkpoint, manifest
@@ -312,8 +312,10 @@ def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, sys
         engine=record.engine,
         project=record.projection > 0,
         observe=record.observed,
+        times=None if TIMES not in start else start[TIMES],
+        impulses=record.struck,
     )
-    state = {letter: value for letter, value in start.items() if letter != ORIENTATION}
+    state = {letter: value for letter, value in start.items() if letter not in (ORIENTATION, TIMES)}
     model = record.model if system is None else _same(system, record)
     return plan_of(model, state, asked, start.get(ORIENTATION))
 

@@ -39,7 +39,7 @@ def steps_again(run: xr.Dataset) -> list[str]:
     record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
     each = record.every * run.sizes.get("lane", 1)
     count = min(SAMPLES, rows - 1, MOST_STEPS // each)
-    if record.is_own or count < 1 or record.recovered is not None:
+    if record.is_own or count < 1 or record.recovered is not None or record.rows is not None or record.broken:
         return []
     names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") in ("state", "orientation")]
     tol = record.tolerance

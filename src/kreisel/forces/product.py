@@ -1,0 +1,152 @@
+"""Bodies of different systems side by side: one system, whose letters and parameters end in the number of the body.
+
+Phase space and equations are products, integrals and Casimirs those of each body; what the bodies do to each other is a
+potential of `kr.perturbed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.forces.records import naming
+from kreisel.record.contract import PhaseSpace, System, call
+from kreisel.record.model import Model
+
+MOST_BODIES = 8  # their step is one piece of straight-line code
+
+State = tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One of the bodies: its system, the place of its components, the number behind its letters, its constants."""
+
+    system: System
+    place: slice
+    mark: str
+    names: tuple[str, ...]
+
+    def known(self, known: Mapping[str, Any]) -> dict[str, Any]:
+        """Its constants under their own names."""
+        return {name: known[name + self.mark] for name in self.names if name + self.mark in known}
+
+    def call(self, function: Any, state: State, known: Mapping[str, Any]) -> Any:
+        """A function of its record at the state of all bodies."""
+        return call(function, state[self.place], {**known, **self.known(known)})
+
+
+def product(models: Sequence[Any]) -> Model:
+    """The bodies side by side.  Raises `InputError` for what are no such bodies."""
+    if not 2 <= len(models) <= MOST_BODIES or not all(isinstance(m, Model) for m in models):
+        raise InputError(
+            f"perturbed: expected 2 to {MOST_BODIES} systems with their parameters, got {shown(list(models))}. For "
+            "more bodies of one system use pair_potential=..., pairs=..."
+        )
+    if len({m.n for m in models}) > 1:
+        raise InputError(f"perturbed: expected bodies of one dimension n, got {', '.join(str(m.n) for m in models)}.")
+    factors, first = [], 0
+    for i, m in enumerate(models, 1):
+        count = len(m.system.space.letters)
+        factors.append(Factor(m.system, slice(first, first + count), str(i), tuple(m.constants)))
+        first += count
+    return Model(_record(models, factors), {})
+
+
+def _record(models: Sequence[Model], factors: list[Factor]) -> System:
+    names = tuple(name + f.mark for f in factors for name in f.names)
+    parameters = [
+        replace(p, letter=p.letter + f.mark, default=m.params[p.letter], meaning=f"{p.meaning}, of body {f.mark}")
+        for m, f in zip(models, factors, strict=True)
+        for p in f.system.parameters
+    ]
+
+    def flow(*state: Array, **known: Any) -> State:
+        return tuple(rate for f in factors for rate in f.call(f.system.flow, state, known))
+
+    def energy(*state: Array, **known: Any) -> Any:
+        return sum(f.call(f.system.energy, state, known) for f in factors)
+
+    def derive(**known: Any) -> dict[str, Any]:
+        found = [(f, call(f.system.derive, (), f.known(known))) for f in factors if f.system.derive]
+        return {name + f.mark: value for f, values in found for name, value in values.items()}
+
+    def check_state(*state: Array) -> None:
+        for f in factors:
+            if f.system.check_state is not None:
+                f.system.check_state(*state[f.place])
+
+    return System(
+        name="-and-".join(f.system.name for f in factors),
+        title=" and ".join(f.system.title for f in factors),
+        equations="; ".join(f"body {f.mark}: {f.system.equations}" for f in factors),
+        source="; ".join(dict.fromkeys(f.system.source for f in factors)),
+        frame=factors[0].system.frame,
+        space=_space(factors),
+        parameters=tuple(parameters),
+        flow=naming(flow, names),
+        energy=naming(energy, names),
+        velocity=None,
+        scaling="that of each body",
+        integrals={
+            name + f.mark: naming(_of_one(f, function), names)
+            for f in factors
+            for name, function in f.system.integrals.items()
+        },
+        derive=naming(derive, tuple(p.letter for p in parameters)),
+        check_state=check_state,
+        n=models[0].n,
+        product=tuple(factors),
+    )
+
+
+def _of_one(f: Factor, function: Any) -> Callable[..., Any]:
+    return lambda *state, **known: f.call(function, state, known)
+
+
+def _space(factors: list[Factor]) -> PhaseSpace:
+    spaces = [(f, f.system.space) for f in factors]
+
+    def tensor(*state: Array) -> Array:
+        blocks = [space.tensor(*state[f.place]) for f, space in spaces]
+        rows = [
+            [
+                one if j == i else 0 * one[..., :1] + np.zeros(other.shape[-1], dtype=int)
+                for j, other in enumerate(blocks)
+            ]
+            for i, one in enumerate(blocks)
+        ]
+        return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
+
+    def casimirs(*state: Array) -> Array:
+        return np.concatenate([s.casimirs(*state[f.place]) for f, s in spaces if s.casimirs is not None], -1)
+
+    def draw(n: int, numbers: Callable[..., Array]) -> State:
+        return tuple(z for f, s in spaces for z in (s.draw(n, numbers) if s.draw else _point(s, n, numbers)))
+
+    return PhaseSpace(
+        name=" x ".join(s.name for _, s in spaces),
+        components=tuple((letter + f.mark, kind) for f, s in spaces for letter, kind in s.components),
+        tensor=tensor,
+        casimirs=casimirs if any(s.casimirs for _, s in spaces) else None,
+        sign=spaces[0][1].sign,
+        constraints={
+            f"{name} of body {f.mark}": (lambda *state, f=f, g=g: g(*state[f.place]))
+            for f, s in spaces
+            for name, g in s.constraints.items()
+        },
+        carried=tuple(f.place.start + place for f, s in spaces for place in s.carried),
+        draw=draw if any(s.draw for _, s in spaces) else None,
+    )
+
+
+def _point(space: PhaseSpace, n: int, draw: Callable[..., Array]) -> State:
+    count = {"vector": n, "skew": n * (n - 1) // 2, "symmetric": n * (n + 1) // 2}
+    made = {"vector": lambda x: x, "skew": lambda x: algebra.skew(x, n), "symmetric": lambda x: algebra.symmetric(x, n)}
+    return tuple(made[kind](draw((count[kind],))) for kind in space.kinds)

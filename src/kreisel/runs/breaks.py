@@ -1,0 +1,374 @@
+"""Impulses and events of a run: steps within which something changes the state, or ends the run.
+
+A step that nothing breaks is that of the engine.  A broken one is made of shorter steps, from one break to the next and
+to its end, so that rows and further steps stay where they are.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.errors import InputError, RunError, shown
+from kreisel.kernels import layout
+from kreisel.kernels.layout import Floats
+from kreisel.method import scheme
+from kreisel.method.driven import COUNT, WORK
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import CoupledSteps, Flow, Steps
+from kreisel.runs.settings import LARGE, WHOLE, finite_number, flag
+from kreisel.runs.walks import AT_ZERO, root_within
+
+if TYPE_CHECKING:
+    from kreisel.runs.plan import Plan
+    from kreisel.runs.propagator import Propagator
+
+BREAKS = "breaks/"  # before the names of what a snapshot holds of them
+MOST_ROWS = 256  # steps that are made before events are looked at
+MOST_IN_STEP = 1000  # events within one step
+SAME = 1e-12  # relative: what an impulse leaves as it is
+POINTS = 3
+
+
+@dataclass(frozen=True)
+class Event:
+    """Where a quantity of the state changes its sign: the run stops there, or an action changes the state.
+
+    quantity  a function of the state, `lambda x: x["a"][2]`; x has the letters of the system (axial vectors for n = 3),
+              and g with an orientation
+    action    a function of the state -> the state with which the run goes on, as a dict of the same letters; None: the
+              run stops there
+    rising    True, False: only a change upward, downward; None: both
+
+    The quantity is looked at after each step, so two changes within a step are missed; the place is found to rounding.
+    Raises `InputError` for what is no function.
+    """
+
+    quantity: Callable[[Any], Any]
+    action: Callable[[Any], Any] | None = None
+    rising: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.quantity) or not (self.action is None or callable(self.action)):
+            wrong = self.action if callable(self.quantity) else self.quantity
+            raise InputError(f"kr.Event: expected functions of the state, got {shown(wrong)}.")
+        if self.rising is not None:
+            flag(self.rising, "rising")
+
+    @property
+    def name(self) -> str:
+        """That of its functions."""
+        return " -> ".join(getattr(f, "__name__", "function") for f in (self.quantity, self.action) if f is not None)
+
+
+class Stop(NamedTuple):
+    """Where an event stops a run."""
+
+    z: Floats
+    time: float
+
+
+def checked_events(events: Any) -> tuple[Event, ...]:
+    """One event or several.  Raises `InputError`."""
+    found = (events,) if isinstance(events, Event) else () if events is None else events
+    if not isinstance(found, Sequence) or not all(isinstance(event, Event) for event in found):
+        raise InputError(f"events: expected kr.Event(quantity), or a list of them, got {shown(events)}.")
+    return tuple(found)
+
+
+class Breaks:
+    """The steps of a plan with impulses, events, or rows within them.  Raises `InputError` where they do not suit it.
+
+    `stop`: where an event has stopped the run.
+    """
+
+    def __init__(self, plan: Plan):
+        self.plan, self.events = plan, plan.events
+        self.stop: Stop | None = None
+        self._p = _propagator(plan)
+        _require_suitable(plan, self._p)
+        x = self._p.returned(plan.first, 0.0)
+        self._start, self._jumps = x, [_jump(self._p, impulse, len(x)) for impulse in plan.settings.impulses]
+        self._places = [_place(plan, impulse["time"]) for impulse in plan.settings.impulses]
+        self._broken = sorted({step for step, _ in self._places})
+        self.sides = np.zeros(len(self.events))
+        self.fired = plan.fired
+        if self.events:
+            self.sides = np.sign(self._values(plan.first, 0.0))
+
+    def quiet(self, step: int) -> int:
+        """How many steps from here on an engine may make at once."""
+        if self.events:
+            return 0
+        at = bisect_left(self._broken, step)
+        return self._broken[at] - step if at < len(self._broken) else self.plan.steps
+
+    def advance(self, step: int, count: int, look: Callable[[], None]) -> int:
+        """At most so many steps from this one on.  Returns how many."""
+        at = bisect_left(self._broken, step)
+        quiet = min(count, self._broken[at] - step) if at < len(self._broken) else count
+        if quiet == 0:
+            self._break(step)
+            return 1
+        engine = self.plan.engine
+        if not self.events:
+            engine.advance(np.empty((1, *engine.z.shape)), quiet, look)
+            return quiet
+        before = {name: np.array(value) for name, value in engine.snapshot().items()}
+        rows = np.empty((min(quiet, MOST_ROWS), *engine.z.shape))
+        engine.advance(rows, 1, look)
+        for j, row in enumerate(rows):
+            values = self._values(row, (step + j + 1) * self.plan.dt)
+            if any(self._changes(i, value) for i, value in enumerate(values)):
+                engine.restore(before)
+                if j:
+                    engine.advance(np.empty((1, *engine.z.shape)), j, look)
+                self._break(step + j, row)
+                return j + 1
+            self.sides = np.where(values == 0, self.sides, np.sign(values))
+        return len(rows)
+
+    def row(self, step: int, ahead: float) -> tuple[Floats, Stop | None]:
+        """The state within a step, and where the run stops before; the engine and the events stay as they are."""
+        sides, fired = self.sides.copy(), len(self.fired)
+        z, stop = self._walk(self.plan.engine.z, step, ahead, None)
+        if stop is None:
+            self.sides = sides
+            del self.fired[fired:]
+        return z, stop
+
+    def _break(self, step: int, end: Floats | None = None) -> None:
+        """The whole step with what breaks it; `end`: the state at its end if nothing did."""
+        plan, engine = self.plan, self.plan.engine
+        z, self.stop = self._walk(engine.z, step, plan.dt, end)
+        if self.stop is None and not engine.begin(z, plan.scheme, plan.steps + 1):
+            plan.engine = plan.engine_at(z)
+
+    def _walk(self, z: Floats, step: int, length: float, end: Floats | None) -> tuple[Floats, Stop | None]:
+        """From the beginning of a step so far into it, through all that happens on the way."""
+        begun, s, count = step * self.plan.dt, 0.0, 0
+        inside = sorted((at, i) for i, (k, at) in enumerate(self._places) if k == step and at <= length)
+        z = z.copy()
+        while True:
+            to = inside[0][0] if inside else length
+            new = end if end is not None and s == 0 and to == self.plan.dt else self._step(z, begun + s, to - s)
+            found = self._first(z, new, begun + s, to - s)
+            if found is not None:
+                i, after = found
+                size = abs(self._values(z, begun + s)[i]) + abs(self._values(new, begun + to)[i])
+                z, s, count = self._step(z, begun + s, after), s + after, count + 1
+                if self.events[i].action is None:
+                    self.fired.append((begun + s, i))
+                    return z, Stop(self._counted(z, (begun + s) / self.plan.dt), begun + s)
+                z = self._fire(i, z, begun + s, size)
+                _require_few(count, begun + s)
+                continue
+            z, s = new, to
+            if not inside:
+                return self._counted(z, step + 1 if length == self.plan.dt else step + length / self.plan.dt), None
+            _, i = inside.pop(0)
+            z = self._changed(z, begun + s, self._p.returned(z, begun + s) + self._jumps[i])
+            self.sides = np.sign(self._values(z, begun + s))
+
+    def _fire(self, i: int, z: Floats, time: float, size: float) -> Floats:
+        """The state after the action of an event whose quantity has this size within the step."""
+        self.fired.append((time, i))
+        z = self._acted(z, time, self.events[i].action)
+        values = self._values(z, time)
+        self.sides = np.sign(values)
+        if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion goes from there
+            self.sides[i] = 0.0
+        return z
+
+    def _first(self, z: Floats, new: Floats, begun: float, length: float) -> tuple[int, float] | None:
+        """The first event between two states, its number and how long after the first; then the sides are the same."""
+        values = self._values(new, begun + length)
+        hits = [i for i, value in enumerate(values) if self._changes(i, value)]
+        if not hits:
+            self.sides = np.where(values == 0, self.sides, np.sign(values))
+            return None
+        places = [(self._root(i, z, begun, length), i) for i in hits]
+        after, i = min(places)
+        return i, after
+
+    def _root(self, i: int, z: Floats, begun: float, length: float) -> float:
+        def value(s: float) -> float:
+            return float(self._values(self._step(z, begun, s), begun + s)[i])
+
+        return root_within(value, self.sides[i], length)
+
+    def _changes(self, i: int, value: float) -> bool:
+        rising = self.events[i].rising
+        return bool(self.sides[i] * np.sign(value) < 0) and rising in (None, bool(value > 0))
+
+    def _values(self, z: Floats, time: float) -> Floats:
+        state = self._state(z, time)
+        return np.array([_number(event.quantity(dict(state))) for event in self.events])
+
+    def _state(self, z: Floats, time: float) -> dict[str, Any]:
+        """The state as a user's function takes it."""
+        found: dict[str, Any] = self._p._returned(self._p.returned(z, time), {}, self.plan.batched)
+        return found
+
+    def _step(self, z: Floats, time: float, h: float) -> Floats:
+        return self._p.stepped(self._start, z, time, h, 1, 1)[-1] if h > WHOLE * self.plan.dt else z
+
+    def _acted(self, z: Floats, time: float, action: Callable[[Any], Any] | None) -> Floats:
+        state = {letter: np.array(value) for letter, value in self._state(z, time).items()}
+        new = action(state) if action else state
+        if not isinstance(new, Mapping) or set(new) != set(state):
+            raise InputError(
+                f"kr.Event: expected an action that returns the state, a dict of {', '.join(state)}, got {shown(new)}."
+            )
+        return self._changed(z, time, self._p._given(new)[0])
+
+    def _changed(self, z: Floats, time: float, x: Floats) -> Floats:
+        """The method's own variables of another state x; what is beside the state stays, the work counts the change."""
+        new = self._p.prepared(np.ascontiguousarray(x))
+        letters = [letter for letter, _ in self.plan.scheme.components]
+        size = len(self.plan.model.system.space.letters) + (ORIENTATION in letters)
+        kept = sum(layout.coordinate_count(kind, self.plan.model.n) for kind in self.plan.kinds[:size])
+        new[:, kept:] = z[:, kept:]
+        if WORK in letters:
+            gain = self._energy(new, time) - self._energy(z, time)
+            new[:, self._p._column_of(WORK)] += gain
+        return new
+
+    def _energy(self, z: Floats, time: float) -> Floats:
+        return _observed(self.plan, self._p._timed(z, time, self.plan.dt))["energy"][0]
+
+    def _counted(self, z: Floats, count: float) -> Floats:
+        """The same with this count of steps, where forces depend on time."""
+        if COUNT in (letter for letter, _ in self.plan.scheme.components):
+            z = z.copy()
+            z[:, self._p._column_of(COUNT)] = count
+        return z
+
+    def snapshot(self) -> dict[str, Floats]:
+        """All that the next breaks depend on."""
+        if not self.events:
+            return {}
+        fired = np.array(self.fired, dtype=np.float64).reshape(-1, 2)
+        return {BREAKS + "sides": self.sides.copy(), BREAKS + "fired": fired}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        """Go on from a snapshot.  Raises `InputError` where it is one of other events."""
+        if not self.events:
+            return
+        sides, fired = snapshot.get(BREAKS + "sides"), snapshot.get(BREAKS + "fired")
+        if sides is None or fired is None or sides.shape != self.sides.shape or fired.shape[1:] != (2,):
+            raise InputError("events: expected those of the run, got others, or the checkpoint is damaged.")
+        self.sides, self.fired[:] = sides.copy(), [(float(t), int(i)) for t, i in fired]
+
+
+def _propagator(plan: Plan) -> Propagator:
+    from kreisel.runs.propagator import Propagator
+
+    letters = [letter for letter, _ in plan.scheme.components]
+    made = scheme(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), ORIENTATION in letters)
+    return Propagator(plan.model, made, plan.settings.but(observe=(), project=False, times=None, impulses=()))
+
+
+def _require_suitable(plan: Plan, p: Propagator) -> None:
+    made, impulses = plan.scheme, plan.settings.impulses
+    what = "impulses" if impulses else "events" if plan.events else "times"
+    if plan.where != "cpu" or plan.model.n >= LARGE:
+        raise InputError(f"{what}: expected engine='cpu' and n < {LARGE}, got {plan.where}, n = {plan.model.n}.")
+    deformed = [name for name, outcome in made.outcomes.items() if outcome.conserved and name.endswith("_eps")]
+    changing = [event for event in plan.events if event.action]
+    if isinstance(made.motion, Flow) or deformed:
+        why = f"conserves {deformed[0]}, which depends on the step" if deformed else "chooses its steps"
+        raise InputError(
+            f"{what}: expected a method whose steps may differ, such as 'baecklund' or 'splitting', got "
+            f"method={made.name!r}, which {why}."
+        )
+    if (impulses or changing) and (not isinstance(made.motion, Steps | CoupledSteps) or p.by_trajectory):
+        raise InputError(
+            f"{what}: expected a method whose constants do not depend on the start, such as 'splitting' (of a "
+            "perturbed body), 'variational' or 'kahan', where something changes the state, got "
+            f"method={made.name!r}. For others call kr.propagator(...).to or .until in a loop."
+        )
+    if plan.events and plan.batched and made.coupling is None:
+        raise InputError(f"events: expected one body, or bodies in pairs, got {plan.lanes} lanes. Make a run for each.")
+
+
+def _place(plan: Plan, time: float) -> tuple[int, float]:
+    """The step within which a time after 0 is, its end included, and how long after its beginning.
+
+    Raises `InputError` for a time beyond the run.
+    """
+    if not 0 < time <= plan.settings.time * (1 + WHOLE):
+        raise InputError(
+            f"impulses: expected times after 0 and up to the end of the run, {plan.settings.time:g}, got {time:g}. "
+            "Change the initial state for an impulse at time 0."
+        )
+    step = max(0, int(np.ceil(time / plan.dt * (1 - WHOLE))) - 1)
+    within = time - step * plan.dt
+    return step, plan.dt if within > plan.dt * (1 - WHOLE) else within
+
+
+def _jump(p: Propagator, impulse: Mapping[str, Any], lanes: int) -> Floats:
+    """What an impulse adds to a state (lanes, size).  Raises `InputError`."""
+    system, n = p.model.system, p.model.n
+    momenta = [system.space.letters[0]] if system.space.kinds[0] == "skew" else []
+    momenta += [] if system.translation is None else [k for k, kind in system.space.components if kind == "vector"]
+    out = np.zeros((lanes, p.size))
+    letters = [letter for letter in impulse if letter != "time"]
+    if not letters or not set(letters) <= set(momenta):
+        raise InputError(
+            f"impulses: expected what is added to {' or '.join(momenta) or 'a momentum, which this system lacks'}, got "
+            f"{shown({k: v for k, v in impulse.items() if k != 'time'})}."
+        )
+    for letter in letters:
+        value, place = np.asarray(impulse[letter], dtype=np.float64), p._places[letter]
+        if dict(system.space.components)[letter] == "skew" and value.shape[-2:] == (n, n):
+            value = algebra.axial(value) if n == 3 else layout.flatten([value], ["skew"])
+        width = place.stop - place.start
+        if value.shape not in ((width,), (lanes, width)) or not np.isfinite(value).all():
+            wanted = f"{width} finite numbers" if n == 3 or width == n else f"a skew {n} x {n} matrix"
+            raise InputError(f"impulses: expected {wanted} for {letter}, got {shown(impulse[letter])}.")
+        out[:, place] = value
+    return out
+
+
+def _require_few(count: int, time: float) -> None:
+    if count > MOST_IN_STEP:
+        raise RunError(
+            f"More than {MOST_IN_STEP:,} events happen within one step near time {time:.6g}. Usual cause: an action "
+            "after which the event happens again at once, as of a ball that comes to rest. Stop the run there."
+        )
+
+
+def _number(value: Any) -> float:
+    found = np.asarray(value)
+    if found.size != 1 or found.dtype.kind not in "iuf":
+        raise InputError(f"kr.Event: expected a quantity that is one number, got {shown(value)}.")
+    return finite_number(found.item(), "kr.Event: the quantity")
+
+
+def not_conserved(plan: Plan) -> set[str]:
+    """What the method conserves but impulses and events change; of impulses alone it is known, at random states."""
+    held = {name for name, outcome in plan.scheme.outcomes.items() if outcome.conserved}
+    if not plan.broken or any(event.action for event in plan.events):
+        return held if plan.broken else set()
+    p, rng, changed = _propagator(plan), np.random.default_rng(1), set()
+    own = sum(layout.coordinate_count(kind, plan.model.n) for kind in plan.model.system.space.kinds)
+    for impulse in plan.settings.impulses:
+        jump = _jump(p, impulse, plan.lanes)
+        for _ in range(POINTS):
+            x = p.returned(plan.first, 0.0)
+            x[:, :own] = rng.normal(size=(len(x), own))
+            before, after = (_observed(plan, p.prepared(np.ascontiguousarray(y))) for y in (x, x + jump))
+            changed |= {name for name in held if not np.allclose(before[name], after[name], rtol=SAME, atol=SAME)}
+    return changed
+
+
+def _observed(plan: Plan, z: Floats) -> dict[str, Floats]:
+    parts = layout.restore(z[None], plan.kinds, plan.model.n)
+    found = plan.scheme.observe(parts, **plan.scheme.known)
+    return found if plan.scheme.coupling is None else plan.scheme.coupling.together(found, parts)
