@@ -19,6 +19,7 @@ from kreisel.forces.records import naming
 from kreisel.record.contract import PhaseSpace, System, call
 from kreisel.record.model import Model
 
+TOTAL = "total_"  # before the name of what all bodies have together
 MOST_BODIES = 8  # their step is one piece of straight-line code
 
 State = tuple[Array, ...]
@@ -94,11 +95,7 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         energy=naming(energy, names),
         velocity=None,
         scaling="that of each body",
-        integrals={
-            name + f.mark: naming(_of_one(f, function), names)
-            for f in factors
-            for name, function in f.system.integrals.items()
-        },
+        integrals={name: naming(function, names) for name, function in _integrals(models, factors).items()},
         derive=naming(derive, tuple(p.letter for p in parameters)),
         check_state=check_state,
         n=models[0].n,
@@ -106,8 +103,22 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
     )
 
 
-def _of_one(f: Factor, function: Any) -> Callable[..., Any]:
-    return lambda *state, **known: f.call(function, state, known)
+def _integrals(models: Sequence[Model], factors: list[Factor]) -> dict[str, Callable[..., Any]]:
+    """Those of each body, and the sums of those that all bodies have, of one shape."""
+
+    def of_one(f: Factor, name: str) -> Callable[..., Any]:
+        return lambda *state, **known: f.call(f.system.integrals[name], state, known)
+
+    def of_all(name: str) -> Callable[..., Any]:
+        return lambda *state, **known: sum(of_one(f, name)(*state, **known) for f in factors)
+
+    def shape(m: Model, name: str) -> tuple[int, ...]:
+        point = _point(m.system.space, m.n, np.ones)
+        return np.shape(m.call(m.system.integrals[name], *point))
+
+    found = {name + f.mark: of_one(f, name) for f in factors for name in f.system.integrals}
+    shared = [name for name in factors[0].system.integrals if all(name in f.system.integrals for f in factors)]
+    return found | {TOTAL + name: of_all(name) for name in shared if len({shape(m, name) for m in models}) == 1}
 
 
 def _space(factors: list[Factor]) -> PhaseSpace:
