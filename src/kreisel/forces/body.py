@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,7 +28,7 @@ INNER = (2, 4, 6, 8)  # orders
 
 
 def perturbed(
-    system: Model,
+    system: Model | Sequence[Model],
     *,
     potential: Callable[..., Any] | None = None,
     torque: Callable[..., Any] | None = None,
@@ -72,7 +72,7 @@ def perturbed(
     branches.  Skew components come as axial vectors for n = 3.  Without any force the system itself comes back.
     Raises `InputError` for what is no such function, names what is not there, or does not suit the system.
     """
-    if isinstance(system, list | tuple):
+    if isinstance(system, Sequence):
         system = product(system)
     if not isinstance(system, Model):
         raise InputError(
