@@ -162,7 +162,7 @@ def test_kernels_are_the_formulas() -> None:
             if known[8]:
                 act(interaction.friction(r, v, row[:3], row[3:], h, masses[j], masses[i], G, lag=known[8], **figure))
             act(interaction.kick(r, row[:3], row[3:], h, masses[j], G, D=known[3:6], fluid=known[7], **figure))
-    compiled.kernels().act_on_all(p, masses, index, z, c, h, G, False)
+    compiled.kernels().act_on_all(p, masses, index, z, c, spins._dv, h, G, False)
     assert np.allclose(p[:, 3:6], before[:, 3:6], rtol=1e-13, atol=1e-15) and np.allclose(z, states, rtol=1e-13)
 
 
@@ -205,13 +205,14 @@ def act_in_python(text: str) -> np.ndarray:
     names: dict[str, Any] = {}
     text = text.replace("from numba import njit", "njit = lambda *a, **k: lambda f: f")
     exec(text.replace("from kreisel.kernels._numba.fused import fma, sign", "fma = lambda x, y, z: x * y + z"), names)
-    p, masses, index, z, c = attached("leapfrog", lag=0.3)._arguments()
+    spins = attached("leapfrog", lag=0.3)  # p lies in its simulation
+    p, masses, index, z, c = spins._arguments()
 
     def sums() -> np.ndarray:
         return np.concatenate([masses @ p[:, 3:6], masses @ np.cross(p[:, :3], p[:, 3:6]) + z[:, :3].sum(0)])
 
     before = sums()
-    names["act_on_all"](p, masses, index, z, c, 0.1, 1.0, False)
+    names["act_on_all"](p, masses, index, z, c, np.zeros((3, 3)), 0.1, 1.0, False)
     return abs(sums() - before)
 
 
@@ -367,6 +368,28 @@ def test_times() -> None:
     assert np.allclose(spins.spin("planet"), (0.1, 0.3, 1.5), atol=1e-11)
 
 
+@pytest.mark.parametrize("change", ["place", "mass", "acting"])
+def test_what_the_user_changes_between_steps_counts(change: str, tmp_path: Path) -> None:
+    """WHFast's own coordinates are made again."""
+    runs = []
+    for between in (False, True):
+        spins = attached("whfast")
+        spins.steps(20)
+        if between:  # a new simulation of the same state knows nothing of the coordinates
+            spins.save(tmp_path / "run.npz")
+            spins = load(tmp_path / "run.npz")
+            spins._seen[:] = np.nan
+        if change == "place":
+            spins.sim.particles[2].x += 0.1
+        elif change == "mass":
+            spins.sim.particles[2].m *= 2
+        else:
+            spins.sim.N_active, spins.sim.testparticle_hidewarnings = 2, 1
+        spins.steps(20)
+        runs.append(spins._arguments()[0][:, :6].copy())
+    assert (runs[0] == runs[1]).all()
+
+
 def test_without_safe_mode_the_same() -> None:
     one, two = attached("whfast"), attached("whfast")
     two.sim.integrator.safe_mode = 0
@@ -451,13 +474,16 @@ BAD: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
     "G": (lambda sim, path: attach(changed(sim, G=0.0), {0: BALL}), "sim.G: expected a number > 0"),
     "ias15": (lambda sim, path: attach(changed(sim, integrator="ias15"), {0: BALL}), "the time between two kicks"),
     "dt": (lambda sim, path: attach(sim, {0: BALL}, dt=0.1), "else None and sim.dt"),
-    "no dt": (lambda sim, path: attach(changed(sim, dt=0.0), {0: BALL}), "a number that is not 0"),
+    "no dt": (lambda sim, path: attach(changed(sim, dt=0.0), {0: BALL}), "a finite number that is not 0"),
+    "words for dt": (lambda sim, path: attach(changed(sim, integrator="bs"), {0: BALL}, dt="1 d"), "got '1 d'"),
     "janus": (lambda sim, path: attach(changed(sim, integrator="janus"), {0: BALL}), "sim.integrator: expected one of"),
     "variations": (lambda sim, path: attach(variational(sim), {0: BALL}), "no variational particles"),
     "boundary": (lambda sim, path: attach(changed(sim, boundary="periodic"), {0: BALL}), "sim.boundary: expected"),
     "archive": (lambda sim, path: attach(archived(sim, path), {0: BALL}), "Use spins.save"),
     "backwards": (lambda sim, path: attach(sim, {0: BALL}).integrate(-1.0), "the sign of dt"),
     "no time": (lambda sim, path: attach(sim, {0: BALL}).integrate(np.nan), "expected a time"),
+    "words for t": (lambda sim, path: attach(sim, {0: BALL}).integrate("later"), "got 'later'"),
+    "half a step": (lambda sim, path: attach(sim, {0: BALL}).steps(0.5), "a whole number of steps"),
     "other body": (lambda sim, path: attach(sim, {"star": BALL}).spin("stat"), "Did you mean 'star'"),
     "no file": (lambda sim, path: load(__file__), "expected a file that spins.save wrote"),
 }

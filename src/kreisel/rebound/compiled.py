@@ -24,8 +24,10 @@ COLUMNS, OF_FIGURE, LAG = 21, 12, 20
 BALL = 1e-12  # of the moments: what rounding may make of a ball
 MOST_PARTS = 100_000  # of a turn: a step in which a body turns so often is no step
 
+ROWS = "f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1]"  # p, masses, index, z, c, dv
+
 FUNCTION = """
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def {name}(w, c, out):
 {load}
 {body}
@@ -34,38 +36,43 @@ def {name}(w, c, out):
 """
 
 KERNELS = """
-@njit(error_model="numpy")
-def apply(p, masses, z, i, j, body, r, out):
+@njit(error_model="numpy", forceinline=True)
+def apply(p, masses, z, dv, i, j, body, r, out):
     own, m = p[i, 9], masses[j]
     for k in range(3):
         p[j, 3 + k] += out[k]
+        dv[j, k] += out[k]
         p[i, 3 + k] -= m / own * out[k]
+        dv[i, k] -= m / own * out[k]
         out[k] *= m
     z[body, 0] -= r[1] * out[2] - r[2] * out[1]
     z[body, 1] -= r[2] * out[0] - r[0] * out[2]
     z[body, 2] -= r[0] * out[1] - r[1] * out[0]
 
 
-@njit(error_model="numpy")
-def act(p, masses, z, c, i, j, body, h, G, lagging, w, out):
+@njit(error_model="numpy", forceinline=True)
+def act(p, masses, z, c, dv, i, j, body, h, G, lagging, w, out):
     for k in range(3):
         w[k] = p[j, k] - p[i, k]
     if lagging:
         for k in range(3):
             w[3 + k] = p[j, 3 + k] - p[i, 3 + k]
-        w[6:13] = z[body]
+        for k in range(7):
+            w[6 + k] = z[body, k]
         w[13], w[14], w[15], w[16] = h, masses[j], p[i, 9], G
         friction(w, c[body, {figure}:], out)
     else:
-        w[3:10] = z[body]
+        for k in range(7):
+            w[3 + k] = z[body, k]
         w[10], w[11], w[12] = h, masses[j], G
         kick(w, c[body, {figure}:], out)
-    apply(p, masses, z, i, j, body, w, out)
+    apply(p, masses, z, dv, i, j, body, w, out)
 
 
-@njit("void(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8, b1)", {options})
-def act_on_all(p, masses, index, z, c, h, G, backwards):
+@njit("void({rows}, f8, f8, b1)", {options})
+def act_on_all(p, masses, index, z, c, dv, h, G, backwards):
     w, out = np.empty(17), np.empty(3)
+    dv[:] = 0.0
     pairs = len(index) * len(masses)
     for number in range(pairs):
         k = pairs - 1 - number if backwards else number
@@ -73,42 +80,60 @@ def act_on_all(p, masses, index, z, c, h, G, backwards):
         i, lagging = index[body], c[body, {lag}] != 0.0
         if i != j:
             if lagging and backwards == False:
-                act(p, masses, z, c, i, j, body, h, G, True, w, out)
-            act(p, masses, z, c, i, j, body, h, G, False, w, out)
+                act(p, masses, z, c, dv, i, j, body, h, G, True, w, out)
+            act(p, masses, z, c, dv, i, j, body, h, G, False, w, out)
             if lagging and backwards:
-                act(p, masses, z, c, i, j, body, h, G, True, w, out)
+                act(p, masses, z, c, dv, i, j, body, h, G, True, w, out)
 
 
 @njit("i8(f8[:,::1], f8[:,::1], f8)", {options})
 def turn_all(z, c, h):
     w, out, most = np.empty(8), np.empty(4), 0
     for body in range(len(z)):
-        w[:7] = z[body]
+        for k in range(7):
+            w[k] = z[body, k]
         w[7] = h
         reach(w, c[body], out)
         parts = 1.0 + 2.0 * sqrt(out[0])  # turns by up to 4 radians
         if not parts < {most}:
             return -1
         w[7] = h / int(parts)
+        ball = c[body, {figure} + 3] == 0.0 and c[body, {figure} + 4] == 0.0
         for _ in range(int(parts)):
-            turn(w, c[body], out)
+            if ball:
+                turn_of_ball(w, c[body, {figure}:], out)
+            else:
+                turn(w, c[body], out)
             w[3:7] = out
         z[body, 3:] = out
     return 0
 
 
-@njit("i8(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8, i8, i8, i8[::1], u4[::1], i4[::1], i8)", {options})
-def advance(p, masses, index, z, c, h, G, step, simulation, counts, modified, status, steps):
+@njit("void(f8[:,::1], f8[::1], f8[:,::1])", {options})
+def change_jacobi(q, masses, dv):
+    for k in range(3):
+        momentum, mass = masses[0] * dv[0, k], masses[0]
+        for i in range(1, len(q)):
+            q[i, 3 + k] += dv[i, k] - momentum / mass
+            momentum += masses[i] * dv[i, k]
+            mass += masses[i]
+
+
+@njit("i8({rows}, f8, f8, f8[:,::1], i8, i8, i8[::1], u4[::1], i4[::1], i8)", {options})
+def advance(p, masses, index, z, c, dv, h, G, q, step, simulation, counts, modified, status, steps):
     count = counts[0]
     for k in range(steps):
-        act_on_all(p, masses, index, z, c, h / 2, G, False)
+        act_on_all(p, masses, index, z, c, dv, h / 2, G, False)
+        change_jacobi(q, masses, dv)
         if turn_all(z, c, h) < 0:
             return -1 - k
-        modified[0] = 1
+        if len(q) == 0:
+            modified[0] = 1
         call_at_address(step, (simulation, 1))
         if counts[0] != count or status[0] > 0:
             return k + 1
-        act_on_all(p, masses, index, z, c, h / 2, G, True)
+        act_on_all(p, masses, index, z, c, dv, h / 2, G, True)
+        change_jacobi(q, masses, dv)
     return steps
 """
 
@@ -131,11 +156,12 @@ def source() -> str:
             ("D", "fluid"),
         ),
         _function(interaction.turn, {"L": L, "g": g, "h": one}, ROTOR),
+        _function(interaction.turn_of_ball, {"L": L, "g": g, "h": one}, {"I": (3,)}),
         _function(interaction.reach, {"L": L, "g": g, "h": one}, ROTOR),
     ]
     head = HEAD.format(name="bodies of a REBOUND simulation")
     head += "from kreisel.kernels._numba.pointers import call_at_address\n\n"
-    text = KERNELS.format(options=EXACT, figure=OF_FIGURE, lag=LAG, most=MOST_PARTS)
+    text = KERNELS.format(rows=ROWS, options=EXACT, figure=OF_FIGURE, lag=LAG, most=MOST_PARTS)
     return head + "".join(texts) + text
 
 

@@ -23,7 +23,7 @@ from typing import Any
 from kreisel import algebra
 from kreisel.algebra import Array, cross, dot
 from kreisel.algebra.gradient import value_and_gradient
-from kreisel.exact import rotor_step
+from kreisel.exact import rotor_step, turning
 
 
 def potential(b: Array, W: Array, *, D: Array, tide: Any, fluid: Any, G: Any, m: Any) -> Any:
@@ -70,6 +70,11 @@ def friction(
 def turn(L: Array, g: Array, h: Any, **known: Array) -> Array:
     """The orientation after the free motion over the time h, exactly; `known`: of `rotor_step.constants`."""
     return rotor_step.step(L @ algebra.rotation_matrix(g), g, h=h, **known)[1]
+
+
+def turn_of_ball(L: Array, g: Array, h: Any, *, I: Array) -> Array:
+    """The same for equal moments, for turns up to 8 radians."""
+    return algebra.quaternion_product(turning.turn(3 * h / I.sum() * L), g)
 
 
 def reach(L: Array, g: Array, h: Any, **known: Array) -> list[Any]:

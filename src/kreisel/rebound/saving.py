@@ -32,7 +32,13 @@ def save(spins: Spins, path: Any) -> None:
             data = np.frombuffer(part.read_bytes(), dtype=np.uint8)
             whole = Path(folder, "whole.npz")
             with whole.open("wb") as file:
-                parts = {"z": spins._z, "c": spins._c, "names": np.array(names), "dt": np.array(kick)}
+                parts = {
+                    "z": spins._z,
+                    "c": spins._c,
+                    "names": np.array(names),
+                    "dt": np.array(kick),
+                    "seen": spins._seen,
+                }
                 np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
                 file.flush()
                 os.fsync(file.fileno())
@@ -49,7 +55,7 @@ def load(path: Any) -> Spins:
     """
     try:
         with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt")}
+            found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
     except OSError as error:
@@ -72,4 +78,6 @@ def load(path: Any) -> Spins:
         warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
     names = [name[1:] if name.startswith("#") else int(name) for name in found["names"].tolist()]
     kick = None if np.isnan(found["dt"]) else float(found["dt"])
-    return Spins(sim, names, z.astype(np.float64), c.astype(np.float64), kick)
+    spins = Spins(sim, names, z.astype(np.float64), c.astype(np.float64), kick)
+    spins._seen = found["seen"]
+    return spins

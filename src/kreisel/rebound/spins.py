@@ -7,8 +7,9 @@ potential says, so linear and angular momentum are conserved to rounding; the sp
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,6 +40,7 @@ class Spins:
         self._index = np.array([index_of(sim, name) for name in self.names], dtype=np.int64)
         self._z, self._c, self._kick = z, c, kick
         self._count = int(sim.N)
+        self._dv, self._seen = np.zeros((self._count, 3)), np.full((self._count, 7), np.nan)
         self._check()
 
     @property
@@ -53,10 +55,10 @@ class Spins:
                 f"dt={self._kick} with {name}. Usual cause: REBOUND's default integrator is ias15; say "
                 "sim.integrator = 'whfast', or attach(..., dt=...)."
             )
-        dt = float(self.sim.dt if self._kick is None else self._kick)
-        if not np.isfinite(dt) or dt == 0:
-            raise InputError(f"dt: expected a number that is not 0, got {dt}.")
-        return dt
+        dt = self.sim.dt if self._kick is None else self._kick
+        if not is_finite(dt) or dt == 0:
+            raise InputError(f"dt: expected a finite number that is not 0, got {shown(dt)}.")
+        return float(dt)
 
     def integrate(self, t: float) -> None:
         """Go on in steps of dt until the time is t or later, by less than a step.
@@ -65,7 +67,7 @@ class Spins:
         what `sim.integrate` raises.
         """
         dt = self.dt
-        ahead = (float(t) - self.sim.t) / dt if np.isfinite(t) else np.nan
+        ahead = (t - self.sim.t) / dt if is_finite(t) else np.nan
         if not ahead >= -LATE:
             raise InputError(
                 f"t: expected a time that dt = {dt} leads to from {self.sim.t}, got {shown(t)}. Usual cause: the sign "
@@ -76,6 +78,8 @@ class Spins:
     def steps(self, count: int) -> None:
         """Make `count` steps.  Raises what `integrate` does."""
         dt = self.dt
+        if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
+            raise InputError(f"count: expected a whole number of steps >= 0, got {shown(count)}.")
         self._check()
         advance = self._by_calls if self._kick is not None else self._compiled
         for first in range(0, count, CHUNK):
@@ -90,8 +94,10 @@ class Spins:
         status[0] = -1  # running
         step = ctypes.cast(library.reb_simulation_steps, ctypes.c_void_p).value
         where = ctypes.addressof(sim)
-        rows = *self._arguments(), dt, float(sim.G), step, where, *fields, status, count
-        done = compiled.kernels().advance(*rows)
+        with self._jacobi() as q:
+            self._seen[:] = np.nan
+            rows = *self._arguments(), self._dv, dt, float(sim.G), q, step, where, *fields, status, count
+            done = compiled.kernels().advance(*rows)
         if done < 0:
             self._refuse_turns(dt)
         self._check_count()
@@ -101,18 +107,19 @@ class Spins:
                 f"REBOUND stopped at t = {sim.t}: expected to run on, got its status {status[0]}. Usual cause: a "
                 "collision, or exit_min_distance or exit_max_distance of the simulation."
             )
+        self._seen = self._state()
 
     def _by_calls(self, dt: float, count: int) -> None:
         kernels, G = compiled.kernels(), float(self.sim.G)
         for _ in range(count):
             rows = self._arguments()
-            kernels.act_on_all(*rows, dt / 2, G, False)
+            kernels.act_on_all(*rows, self._dv, dt / 2, G, False)
             if kernels.turn_all(self._z, self._c, dt) < 0:
                 self._refuse_turns(dt)
             self.sim.did_modify_particles = 1
             self.sim.integrate(self.sim.t + dt)
             self._check_count()
-            kernels.act_on_all(*self._arguments(), dt / 2, G, True)
+            kernels.act_on_all(*self._arguments(), self._dv, dt / 2, G, True)
 
     def spin(self, which: int | str) -> Array:
         """The angular velocity (3,) of a body in the frame of the simulation.  Raises `InputError`."""
@@ -159,11 +166,40 @@ class Spins:
         """Particles, where they lie in memory, the masses with which they act, and the bodies."""
         sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
         rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(sim._particles.contents))
-        p = np.ctypeslib.as_array(rows)
+        p: Array = np.ctypeslib.as_array(rows)
         masses = p[:, 9].copy()
         if not sim.testparticle_type and sim.N_active < self._count:
             masses[sim.N_active :] = 0
         return p, masses, self._index, self._z, self._c
+
+    @contextlib.contextmanager
+    def _jacobi(self) -> Iterator[Array]:
+        """WHFast's Jacobi coordinates where they lie in memory, no rows for others: they change with the particles.
+
+        In REBOUND's safe mode each step makes them from the particles, which rounds the angular momentum of a hierarchy
+        by up to 1.4e-16 a step, always to the same side.
+        """
+        sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
+        if str(sim.integrator) != "whfast" or sim.integrator.coordinates != "JACOBI":
+            yield np.empty((0, size))
+            return
+        safe, sim.integrator.safe_mode = sim.integrator.safe_mode, 0
+        rebound().clibrebound.reb_simulation_steps(ctypes.byref(sim), ctypes.c_size_t(0))  # makes room for them
+        if not np.array_equal(self._state(), self._seen):
+            sim.did_modify_particles = 1
+        state = sim.integrator
+        offset = state.callbacks.field_descriptor_list.field_descriptor_for_name("p_jh").offset
+        where = ctypes.c_uint64.from_address(state.state + offset).value
+        rows = (ctypes.c_double * size * self._count).from_address(where)
+        try:
+            yield np.ctypeslib.as_array(rows)
+        finally:
+            sim.integrator.safe_mode = safe
+
+    def _state(self) -> Array:
+        """Positions, velocities and the masses that act, (N, 7)."""
+        p, masses, *_ = self._arguments()
+        return np.column_stack([p[:, :6], masses])
 
     def _field(self, name: str, kind: Any) -> Array:
         """A number of the simulation where it lies in memory."""
@@ -212,6 +248,11 @@ class Spins:
             f"t = {self.sim.t}: expected bodies that turn less than {compiled.MOST_PARTS} times in dt = {dt}, got a "
             "faster one. Usual cause: a spin in other units than the simulation."
         )
+
+
+def is_finite(value: Any) -> bool:
+    """Whether it is a finite number."""
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def check_simulation(sim: Any) -> None:
