@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify soak docs gallery investigate trial trial-short dist release-check clean help
+.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify known soak docs gallery investigate trial trial-short dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -15,6 +15,7 @@ help:
 	@echo "make examples  run every example, outputs in out/"
 	@echo "make gallery   every picture of the gallery, in out/gallery and docs/gallery"
 	@echo "make verify    every theorem of the paper, into docs/verified.md"
+	@echo "make known     is it integrable: maps with a known answer, into docs/integrability-known.md"
 	@echo "make investigate  is it integrable: every map and the negative controls, into docs/integrability-registry.md"
 	@echo "make docs      the documentation site, in out/docs"
 	@echo "make trial     kills, corruptions, configurations and calls in a place of their own; 30 minutes, MINUTES=10 for fewer"
@@ -75,6 +76,9 @@ picture: $(STAMP)
 
 verify: $(STAMP)
 	$(BIN)/kreisel verify --markdown > docs/verified.md.part && mv docs/verified.md.part docs/verified.md
+
+known: $(STAMP)
+	$(BIN)/python docs/tools/known_maps.py
 
 investigate: $(STAMP)
 	$(BIN)/kreisel investigate --markdown > docs/integrability-registry.md.part && mv docs/integrability-registry.md.part docs/integrability-registry.md

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import controls, growth, integrals, investigation, questions
+from kreisel.lab import controls, growth, integrals, investigation, verdicts
 from kreisel.lab.investigation import investigate, typical
 from kreisel.lab.subject import subject
 from kreisel.system import REGISTRY
@@ -111,17 +111,18 @@ def test_evidence_that_contradicts_itself_is_undecided(monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("third", "verdict"),
     [
-        (lambda z: z, "integrable"),
-        (lambda z: -z, "integrable"),
-        (lambda z: 2 * z, "undecided"),
-        (lambda z: z + 1, "undecided"),
+        (lambda x, y, z: z, "integrable"),
+        (lambda x, y, z: -z, "integrable"),
+        (lambda x, y, z: 2 * z, "linear"),
+        (lambda x, y, z: z + x * x, "undecided"),
+        (lambda x, y, z: 2 * z + x * y, "undecided"),
     ],
 )
 def test_a_map_that_permutes_leaves(third, verdict: str) -> None:
     """{x, y} = 1 is preserved and x^2 + y^2 kept, but the leaves z = const go to others; z^2 brings them back."""
 
     def step(x):
-        return np.array([(3 * x[0] - 4 * x[1]) / 5, (4 * x[0] + 3 * x[1]) / 5, third(x[2])], dtype=object)
+        return np.array([(3 * x[0] - 4 * x[1]) / 5, (4 * x[0] + 3 * x[1]) / 5, third(*x)], dtype=object)
 
     found = investigate(step, names=("x", "y", "z"), **SHORT)
     assert found.verdict == verdict
@@ -130,13 +131,13 @@ def test_a_map_that_permutes_leaves(third, verdict: str) -> None:
 
 def test_the_rule_needs_all_of_its_parts() -> None:
     """Mutants of the rule's own inputs: no bracket, too few integrals, integrals not in involution."""
-    liouville = questions.liouville
+    liouville = verdicts.liouville
     what = subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
     found = integrals.integrals(what, 2)
-    assert questions.enough(liouville(what, what.tensor, found, 0))
-    assert not questions.enough(liouville(what, what.tensor, found[:3], 0))
+    assert verdicts.enough(liouville(what, what.tensor, found, 0))
+    assert not verdicts.enough(liouville(what, what.tensor, found[:3], 0))
     m = [f for f in integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
-    assert not questions.enough(liouville(what, what.tensor, m, 0))
+    assert not verdicts.enough(liouville(what, what.tensor, m, 0))
 
 
 # -- pages and the command ----------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from kreisel.lab.subject import Subject
 FEWEST, MOST = 64, 1 << 13  # points
 CERTAIN = 6  # the degree of the largest quotient; by chance it is this large with probability about p^-6 times N
 ATTEMPTS = 5
+ENTROPY = 0.1  # the least estimate without a recurrence that counts
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,17 @@ class Growth:
         """The iterates whose degree is less than the product of the degrees: where singularities confine."""
         d = self.degrees
         return tuple(k for k in range(2, len(d)) if d[k] * d[0] < d[k - 1] * d[1])
+
+    @property
+    def exponential(self) -> bool:
+        """By the recurrence; without one, by an entropy beyond its uncertainty and a local power that grows."""
+        if self.recurrence is not None:
+            return self.power is None
+        d = self.degrees
+        if len(d) < 5 or not self.entropy > max(ENTROPY, 2 * self.uncertainty):
+            return False
+        powers = [k * math.log(d[k] / d[k - 1]) for k in (len(d) // 2, len(d) - 1)]  # of k, near k
+        return powers[1] > 1.1 * powers[0]
 
     @property
     def verdict(self) -> str:

@@ -179,7 +179,7 @@ def _polynomials(what: Subject, degree: int, seed: list[int]) -> list[Polynomial
     for d in range(1, degree + 1):
         # leading monomials first
         exponents = sorted(list(monomials(what.dim, d))[1:], key=lambda e: (sum(e), e), reverse=True)
-        products = [_expanded(f, what.dim) for f in _products(found, d)]
+        products = [expanded(f) for f in _products(found, d)]
 
         def rows(p: int, exponents: list[Exponents] = exponents) -> Array:
             values = _along_orbits(what, exponents, seed, p, len(exponents) + SPARE)
@@ -230,8 +230,9 @@ def _products(found: list[Polynomial], degree: int) -> list[list[Polynomial]]:
     return out
 
 
-def _expanded(factors: list[Polynomial], dim: int) -> dict[Exponents, Fraction]:
-    out: dict[Exponents, Fraction] = {(0,) * dim: Fraction(1)}
+def expanded(factors: list[Polynomial]) -> dict[Exponents, Fraction]:
+    """A product as terms."""
+    out: dict[Exponents, Fraction] = {(0,) * len(factors[0].names): Fraction(1)}
     for f in factors:
         new: dict[Exponents, Fraction] = {}
         for (e, c), (g, d) in itertools.product(out.items(), f.terms.items()):
@@ -306,6 +307,16 @@ def _independent(what: Subject, found: list[Any], seed: list[int], known: list[A
     return kept
 
 
+def independent(what: Subject, found: list[Any], seed: int = 0) -> list[Any]:
+    """The first of functions that are conserved, less those that depend on them."""
+    for attempt in range(ATTEMPTS):
+        try:
+            return _independent(what, found, [seed, attempt])
+        except (Pole, ValueError) as error:  # pow() of 0
+            trouble = error
+    raise InputError(f"{what.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
+
+
 def _monomial(e: Exponents, point: Array, p: int) -> int:
     out = 1
     for k, v in zip(e, point, strict=True):
@@ -338,6 +349,15 @@ def _quotients(what: Subject, degree: int, known: list[Polynomial], seed: list[i
     return _independent(what, found, seed, [*known])
 
 
+def _cancelled(rows: list[dict[Exponents, Fraction]], names: tuple[str, ...]) -> list[dict[Exponents, Fraction]]:
+    """Two polynomials without their common factor."""
+    flint = require_flint()
+    ring = flint.fmpq_mpoly_ctx.get(names, flint.Ordering.degrevlex)
+    P, Q = (ring.from_dict({e: flint.fmpq(c.numerator, c.denominator) for e, c in row.items()}) for row in rows)
+    common = P.gcd(Q)
+    return [{tuple(e): Fraction(int(c.p), int(c.q)) for e, c in (f // common).to_dict().items()} for f in (P, Q)]
+
+
 def _decomposed(
     entries: dict[tuple[int, int], Fraction], exponents: list[Exponents], names: tuple[str, ...]
 ) -> Quotient | None:
@@ -347,7 +367,7 @@ def _decomposed(
     for k in (i, j):
         row = {b: c for (a, b), c in entries.items() if a == k} | {a: -c for (a, b), c in entries.items() if b == k}
         rows.append({exponents[place]: c for place, c in row.items()})
-    P, Q = (Polynomial(_primitive(row), names) for row in rows)
+    P, Q = (Polynomial(_primitive(row), names) for row in _cancelled(rows, names))
     wedge = {
         (a, b): rows[0].get(exponents[a], 0) * rows[1].get(exponents[b], 0)
         - rows[0].get(exponents[b], 0) * rows[1].get(exponents[a], 0)

@@ -13,8 +13,9 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.lab.fields import fraction
-from kreisel.lab.questions import QUESTIONS, Clues, Finding, verdict
+from kreisel.lab.questions import QUESTIONS, Clues, Finding
 from kreisel.lab.subject import Subject, subject
+from kreisel.lab.verdicts import verdict
 from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System, keywords
 from kreisel.record.model import Model
 from kreisel.runs.own import executed, own_systems

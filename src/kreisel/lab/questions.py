@@ -1,18 +1,8 @@
-"""The questions of an investigation, and what their evidence carries.
-
-The verdict follows from the evidence alone:
-
-    integrable       the map preserves a Poisson bracket, and half as many independent functions in involution as a leaf
-                     has dimensions (Liouville), or so many more that the leaf is filled: rank + dimension of the tori =
-                     dimension of the leaf (superintegrable).  Exact identities at random points; of implicit maps in
-                     floats, where they must be conserved to round-off, with a gap in the singular values.
-    not integrable   the degrees of the iterates grow exponentially, by a recurrence or by an estimate beyond its
-                     uncertainty; or an orbit is chaotic (a float experiment, not a proof).
-    undecided        everything else, and evidence for both.
-"""
+"""The questions of an investigation.  What their evidence carries is in `kreisel.lab.verdicts`."""
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -22,21 +12,26 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import RunError
+from kreisel.errors import InputError, RunError
 from kreisel.lab import brackets, dynamics, growth, integrals
+from kreisel.lab.darboux import Darboux, darboux
 from kreisel.lab.exact import independent, slopes
-from kreisel.lab.fields import PRIMES, Pole, random_residues
-from kreisel.lab.lax import Lax, counted, lax
+from kreisel.lab.fields import PRIMES, Mod, Pole, random_residues
+from kreisel.lab.lax import Lax, lax
 from kreisel.lab.numerical import Numerical, integrals_in_floats
 from kreisel.lab.subject import Subject
+from kreisel.lab.verdicts import enough, filled, rank_on_leaves
 
 MONOMIALS = 400  # of the integral finder, as a rule
 UNKNOWNS = 150  # of the search for brackets and volumes
 ITERATES, FEWER = 9, 6  # with up to 6 coordinates, and beyond
+MORE, GREAT = (14, 20, 28), 400  # where no recurrence is found and the degrees stay below
+PERIODS = 24
+DARBOUX = {2: (2, 4), 3: (2, 4), 4: (2,)}  # number of coordinates -> degrees
+QUOTIENTS = {2: 4, 3: 2}
 ORBITS = 3
 CLOSE = 2.0**24 * float(np.finfo(float).eps)
 TIME, COUNTS = 0.5, (64, 128, 256, 512)  # for the order
-ENTROPY = 0.1  # the least estimate without a recurrence that counts
 
 
 @dataclass(frozen=True)
@@ -57,17 +52,32 @@ class Clues:
 
     def __init__(self, what: Subject, degree: int | None, iterates: int | None, steps: int, seed: int):
         self.what, self.steps, self.seed = what, steps, seed
+        self.given = iterates is not None
         self.iterates = iterates or (ITERATES if what.dim <= 6 else FEWER)
         self.degree = degree or next(d for d in (4, 3, 2, 1) if math.comb(what.dim + d, d) <= MONOMIALS or d == 1)
         self.tensor: Callable[[Array], Array] | None = None  # of a bracket that is preserved
-        self.unaided = False  # that bracket was found: its Casimirs need not be conserved
+        self.unaided: list[Callable[[Array], Array]] = []  # all brackets that were found
+        self.leaves = False  # the Casimirs that the record states are conserved
         self.growth: growth.Growth | None = None
         self.found: list[Any] = []
+        self.volume = ""  # an invariant one
+        self.period = 0
+        self.clock = ""  # a coordinate that counts the steps
         self.lax: Lax | None = None
         self.ranks: Lax | None = None
         self.numeric: Numerical | None = None  # of a map that is no rational function
         self.in_floats = False
         self.orbits: list[dynamics.Dynamics] = []
+
+    @functools.cache  # noqa: B019 - the clues of one page
+    def darboux(self, degree: int) -> Darboux | None:
+        """Darboux polynomials of maps of few free coordinates."""
+        if not self.rational or self.what.dim not in DARBOUX or (self.what.start is not None and self.what.model):
+            return None
+        try:
+            return darboux(replace(self.what, start=None), degree, self.seed)
+        except InputError:
+            return None
 
     @property
     def rational(self) -> bool:
@@ -85,7 +95,7 @@ def _poisson(c: Clues) -> Finding:
     what = c.what
     if what.tensor is not None and c.rational:
         if brackets.preserves(what, what.tensor, c.seed):
-            c.tensor = what.tensor
+            c.tensor, c.leaves = what.tensor, _casimirs_conserved(c)
             return Finding("Poisson", "yes", "J Pi(x) J^T = Pi(x') modulo a prime at 20 random points, its own bracket")
         return _other_bracket(c, "its own bracket is not preserved")
     if what.tensor is not None:
@@ -93,9 +103,21 @@ def _poisson(c: Clues) -> Finding:
         before, after = (np.asarray(what.tensor(v), dtype=float) for v in (x, new))
         off = abs(J @ before @ J.T - after).max() / (1 + abs(after).max())
         if off < CLOSE:
-            c.tensor, c.in_floats = what.tensor, True
+            c.tensor, c.in_floats, c.leaves = what.tensor, True, _casimirs_conserved(c)
         return Finding("Poisson", "yes" if off < CLOSE else "no", f"J Pi(x) J^T - Pi(x') is {off:.1e} in floats")
     return _other_bracket(c, "no bracket is stated")
+
+
+def _casimirs_conserved(c: Clues) -> bool:
+    what = c.what
+    if what.casimirs is None:
+        return False
+    if not c.rational:
+        x, new, _ = c.float_jacobian()
+        return bool(np.abs(what.casimirs(new) - what.casimirs(x)).max() < CLOSE * (1 + np.abs(what.casimirs(x)).max()))
+    x = what.some_orbits(PRIMES[0], c.seed + 23, 8, 1)
+    old, new = (what.casimirs(np.array([Mod(v, PRIMES[0]) for v in z], dtype=object)) for z in x)
+    return all(not np.any((v - w).v) for v, w in zip(old, new, strict=True))
 
 
 def _other_bracket(c: Clues, why: str) -> Finding:
@@ -107,7 +129,8 @@ def _other_bracket(c: Clues, why: str) -> Finding:
     good = next((b for b in found if b.poisson), None)
     if good is None:
         return Finding("Poisson", "no bracket found", f"{why}; none with entries of degree {degree} or less")
-    c.tensor, c.unaided = _tensor_of(good, c.what.dim), True
+    c.unaided = [_tensor_of(b, c.what.dim) for b in found if b.poisson]
+    c.tensor = c.unaided[0]
     return Finding("Poisson", "yes", f"{why}, but {good} is preserved ({len(found)} of degree {degree} or less)")
 
 
@@ -132,10 +155,38 @@ def _volume(c: Clues) -> Finding:
         det = float(np.linalg.det(c.float_jacobian()[2]))
         return Finding("volume", "yes" if abs(det - 1) < CLOSE else "no", f"det J - 1 = {det - 1:.1e} in floats")
     degree = next(d for d in (2, 1, 0) if math.comb(c.what.dim + d, d) <= UNKNOWNS // 4 or d == 0)
-    found = brackets.volumes(c.what, degree, c.seed)
+    found = [str(v) for v in brackets.volumes(c.what, degree, c.seed)]
+    for further in DARBOUX.get(c.what.dim, ()):
+        more = None if found else c.darboux(further)
+        found = found if more is None else [f"dx / ({D})" for D in more.densities]
     if not found:
         return Finding("volume", "none found", f"no density or inverse density of degree {degree} or less")
+    c.volume = found[0]
     return Finding("volume", "yes", f"{found[0]}: rho(x') det J = rho(x) modulo three primes")
+
+
+def _period(c: Clues) -> Finding:
+    if not c.rational:
+        return Finding("period", "does not apply", c.what.implicit)
+    periods = {_first_return(c, p) for p in PRIMES[:2]}
+    c.period = max(periods) if 0 not in periods else 0
+    if c.period:
+        return Finding("period", str(c.period), f"step^{c.period} = 1 at random points modulo two primes", 1)
+    return Finding("period", "none", f"no iterate up to {PERIODS} is the identity" + _clock(c))
+
+
+def _first_return(c: Clues, p: int) -> int:
+    x = c.what.some_orbits(p, c.seed + 17, 8, PERIODS)
+    return next((k for k in range(1, PERIODS + 1) if (x[k] == x[0]).all()), 0)
+
+
+def _clock(c: Clues) -> str:
+    """A coordinate that goes up by the same number in every step."""
+    x, p = c.what.some_orbits(PRIMES[0], c.seed + 19, 8, 4), PRIMES[0]
+    steps = np.diff(x, axis=0) % p  # (steps, d, lanes)
+    same = [i for i in range(c.what.dim) if (steps[:, i] == steps[0, i, 0]).all() and steps[0, i, 0]]
+    c.clock = c.what.names[same[0]] if same else ""
+    return f"; {c.clock} counts the steps" if same else ""
 
 
 def _reversible(c: Clues) -> Finding:
@@ -220,7 +271,10 @@ def _order(c: Clues) -> Finding:
 def _growth(c: Clues) -> Finding:
     if not c.rational:
         return Finding("degree growth", "does not apply", c.what.implicit)
-    found = c.growth = growth.growth(c.what, c.iterates, c.seed)
+    for iterates in sorted({c.iterates, *(() if c.given else MORE)}):
+        found = c.growth = growth.growth(c.what, max(iterates, c.iterates), c.seed)
+        if found.recurrence is not None or len(found.degrees) <= iterates or found.degrees[-1] > GREAT:
+            break
     if found.recurrence is None:
         answer = f"entropy {found.entropy:.2g} ± {found.uncertainty:.1g}"
     elif found.power is None:
@@ -229,15 +283,7 @@ def _growth(c: Clues) -> Finding:
         answer = f"k^{found.power}, entropy 0"
     drops = f"; singularities confine first at iterate {found.drops[0]}" if found.drops else "; no degree is lost"
     evidence = f"degrees {', '.join(map(str, found.degrees))} on two primes{drops}"
-    return Finding(
-        "degree growth", answer, evidence, 1 if found.power is not None else -1 if _exponential(found) else 0
-    )
-
-
-def _exponential(found: growth.Growth) -> bool:
-    if found.recurrence is not None:
-        return found.power is None
-    return len(found.degrees) > 4 and found.entropy > max(ENTROPY, 2 * found.uncertainty)
+    return Finding("degree growth", answer, evidence, 1 if found.power is not None else -1 if found.exponential else 0)
 
 
 def _integrals(c: Clues) -> Finding:
@@ -251,9 +297,17 @@ def _integrals(c: Clues) -> Finding:
             f"{numeric.count} of degree 2 or less, in floats; {numeric.on_leaf} on leaves of dimension {numeric.leaf}"
         )
         return Finding("integrals", answer, str(numeric), 1 if numeric.enough else 0)
-    c.found = list(integrals.integrals(what, c.degree, quotients=what.dim == 2, seed=c.seed))
-    if c.tensor is not None and c.found:
-        c.ranks = liouville(what, c.tensor, c.found, c.seed)
+    c.found = list(integrals.integrals(what, c.degree, seed=c.seed))
+    rank_on_leaves(c)
+    for degree in DARBOUX.get(what.dim, ()):
+        more = None if filled(c) else c.darboux(degree)
+        if more is not None and more.integrals:
+            c.found = integrals.independent(what, [*c.found, *more.integrals], c.seed)
+            rank_on_leaves(c)
+    if not filled(c) and what.dim in QUOTIENTS:
+        others = integrals.integrals(what, QUOTIENTS[what.dim], quotients=True, seed=c.seed)
+        c.found = integrals.independent(what, [*c.found, *others], c.seed)
+        rank_on_leaves(c)
     ranks = c.ranks
     count = f"{len(c.found)} of degree {c.degree} or less"
     if ranks is not None:
@@ -267,22 +321,6 @@ def _integrals(c: Clues) -> Finding:
 
 def _truncated(text: str) -> str:
     return text if len(text) < 160 else text[:150] + " ..."
-
-
-def liouville(what: Subject, tensor: Callable[[Array], Array], found: list[Any], seed: int) -> Lax:
-    """The counts of `Lax` for functions that are known to be conserved."""
-    p = PRIMES[0]
-    x = what.point(random_residues(np.random.default_rng([seed, 5]), p, 1))
-    whole = np.array([int(np.ravel(v.v)[0]) for v in x], dtype=object)
-    G = np.array([f.gradient_at(whole, p) for f in found], dtype=object)
-    return counted(replace(what, tensor=tensor), x, G, G, p, isospectral=True)
-
-
-def enough(ranks: Lax) -> bool:
-    """Whether integrals of these counts fill a leaf: Liouville, or superintegrable."""
-    if ranks.leaf == 0:
-        return False
-    return (bool(ranks.involution) and ranks.on_leaf == ranks.needed) or ranks.with_more + ranks.torus == ranks.leaf
 
 
 def _lax(c: Clues) -> Finding:
@@ -328,54 +366,4 @@ def _chaos(c: Clues) -> Finding:
     return Finding("Lyapunov", f"{counts} of {len(kinds)} orbits", str(worst), -1 if worst.chaotic else 0)
 
 
-# -- the verdict ------------------------------------------------------------------------------------
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def leaves_stay(c: Clues) -> bool:
-    """Whether each leaf of the bracket is mapped to itself: as many Casimirs as it has are among the integrals.
-
-    A map may preserve a bracket and permute its leaves: z' = 2 z beside a turn of (x, y), with {x, y} = 1.
-    """
-    counts = [
-        ranks.rank - ranks.on_leaf == ranks.dimension - ranks.leaf for ranks in (c.ranks, c.lax) if ranks is not None
-    ]
-    return not c.unaided or any(counts)
-
-
-def verdict(c: Clues) -> tuple[str, str]:
-    """The verdict and its reason."""
-    for_it, against = [], []
-    where = "in floats" if c.in_floats else "exactly"
-    if c.tensor is not None and leaves_stay(c):
-        if c.ranks is not None and enough(c.ranks):
-            count = _counted(c.ranks.with_more, "independent integral")
-            for_it.append(f"{count} on leaves of dimension {c.ranks.leaf} found exactly")
-        if c.lax is not None and c.lax.isospectral and c.lax.involution and enough(c.lax):
-            more = "" if c.lax.on_leaf == c.lax.needed else ", with the further integrals of the record"
-            for_it.append(f"a Lax pair whose spectrum{more} is complete, conserved {where}")
-        if c.numeric is not None and c.numeric.enough:
-            count = _counted(c.numeric.on_leaf, "integral")
-            for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} conserved in floats")
-    if c.growth is not None and _exponential(c.growth):
-        against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
-    chaotic = [o for o in c.orbits if o.chaotic]
-    if chaotic:
-        against.append(f"{len(chaotic)} of {len(c.orbits)} orbits are chaotic in floats")
-    if for_it and against:
-        return "undecided", f"the evidence contradicts itself: {'; '.join(for_it)}; but {'; '.join(against)}"
-    if for_it:
-        return "integrable", "; ".join(for_it)
-    if against:
-        return "not integrable", "; ".join(against)
-    if c.tensor is not None and not leaves_stay(c):
-        return "undecided", (
-            "the Casimirs of the bracket that was found are not all among the integrals: the map may permute its leaves"
-        )
-    return "undecided", "neither enough integrals, nor exponential growth, nor a chaotic orbit was found"
-
-
-QUESTIONS = (_poisson, _volume, _reversible, _order, _growth, _integrals, _lax, _chaos)
+QUESTIONS = (_period, _poisson, _volume, _reversible, _order, _growth, _integrals, _lax, _chaos)

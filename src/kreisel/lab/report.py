@@ -31,9 +31,11 @@ svg { max-width: 26rem; height: auto; }
 svg text { fill: var(--faint); font-size: 11px; }
 """
 RULE = (
-    "“Integrable” needs a Poisson bracket that the map preserves and a complete set of integrals (Liouville, or "
-    "superintegrable). “Not integrable” needs exponential growth of degrees, or a chaotic orbit, which is a float "
-    "experiment. Everything else is undecided. Exact statements are identities at random points modulo primes."
+    "“Integrable” needs a Poisson bracket that the map preserves with its leaves and a complete set of integrals "
+    "(Liouville, or superintegrable), or all integrals but one and a volume. “Periodic” is a map with an iterate "
+    "that is the identity, “linear” one of degree 1. “Not integrable” needs exponential growth of degrees, or a "
+    "chaotic orbit, which is a float experiment. Everything else is undecided. Exact statements are identities at "
+    "random points modulo primes."
 )
 
 

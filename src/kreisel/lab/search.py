@@ -27,8 +27,9 @@ from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
 from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS as _QUESTIONS
-from kreisel.lab.questions import Clues, enough
+from kreisel.lab.questions import Clues
 from kreisel.lab.subject import Subject, subject
+from kreisel.lab.verdicts import enough
 from kreisel.record.contract import MOVING_SPACE, Frame, Map, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool

@@ -13,9 +13,11 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
 from kreisel.lab import exact
-from kreisel.lab.fields import fraction, random_residues, residues
+from kreisel.lab.fields import Pole, fraction, random_residues, residues
 from kreisel.record.contract import call
 from kreisel.record.model import Model
+
+ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,7 @@ class Subject:
     names                  of the d coordinates
     start(draw)            a point, from draw(shape) of random numbers: where coordinates are not free
     tensor(x)              the brackets {x_i, x_j} (d, d) that it is claimed to preserve
+    casimirs(x)            of that bracket, whose common values are its leaves
     lax(x, lam, **constants), conjugator(x, lam, **constants)   L and V with V_k L_(k+1) = L_k V_k
     integrals(x, **constants)   functions that it is claimed to keep, beyond the spectrum of L
     involution(x, **constants)  R with R step R = step^-1
@@ -41,6 +44,7 @@ class Subject:
     constants: Mapping[str, Any] = field(default_factory=dict)
     start: Callable[[Callable[[tuple[int, ...]], Array]], Array] | None = None
     tensor: Callable[[Array], Array] | None = None
+    casimirs: Callable[[Array], Array] | None = None
     lax: Callable[..., Array] | None = None
     conjugator: Callable[..., Array] | None = None
     integrals: Callable[..., Array] | None = None
@@ -97,6 +101,15 @@ class Subject:
     def floats(self) -> dict[str, Any]:
         """The constants as floats."""
         return {k: np.vectorize(float, otypes=[float])(v)[()] for k, v in self.constants.items()}
+
+    def some_orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
+        """`orbits` of a seed that meets no pole.  Raises `InputError` where all that are tried do."""
+        for attempt in range(ATTEMPTS):
+            try:
+                return self.orbits(p, seed + attempt, lanes, steps)
+            except Pole as error:
+                trouble = error
+        raise InputError(f"{self.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
 
     def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """Residues (steps + 1, d, lanes) along orbits from random points."""
@@ -165,6 +178,9 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def integrals(x: Array, **known: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), known)) for f in extra])
 
+    def casimirs(x: Array) -> Array:
+        return np.ravel(call(space.casimirs, unpacked(x), {}))
+
     def allowed(x: Array, **known: Any) -> bool:
         return bool(known["eps"] < call(mapped.largest_step, unpacked(x), known))
 
@@ -175,6 +191,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         constants={**constants, "eps": eps},
         start=start,
         tensor=tensor,
+        casimirs=casimirs if space.casimirs is not None else None,
         lax=of_record(mapped.lax),
         conjugator=of_record(mapped.conjugator),
         integrals=integrals if extra else None,

@@ -1,0 +1,351 @@
+"""Darboux polynomials of a rational map: P(f(x)) = C(x) P(x), and the integrals and measures that they give.
+
+The cofactors C that are tried are numbers times powers of the factors of det f' and of the denominators of f; for
+each the P of a degree are a null space.  Cofactors multiply as polynomials do: a product of powers of P with cofactor 1
+is an integral, one with the cofactor det f' is the inverse of an invariant density.
+[Celledoni, Evripidou, McLaren, Owren, Quispel, Tapley, arXiv 1902.04685]
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.lab.exact import independent, rational, slopes
+from kreisel.lab.fields import PRIMES, Pole, fraction, random_residues, reconstructed, require_flint
+from kreisel.lab.integrals import SPARE, Polynomial, expanded, kernel, monomial_values, monomials, rational_kernel
+from kreisel.lab.subject import Subject
+
+MOST_COFACTORS = 600
+ATTEMPTS = 5
+LARGEST = 10_000  # number in a cofactor
+Points = tuple[Array, Array, list[Array]]
+Powers = tuple[int, ...]
+Cofactor = tuple[Fraction, Powers]
+
+
+class Ratio:
+    """A quotient of polynomials over Q, without common factors."""
+
+    __slots__ = ("d", "n")
+
+    def __init__(self, n: Any, d: Any):
+        g = n.gcd(d)
+        self.n, self.d = n // g, d // g
+
+    def _other(self, other: Any) -> Ratio:
+        if isinstance(other, Ratio):
+            return other
+        q = fraction(other)
+        return Ratio(0 * self.n + rational(q.numerator, q.denominator), 0 * self.d + 1)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        o = self._other(other)
+        return Ratio(self.n * o.d + o.n * self.d, self.d * o.d)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Ratio:
+        return Ratio(-self.n, self.d)
+
+    def __sub__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self + (-other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        o = self._other(other)
+        return Ratio(self.n * o.n, self.d * o.d)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self * (1 / self._other(other))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if self.n == 0:
+            raise Pole("a denominator vanishes identically")
+        return self._other(other) * Ratio(self.d, self.n)
+
+    def __pow__(self, exponent: int) -> Any:
+        return math.prod([self] * exponent, start=self._other(1))
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product of powers of polynomials."""
+
+    factors: tuple[tuple[Polynomial, int], ...]
+
+    @property
+    def degree(self) -> int:
+        """The larger of the degrees of numerator and denominator."""
+        return max(sum(P.degree * k for P, k in self.factors if k * s > 0) * s for s in (1, -1))
+
+    def gradient_at(self, point: Array, p: int) -> list[int]:
+        """The logarithmic gradient modulo p at residues (d,)."""
+        rows = [(k * pow(P.at(point, p), -1, p), P.gradient_at(point, p)) for P, k in self.factors]
+        return [sum(c * row[i] for c, row in rows) % p for i in range(len(point))]
+
+    def __str__(self) -> str:
+        def shown(sign: int) -> str:
+            powers = [(P, abs(k)) for P, k in self.factors if k * sign > 0]
+            return " ".join(f"({P})" + (f"^{k}" if k > 1 else "") for P, k in powers) or "1"
+
+        return shown(1) if all(k > 0 for _, k in self.factors) else f"{shown(1)} / {shown(-1)}"
+
+
+@dataclass(frozen=True)
+class Darboux:
+    """What was found.
+
+    polynomials   P that are no products of others of the list
+    cofactors     of each: a number, and powers of `factors`
+    integrals     products of powers of P that are conserved
+    densities     D with dx / D preserved, up to its sign
+    """
+
+    polynomials: tuple[Polynomial, ...]
+    cofactors: tuple[Cofactor, ...]
+    factors: tuple[Polynomial, ...]
+    integrals: tuple[Product, ...]
+    densities: tuple[Product, ...]
+
+
+def darboux(what: Subject, degree: int = 2, seed: int = 0) -> Darboux:
+    """Darboux polynomials up to a degree, with their integrals and measures; for maps of few coordinates.
+
+    Raises `InputError` for maps that are not rational, and where there are too many cofactors to try.
+    """
+    factors, jacobian, most = _factors(what)
+    polynomials: list[Polynomial] = []
+    cofactors: list[Cofactor] = []
+    for d in range(1, degree + 1):
+        exponents = list(monomials(what.dim, d))
+        data = {p: _points(what, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
+        for powers in _candidates(factors, d, most):
+            for c in _numbers(data[PRIMES[0]], powers, exponents):
+                products = _products(polynomials, cofactors, (c, powers), exponents)
+                for terms in _of_cofactor(data, (c, powers), exponents, products):
+                    polynomials.append(Polynomial(terms, what.names))
+                    cofactors.append((c, powers))
+    integrals, densities = _relations(polynomials, cofactors, jacobian)
+    return Darboux(tuple(polynomials), tuple(cofactors), tuple(factors), integrals, densities)
+
+
+def _factors(what: Subject) -> tuple[list[Polynomial], Cofactor, int]:
+    """Factors of det f' and of the denominators of f, det f' itself, and the degree of the map."""
+    flint = require_flint()
+    if what.implicit or what.start is not None:
+        raise InputError(f"{what.name}: Darboux polynomials need a rational map of free coordinates.")
+    ring = flint.fmpq_mpoly_ctx.get(what.names, flint.Ordering.degrevlex)
+    one = ring.constant(1)
+    x = np.array([Ratio(g, one) for g in ring.gens()], dtype=object)
+    known = {k: np.vectorize(fraction, otypes=[object])(v)[()] for k, v in what.constants.items()}
+    new = what.step(independent(x), **known)
+    J = slopes(new, what.dim)
+    det = _determinant([[v if isinstance(v, Ratio) else x[0] * 0 + int(v) for v in row] for row in J])
+    if det.n == 0:
+        raise InputError(f"The Jacobian determinant of {what.name} vanishes: the map is not invertible.")
+    values = [v.value for v in new]
+    found: dict[Any, tuple[Polynomial, int]] = {}
+    c = Fraction(1)
+    for polynomial, sign in [(det.n, 1), (det.d, -1), *((v.d, 0) for v in values)]:
+        leading, powers = polynomial.factor()
+        c *= fraction(leading) ** sign
+        for factor, k in powers:
+            f = Polynomial({tuple(e): fraction(v) for e, v in factor.to_dict().items()}, what.names)
+            key = tuple(sorted(f.terms.items()))
+            found[key] = f, found.get(key, (f, 0))[1] + sign * k
+    common = one
+    for v in values:
+        common = common * (v.d // common.gcd(v.d))
+    degree = max(common.total_degree(), *((v.n * (common // v.d)).total_degree() for v in values))
+    return [f for f, _ in found.values()], (c, tuple(k for _, k in found.values())), degree
+
+
+def _determinant(rows: list[list[Any]]) -> Any:
+    """By expansion: there are few rows, and no divisions."""
+    if len(rows) == 1:
+        return rows[0][0]
+    total: Any = 0 * rows[0][0]
+    for j, entry in enumerate(rows[0]):
+        if entry.n != 0:
+            minor = _determinant([row[:j] + row[j + 1 :] for row in rows[1:]])
+            total = total + (entry if j % 2 == 0 else -entry) * minor
+    return total
+
+
+def _candidates(factors: list[Polynomial], degree: int, most: int) -> list[Powers]:
+    """Powers of the factors, not more than the degrees of both sides allow."""
+    ranges = [range(-degree, degree * (most - 1) // max(1, f.degree) + 1) for f in factors]
+    limit = degree * (most - 1)
+    chosen = [
+        C
+        for C in itertools.islice(itertools.product(*ranges), 200_000)
+        if -degree * most <= sum(f.degree * k for f, k in zip(factors, C, strict=True)) <= limit
+    ]
+    chosen.sort(key=lambda C: sum(map(abs, C)))
+    return chosen[:MOST_COFACTORS]
+
+
+def _products(
+    polynomials: list[Polynomial], cofactors: list[Cofactor], C: Cofactor, exponents: list[Any]
+) -> list[dict[Any, Fraction]]:
+    """Products of those that are known, with this cofactor, as terms."""
+    out: list[dict[Any, Fraction]] = []
+    if C[0] == 1 and not any(C[1]):
+        out.append({exponents[0]: Fraction(1)})
+    degree = sum(exponents[-1])
+    for count in range(1, degree + 1):
+        for chosen in itertools.combinations_with_replacement(range(len(polynomials)), count):
+            if sum(polynomials[i].degree for i in chosen) > degree:
+                continue
+            number = math.prod((cofactors[i][0] for i in chosen), start=Fraction(1))
+            if number == C[0] and all(sum(cofactors[i][1][j] for i in chosen) == k for j, k in enumerate(C[1])):
+                out.append(expanded([polynomials[i] for i in chosen]))
+    return out
+
+
+def _rows(data: Points, C: Cofactor, exponents: list[Any], p: int) -> tuple[Array, Array]:
+    """The monomials at f(x), and C times those at x, modulo p."""
+    new, old, values = data
+    cofactor = np.full(len(old), C[0].numerator * pow(C[0].denominator, -1, p) % p, dtype=np.int64)
+    for v, k in zip(values, C[1], strict=True):
+        for _ in range(abs(k)):
+            cofactor = cofactor * v[int(k < 0)] % p
+    return monomial_values(new, exponents, p), cofactor[:, None] * monomial_values(old, exponents, p) % p
+
+
+def _numbers(data: Points, powers: Powers, exponents: list[Any]) -> list[Fraction]:
+    """All c for which c times the powers is a cofactor.
+
+    From A P = c B P at two sets of points: (M - M') P = 0, M = B^-1 A, and on this space M has the eigenvalues c.
+    """
+    p, n = PRIMES[0], len(exponents)
+    A, B = _rows(data, (Fraction(1), powers), exponents, p)
+    try:
+        M, other = (_modular(B[k : k + n]).solve(_modular(A[k : k + n])) for k in (0, n))
+    except ZeroDivisionError:
+        return []
+    basis, nullity = (M - other).nullspace()
+    if not nullity:
+        return []
+    vectors = np.array([[int(basis[i, j]) for j in range(nullity)] for i in range(n)], dtype=object)
+    moved = np.array([[int(v) for v in row] for row in M.tolist()], dtype=object) @ vectors % p
+    leads = _leads(vectors)
+    roots = _modular(vectors[leads]).solve(_modular(moved[leads])).charpoly().factor()[1]
+    numbers = [reconstructed(-int(f[0]) % p, p) for f, _ in roots if f.degree() == 1]
+    return sorted({c for c in numbers if c and max(abs(c.numerator), c.denominator) < LARGEST})
+
+
+def _modular(A: Array) -> Any:
+    return require_flint().nmod_mat(*A.shape, [int(v) for v in A.ravel()], PRIMES[0])
+
+
+def _leads(vectors: Array) -> list[int]:
+    """Rows of a basis of columns that are independent."""
+    reduced, rank = _modular(vectors.T).rref()
+    return [next(j for j in range(vectors.shape[0]) if int(reduced[i, j])) for i in range(rank)]
+
+
+def _of_cofactor(
+    data: dict[int, Points], C: Cofactor, exponents: list[Any], products: list[dict[Any, Fraction]]
+) -> list[dict[Any, Fraction]]:
+    def rows(p: int) -> Array:
+        A, B = _rows(data[p], C, exponents, p)
+        return (A - B) % p
+
+    if len(kernel(rows(PRIMES[0]), PRIMES[0])) <= len(products):
+        return []
+    return rational_kernel(rows, exponents, products)
+
+
+def _points(what: Subject, factors: list[Polynomial], p: int, points: int, seed: int) -> Points:
+    """f(x), x (points, d), and the factors with their inverses (2, points) at random x modulo p."""
+    for attempt in range(ATTEMPTS):
+        try:
+            x = random_residues(np.random.default_rng([seed, attempt, p]), p, points)((what.dim,))
+            new = what.over(p)(x)
+            table = [np.stack([np.broadcast_to(v.v, points) for v in z], -1) for z in (new, x)]
+            values = [np.array([[f.at(row, p)] * 2 for row in table[1]]).T for f in factors]
+            if not all(v.all() for v in values):
+                continue
+            for v in values:
+                v[1] = [pow(int(w), -1, p) for w in v[0]]
+            return table[0], table[1], values
+        except Pole as error:
+            trouble = error
+    raise InputError(f"{what.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
+
+
+def _relations(
+    polynomials: list[Polynomial], cofactors: list[Cofactor], jacobian: Cofactor
+) -> tuple[tuple[Product, ...], tuple[Product, ...]]:
+    """Products with cofactor 1, and with the cofactor det f'."""
+    if not polynomials:
+        return (), ()
+    numbers = [c for c, _ in (*cofactors, jacobian)]
+    primes = sorted({q for c in numbers for part in (c.numerator, c.denominator) for q in _primes(abs(part))})
+
+    def row(C: Cofactor) -> list[int]:
+        return [*C[1], *(_valuation(C[0], q) for q in primes)]
+
+    def product(powers: list[int]) -> Product:
+        negative = sum(k for k, (c, _) in zip(powers, cofactors, strict=True) if c < 0) % 2
+        return Product(tuple((P, k * (1 + negative)) for P, k in zip(polynomials, powers, strict=True) if k))
+
+    table = [row(C) for C in cofactors]
+    integrals = [product(powers) for powers in _whole_kernel(table)]
+    densities = []
+    for *powers, last in _whole_kernel([*table, [-k for k in row(jacobian)]]):
+        if last and all(k % last == 0 for k in powers):
+            chosen = [k // last for k in powers]
+            densities.append(Product(tuple((P, k) for P, k in zip(polynomials, chosen, strict=True) if k)))
+    return tuple(integrals), tuple(densities)
+
+
+def _primes(n: int) -> list[int]:
+    return [int(q) for q, _ in require_flint().fmpz(n).factor()]
+
+
+def _valuation(c: Fraction, q: int) -> int:
+    k = 0
+    while c.numerator % q == 0:
+        c, k = c / q, k + 1
+    while c.denominator % q == 0:
+        c, k = c * q, k - 1
+    return k
+
+
+def _whole_kernel(table: list[list[int]]) -> list[list[int]]:
+    """Short whole vectors v with v table = 0."""
+    flint = require_flint()
+    if not table[0]:
+        return np.eye(len(table), dtype=int).tolist()
+    matrix = flint.fmpz_mat(table).transpose()
+    basis, nullity = matrix.nullspace()
+    if not nullity:
+        return []
+    columns = flint.fmpz_mat([[int(basis[i, j]) for i in range(len(table))] for j in range(nullity)]).lll()
+    out = []
+    for row in columns.tolist():
+        whole = [int(v) for v in row]
+        g = math.gcd(*whole)
+        out.append([v // g for v in whole])
+    return out
+
+
+__all__ = ["Darboux", "Product", "Ratio", "darboux"]

@@ -1,0 +1,95 @@
+"""Maps with a known answer: verdicts of a part of them, the page of all, and Darboux polynomials over Q."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from fractions import Fraction as F
+
+import numpy as np
+import pytest
+
+from kreisel.errors import InputError
+from kreisel.lab import growth, integrals
+from kreisel.lab.darboux import darboux
+from kreisel.lab.exact import independent, slopes
+from kreisel.lab.subject import Subject, subject
+from support import ROOT
+
+SPEC = importlib.util.spec_from_file_location("known_maps", ROOT / "docs" / "tools" / "known_maps.py")
+known_maps = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(known_maps)
+SLOWER = ("Lyness, a = 2", "asymmetric QRT", "QRT, multiplicative", "Kahan, Lotka and Volterra", "Kahan, Lorenz")
+QUICK = [known for known in known_maps.MAPS if known.name not in SLOWER]
+
+
+@pytest.mark.parametrize("known", QUICK, ids=lambda known: known.name)
+def test_verdict(known) -> None:
+    assert known_maps.looked_at(known, 1000)[0].verdict == known.answer
+
+
+def test_the_page_has_all_maps_and_no_other_verdict() -> None:
+    page = (ROOT / "docs" / "integrability-known.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")][1:]
+    assert [(row[0], row[4]) for row in rows] == [
+        (f"| {known.name}", f"**{known.answer}**") for known in known_maps.MAPS
+    ]
+    assert len(rows) >= 30 and sum(known.answer == known_maps.OPEN for known in known_maps.MAPS) <= 5
+
+
+def of_name(name: str) -> Subject:
+    (known,) = (known for known in known_maps.MAPS if known.name == name)
+    return subject(known.step, names=tuple(known.names))
+
+
+def rational_point(dim: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    out = np.empty(dim, dtype=object)
+    out[:] = [F(int(rng.integers(1, 20)), int(rng.integers(1, 9))) for _ in range(dim)]
+    return out
+
+
+def value(product, x):
+    return math.prod((P(x) ** k for P, k in product.factors), start=F(1))
+
+
+@pytest.mark.parametrize(
+    ("name", "degree", "count"),
+    [
+        ("Kahan, Euler's top", 2, 2),
+        ("Lyness, a = 2", 3, 1),
+        ("linear, a saddle", 1, 1),
+        ("Lyness, order 3, a = 2", 4, 2),
+    ],
+)
+def test_darboux_polynomials_over_q(name: str, degree: int, count: int) -> None:
+    what = of_name(name)
+    found = darboux(what, degree)
+    assert len(integrals.independent(what, list(found.integrals))) == count and found.densities
+    for seed in (0, 1):
+        x = rational_point(what.dim, seed)
+        duals = what.step(independent(x))
+        new = np.array([v.value for v in duals], dtype=object)
+        (a, b, *c) = slopes(duals, what.dim).astype(object)
+        det = a[0] * b[1] - a[1] * b[0] if not c else np.dot(a, np.cross(b, c[0]))
+        for P, (number, powers) in zip(found.polynomials, found.cofactors, strict=True):
+            assert P(new) == number * math.prod(f(x) ** k for f, k in zip(found.factors, powers, strict=True)) * P(x)
+        assert all(value(f, new) == value(f, x) != value(f, x + 1) for f in found.integrals)
+        assert all(abs(value(D, new)) == abs(det * value(D, x)) for D in found.densities)
+
+
+def test_a_spoiled_map_has_no_darboux_integral() -> None:
+    def spoiled(x):
+        return np.array([x[1], (2 + x[1]) / x[0] + x[1] / 7], dtype=object)
+
+    assert not darboux(subject(spoiled, names=("x", "y")), 3).integrals
+    with pytest.raises(InputError, match="not invertible"):
+        darboux(subject(lambda x: np.array([x[0], 2 * x[0]], dtype=object), names=("x", "y")), 2)
+
+
+def test_a_cubic_growth_is_not_exponential() -> None:
+    cubic = tuple(1 + k * (k * k + 2) // 3 + (k % 5 == 0) for k in range(10))  # without a recurrence in so few
+    found = growth.fitted_growth(cubic)
+    assert found.recurrence is None and not found.exponential
+    assert growth.fitted_growth(tuple(int(1.6**k) + k % 3 for k in range(14))).exponential
+    assert growth.growth(of_name("skew product over McMillan's"), 14).power == 3
