@@ -11,6 +11,7 @@ import pytest
 
 from kreisel.errors import InputError
 from kreisel.lab import growth, integrals
+from kreisel.lab.confinement import singularities
 from kreisel.lab.darboux import darboux
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.subject import Subject, subject
@@ -85,6 +86,28 @@ def test_a_spoiled_map_has_no_darboux_integral() -> None:
     assert not darboux(subject(spoiled, names=("x", "y")), 3).integrals
     with pytest.raises(InputError, match="not invertible"):
         darboux(subject(lambda x: np.array([x[0], 2 * x[0]], dtype=object), names=("x", "y")), 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "orbit", "confined"),
+    [
+        ("Hietarinta and Viallet", "y = 0: (*, 0) -> (0, oo) -> (oo, oo) -> (oo, 0) -> (0, *)", 4),
+        ("McMillan, other sign", "y + 1 = 0: (*, -1) -> (-1, oo) -> (oo, 1) -> (1, *)", 3),
+        ("Lyness, a = 1", "y + 1 = 0: (*, -1) -> (-1, 0) -> (0, -1) -> (-1, *)", 3),
+        ("McMillan, spoiled", "y^4 + 1 = 0: (*, c) -> (c, oo) -> (oo, c)", 0),
+    ],
+)
+def test_singularities_and_their_orbits(name: str, orbit: str, confined: int) -> None:
+    found = {str(s): s.confined for s in singularities(of_name(name))}
+    (text,) = (text for text in found if text.startswith(orbit))
+    assert found[text] == confined
+    assert text.endswith("not confined") == (confined == 0)
+
+
+def test_a_polynomial_automorphism_has_no_singularity() -> None:
+    assert singularities(of_name("Hénon, area-preserving")) == []
+    with pytest.raises(InputError, match="plane"):
+        singularities(of_name("Kahan, Lorenz"))
 
 
 def test_a_cubic_growth_is_not_exponential() -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _MODULES = (
     "brackets",
     "certified",
+    "confinement",
     "darboux",
     "dynamics",
     "growth",

@@ -176,6 +176,11 @@ def _factors(what: Subject) -> tuple[list[Polynomial], Cofactor, int]:
     return [f for f, _ in found.values()], (c, tuple(k for _, k in found.values())), degree
 
 
+def jacobian_factors(what: Subject) -> list[Polynomial]:
+    """The irreducible factors of det f' and of the denominators of a rational map."""
+    return _factors(what)[0]
+
+
 def _determinant(rows: list[list[Any]]) -> Any:
     """By expansion: there are few rows, and no divisions."""
     if len(rows) == 1:

@@ -14,6 +14,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.lab import brackets, dynamics, growth, integrals
+from kreisel.lab.confinement import singularities
 from kreisel.lab.darboux import Darboux, darboux
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, Mod, Pole, random_residues
@@ -286,6 +287,19 @@ def _growth(c: Clues) -> Finding:
     return Finding("degree growth", answer, evidence, 1 if found.power is not None else -1 if found.exponential else 0)
 
 
+def _singularities(c: Clues) -> Finding:
+    if not c.rational or c.what.dim != 2 or c.what.model is not None:
+        return Finding("singularities", "not followed", "this needs a rational map of the plane")
+    try:
+        found = singularities(replace(c.what, start=None), seed=c.seed)
+    except InputError as error:
+        return Finding("singularities", "unknown", str(error))
+    if not found:
+        return Finding("singularities", "none", "no curve is contracted")
+    answer = "confined" if all(s.confined for s in found) else "not all confined"
+    return Finding("singularities", answer, "; ".join(map(str, found)))
+
+
 def _integrals(c: Clues) -> Finding:
     what = c.what
     if not c.rational:
@@ -366,4 +380,4 @@ def _chaos(c: Clues) -> Finding:
     return Finding("Lyapunov", f"{counts} of {len(kinds)} orbits", str(worst), -1 if worst.chaotic else 0)
 
 
-QUESTIONS = (_period, _poisson, _volume, _reversible, _order, _growth, _integrals, _lax, _chaos)
+QUESTIONS = (_period, _poisson, _volume, _reversible, _order, _growth, _singularities, _integrals, _lax, _chaos)

@@ -29,7 +29,7 @@ from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS as _QUESTIONS
 from kreisel.lab.questions import Clues
 from kreisel.lab.subject import Subject, subject
-from kreisel.lab.verdicts import enough
+from kreisel.lab.verdicts import filled
 from kreisel.record.contract import MOVING_SPACE, Frame, Map, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
@@ -50,7 +50,7 @@ def explicit(gradient: Gradient, name: str = "explicit", n: int = 3) -> Model:
         M = M + wedge(P, gradient(P, eps))
         return M, cayley_act(-eps / 2 * M, P)
 
-    return _model(name, n, Map(step=step))
+    return model_of(name, n, Map(step=step))
 
 
 def veselov(gradient: Gradient, J: Sequence[Any], name: str = "veselov") -> Model:
@@ -63,10 +63,11 @@ def veselov(gradient: Gradient, J: Sequence[Any], name: str = "veselov") -> Mode
         X = euler_top.turn(N, J=body, c=c, eps=eps)[0]
         return euler_top.move(N, X)[0], cayley_act(-X, P)
 
-    return _model(name, len(J), Map(step=step, rational=False))
+    return model_of(name, len(J), Map(step=step, rational=False))
 
 
-def _model(name: str, n: int, mapped: Map) -> Model:
+def model_of(name: str, n: int, mapped: Map) -> Model:
+    """A map on e*(n) as a model."""
     system = System(
         name=name,
         title="a member of a family of discrete Lagrangians",
@@ -90,8 +91,8 @@ def _model(name: str, n: int, mapped: Map) -> Model:
 
 def logarithmic(c: Any, kappa: Any = Fraction(1, 4), gravity: Any = 0, b: Sequence[Any] = (1, 2, 4)) -> Model:
     """U = (c/eps) log(1 + kappa eps^2 <P, BP>) - eps gravity <P, e_n>.  The paper's: c = 2 (printed 4), kappa = 1/4."""
-    B, axis = _exact(b), _exact([0] * (len(b) - 1) + [1])
-    c, kappa, gravity = (_exact(v) for v in (c, kappa, gravity))
+    B, axis = exact_constants(b), exact_constants([0] * (len(b) - 1) + [1])
+    c, kappa, gravity = (exact_constants(v) for v in (c, kappa, gravity))
 
     def gradient(P: Array, eps: Any) -> Array:
         den = 1 + kappa * (eps * eps) * dot(P, B * P)
@@ -102,14 +103,14 @@ def logarithmic(c: Any, kappa: Any = Fraction(1, 4), gravity: Any = 0, b: Sequen
 
 def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
     """U = c eps <P, BP>: the potential of the flow itself."""
-    B, c = _exact(b), _exact(c)
+    B, c = exact_constants(b), exact_constants(c)
     return explicit(lambda P, eps: 2 * c * eps * (B * P), "quadratic", len(b))
 
 
 def axial_potential(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
     """The potential U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
-    axis = _exact([0, 0, 1])
-    beta, kappa, mu = (_exact(v) for v in (beta, kappa, mu))
+    axis = exact_constants([0, 0, 1])
+    beta, kappa, mu = (exact_constants(v) for v in (beta, kappa, mu))
 
     def gradient(P: Array, eps: Any) -> Array:
         u = P[..., 2]
@@ -155,7 +156,7 @@ def mixed_kinetic(theta: float = 1.0, J: Sequence[float] = (0.4, 1.0, 1.7)) -> M
     return red.system("mixed-kinetic", group=red.SO(3), discrete=discrete)(theta=float(theta))
 
 
-def _exact(v: Any) -> Any:
+def exact_constants(v: Any) -> Any:
     """Fractions; a scalar as itself."""
     return fraction(v) if np.ndim(v) == 0 else np.array([fraction(w) for w in v], dtype=object)
 
@@ -210,22 +211,23 @@ def judge(
         made = family(**parameters)
         what = made if isinstance(made, Subject) else subject(made, eps=eps)
         clues = Clues(what, degree, iterates, steps, 0)
-        for name in ("poisson", "growth", "integrals") if not what.implicit else ("poisson", "integrals"):
+        names = ("period", "poisson", *(["volume"] if what.dim < 5 else []), "growth", "integrals")
+        for name in names if not what.implicit else ("poisson", "integrals"):
             LABELS[name](clues)
         found = _orbits(clues, steps, orbits)
     except (InputError, RunError) as error:
         return Score(parameters, (), None, math.nan, 0, 0, math.nan, 0, 0, False, False, str(error))
     growth, ranks, numeric = clues.growth, clues.ranks, clues.numeric
     chaotic = sum(o.chaotic for o in found)
-    exponential = growth is not None and growth.power is None and growth.entropy > 2 * growth.uncertainty + 0.1
-    complete = enough(ranks) if ranks is not None else numeric is not None and numeric.enough
+    exponential = growth is not None and growth.exponential
+    complete = filled(clues) or (numeric is not None and numeric.enough)
     return Score(
         parameters=parameters,
         degrees=growth.degrees if growth else (),
         power=growth.power if growth else None,
         entropy=growth.entropy if growth else math.nan,
-        on_leaf=ranks.with_more if ranks else numeric.on_leaf if numeric else 0,
-        needed=ranks.needed if ranks else numeric.leaf // 2 if numeric else 0,
+        on_leaf=ranks.with_more if ranks else numeric.on_leaf if numeric else len(clues.found),
+        needed=ranks.needed if ranks else numeric.leaf // 2 if numeric else what.dim - 1,
         exponent=max((float(o.exponents[0]) for o in found), default=math.nan),
         chaotic=chaotic,
         orbits=len(found),
