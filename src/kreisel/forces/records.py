@@ -26,6 +26,7 @@ UNKNOWN: dict[str, Any] = {
     "relations": (),
     "top": None,
     "moments": None,
+    "gyrostat": None,
     "notes": "",
 }
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.exact.gyrostat import gyrostat
 from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.pairs import exact_pair
@@ -134,6 +135,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """
     system = model.system
     free = system.moments is not None
+    if system.gyrostat is not None:
+        return gyrostat(model, dt, oriented)
     if not free and system.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None, oriented=oriented, continuous=free)
@@ -156,7 +159,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
 
 def _has_a_closed_form(model: Model) -> bool:
     system = model.system
-    return model.n == 3 and any(v is not None for v in (system.baecklund, system.top, system.moments))
+    return model.n == 3 and any(v is not None for v in (system.baecklund, system.top, system.moments, system.gyrostat))
 
 
 METHOD = Method(
@@ -164,7 +167,7 @@ METHOD = Method(
     title="the flow itself, in closed form, or (Clebsch, Kirchhoff, Neumann) by one pair of maps",
     needs="the Lagrange top, Clebsch's case, a body of revolution in a fluid, Neumann's system or the Euler top, n = 3",
     applies=_has_a_closed_form,
-    suits=lambda model: model.n == 3 and model.system.moments is not None,
+    suits=lambda model: model.n == 3 and any(v is not None for v in (model.system.moments, model.system.gyrostat)),
     orders=(),
     default=None,
     poisson="yes",

@@ -301,6 +301,7 @@ class System:
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
     moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
+    gyrostat()               w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
     n                        the dimension, where the parameters do not tell it
@@ -334,6 +335,7 @@ class System:
     relations: tuple[Relation, ...] = ()
     top: Function | None = None
     moments: Function | None = None
+    gyrostat: Function | None = None
     derive: Function | None = None
     check_state: Function | None = None
     notes: str = ""

@@ -40,6 +40,11 @@ def energy(M, *, h, w):
     return dot(u, w * u) / 2
 
 
+def gyrostat(*, J, h):  # w and b of M' = M x (w M - b)
+    w = inverse_moments(J=J)["w"]
+    return w, w * h
+
+
 def lax(M, *, h, w, lam):  # L = S (lambda M - Omega),   U = S M,   S = lambda - diag(1/I_i)
     S = lam * identity(3) - diagonal(w)
     return S @ (lam * M - velocity(M, h=h, w=w)), S @ M
@@ -66,9 +71,10 @@ SYSTEM = System(
     energy=energy,
     velocity=velocity,
     derive=inverse_moments,
+    gyrostat=gyrostat,
     scaling="Any consistent units.",
     lax=lax,
     n=3,
-    notes="No map that keeps both integrals is built here; its solution in elliptic functions is known [Basak 2009]. "
-    "h = 0 is the Euler top.",
+    notes="Its flow is known in elliptic functions [Volterra 1899; Basak 2009]; method='exact' makes it a quotient of "
+    "quadratic forms in M. h = 0 is the Euler top.",
 )

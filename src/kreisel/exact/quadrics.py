@@ -1,0 +1,177 @@
+"""An addition theorem on the curve in which a sphere and a quadric meet: the flow of a gyrostat, n = 3, in closed form.
+
+M' = M x (w M - b), axial vectors, w diagonal, keeps |M|^2 = L^2 and e = M.w M - 2 b.M.  With X = (M/L, 1) and time in
+units of 1/L they are two quadrics, X^T C X = X^T C K X = 0,
+
+    C = diag(1, 1, 1, -1),   K = ((w, -b/L), (b^T/L, e/L^2)) less a quarter of its trace,
+    det(lambda - K) = lambda^4 + s2 lambda^2 - s3 lambda + s4.
+
+The state after the time t is a quotient of quadratic forms in X, with coefficients from p = wp(t) and p' = wp'(t):
+
+    X(t) ~ (E - p'/2 O) e_4,   P_jk = sum_lm eps_jklm (C X)_l (C K X)_m, the tangent X' X^T - X X'^T,
+    E_jk = A(rho_jk) X_j X_k,  j != k;   E_jj = D (wp_f - K_j^2/2 - s2/12) X_j^2 + D N/4 C_jj,   N = X^T C K^2 X,
+    O_jk = F(rho_jk) P_jk,     F(rho) = q^2 + g2/4 - 2 q rho - 2 rho^2
+
+in a basis where K is diagonal.  Here q = -p, g2 and g3 are the invariants of the quartic, g3 with the opposite sign,
+D = 4 q^3 - g2 q + g3 = -p'^2, wp_f = wp at the time 2t of the quartic, rho_jk = -(K_j + K_k)^2/4 - s2/6 the roots of
+its cubic, and A(rho) is the product of F at the other two.  In powers of K, as here, nothing is divided by a difference
+of eigenvalues: spheres, axes, equilibria, separatrices and b = 0 are no special cases.  It follows from
+X_j^2 C_jj = N (K_j - mu)/f'(K_j), f the quartic, mu'^2 = -4 f(mu), and the addition theorems of theta functions.
+Integrals are conserved for any p, exactly (tested over Q).  [docs/exact.md; DLMF 20.7, 23.10, 23.20]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+
+METRIC = np.diag([1, 1, 1, -1])
+ORDERS = 16  # of Laurent's series of wp: its terms fall by 9 or more
+NEAR, WIDE = 0.8, 2.0  # of one map: t sqrt(max |e_i|) and the size of t K
+FORMS = {"squares": 2, "products": 2, "linear": 2, "fixed": 1}  # of the state, and the axes of each
+BELOW = {"below_squares": 1, "below_products": 1, "below_linear": 1}  # of the denominator
+
+
+def _levi_civita() -> Array:
+    out = np.zeros((4, 4, 4, 4), dtype=np.int64)
+    for order in np.ndindex(out.shape):
+        out[order] = round(np.linalg.det(np.eye(4)[list(order)]))
+    return out
+
+
+LEVI_CIVITA = _levi_civita()
+
+
+def quartic(K: Array) -> tuple[Array, Array, Array]:
+    """s2, s3, s4 of K (..., 4, 4) without trace."""
+    K2 = K @ K
+    second, third, fourth = ((X * Y.mT).sum((-2, -1)) for X, Y in ((K, K), (K2, K), (K2, K2)))
+    s2 = -second / 2
+    return s2, third / 3, (2 * s2 * s2 - fourth) / 4
+
+
+def invariants(s2: Array, s3: Array, s4: Array) -> tuple[Array, Array]:
+    """g2 and g3 in real time: those of the quartic belong to imaginary time, which turns the sign of g3."""
+    return s4 + s2 * s2 / 12, s3 * s3 / 16 + s2 * s2 * s2 / 216 - s2 * s4 / 6
+
+
+def addition(K: Array, p: Array) -> tuple[Array, Array]:
+    """E and O (..., 4, 4, 4), one form for each component of X; K (..., 4, 4), p (...)."""
+    s2, s3, s4 = quartic(K)
+    g2, g3 = invariants(s2, s3, s4)
+    q, powers = -p, [np.eye(4, dtype=np.int64) + 0 * K, K]
+    for _ in range(3):
+        powers.append(powers[-1] @ K)
+    D, middle = 4 * q**3 - g2 * q + g3, q * q + g2 / 4
+    A = ((q * q - 3 * g2 / 2) * q * q + g3 * q + g2 * g2 / 16, (4 * q * q + g2) * q / 2 - g3, 6 * q * q - g2 / 2)
+    even = _in_powers(A, s2)
+    odd = _in_powers((middle, -2 * q, -2 + 0 * q), s2)
+    c = (
+        s3 * (12 * q + s2) / 64,
+        (36 * s4 - 576 * q * q - 84 * q * s2 - 7 * s2 * s2) / 288,
+        -s3 / 32,
+        -(6 * q + s2) / 24,
+    )
+    E, O = 0 * K[..., None, :, :], 0 * K[..., None, :, :]  # noqa: E741
+    pairs = LEVI_CIVITA * np.diag(METRIC)[:, None]  # P_ij = pairs_ijkl X_k (C K X)_l
+    for order in (0, 1, 2):
+        for a in range(2 * order + 1):
+            times, row = math.comb(2 * order, a), powers[2 * order - a][..., 3, :]
+            E = E + _cube(times * even[order]) * powers[a][..., :, :, None] * row[..., None, None, :]
+            bivector = (pairs * row[..., None, :, None, None]).sum(-3) @ (METRIC @ K)[..., None, :, :]
+            rotated = (powers[a][..., :, :, None, None] * bivector[..., None, :, :, :]).sum(-3)
+            O = O + _cube(times * odd[order]) * rotated  # noqa: E741
+    gamma = sum(algebra.mat(c[k]) * powers[k] for k in range(4))
+    N, third = METRIC @ powers[2], METRIC @ powers[3]
+    last = np.array([0, 0, 0, 1])
+    E = (
+        E
+        - (gamma @ K)[..., :, 3, None, None] * N[..., None, :, :]
+        - gamma[..., :, 3, None, None] * third[..., None, :, :]
+    )
+    return E - _cube(D / 4) * last[:, None, None] * N[..., None, :, :], O
+
+
+def _cube(x: Array) -> Array:
+    return np.asarray(x)[..., None, None, None]
+
+
+def _in_powers(c: tuple[Array, ...], s2: Array) -> tuple[Array, Array, Array]:
+    """c0 + c1 rho + c2 rho^2, rho = -m^2/4 - s2/6, in powers of m^2."""
+    return c[0] - c[1] * s2 / 6 + c[2] * s2 * s2 / 36, c[2] * s2 / 12 - c[1] / 4, c[2] / 16
+
+
+def weierstrass(g2: Array, g3: Array) -> tuple[Array, Array]:
+    """wp(1) and -wp'(1) by Laurent's series, for max |e_i| <= NEAR^2."""
+    c = [g2 / 20, g3 / 28]
+    for k in range(4, ORDERS + 1):
+        total = sum(c[m - 2] * c[k - m - 2] for m in range(2, k - 1))
+        c.append(3 * total / ((2 * k + 1) * (k - 3)))
+    return 1 + sum(reversed(c)), 2 - sum((2 * k + 2) * c[k] for k in reversed(range(len(c))))
+
+
+def curve(M: Array, w: Array, b: Array) -> tuple[Array, Array]:
+    """L and L K, which is K in the unit of time, for M (..., 3); 0 where M = 0, which stays."""
+    square = algebra.dot(M, M)
+    L = algebra.sqrt(square)
+    energy = (algebra.dot(M, w * M) - 2 * algebra.dot(b, M)) / (L + (L == 0))
+    K = np.zeros((*L.shape, 4, 4), dtype=M.dtype)
+    for i in range(3):
+        K[..., i, i], K[..., i, 3], K[..., 3, i] = L * w[..., i], -b[..., i], b[..., i]
+    K[..., 3, 3] = energy
+    trace = (L * w.sum(-1) + energy) / 4
+    for i in range(4):
+        K[..., i, i] = K[..., i, i] - trace
+    return L, K * algebra.mat(L != 0)
+
+
+def length(K: Array) -> Array:
+    """How many maps a unit of time takes, as a real number: t sqrt(max |e_i|)/NEAR or the size of t K over WIDE."""
+    g2, g3 = invariants(*quartic(K))
+    fastest = np.maximum(abs(g2 / 3) ** 0.25, abs(g3) ** (1 / 6))
+    return np.maximum(fastest / NEAR, np.sqrt((K * K).sum((-2, -1))) / WIDE)
+
+
+def moved(K: Array) -> tuple[Array, Array]:
+    """Forms (..., 4, 4, 4) of the state after the unit of time, the even part of the last of them 1 at (0, 1)."""
+    p, slope = weierstrass(*invariants(*quartic(K)))
+    even, odd = addition(K, p)
+    Q = even + _cube(slope / 2) * odd
+    scale = even[..., 3, 3, 3]
+    return (Q + Q.mT) / _cube(2 * scale), even[..., 3, :, :] / algebra.mat(scale)
+
+
+def coefficients(Q: Array) -> dict[str, Array]:
+    """Of the squares, products, x and 1 in forms (..., 4, 4) of (x, 1)."""
+    return {
+        "squares": Q[..., range(3), range(3)],
+        "products": 2 * Q[..., algebra.SECOND, algebra.THIRD],
+        "linear": 2 * Q[..., :3, 3],
+        "fixed": Q[..., 3, 3],
+    }
+
+
+def forms(K: Array) -> dict[str, Array]:
+    """M/L after the unit of time is (x + n(x))/(1 + d(x)): coefficients of n, by FORMS, and of d, by BELOW."""
+    Q, _ = moved(K)
+    Q[..., range(3), range(3), 3] -= 0.5
+    found = coefficients(Q)
+    below = {f"below_{k}": v[..., 3, :] for k, v in found.items() if k != "fixed"}
+    return {k: v[..., :3, :] for k, v in found.items() if k != "fixed"} | below | {"fixed": found["fixed"][..., :3]}
+
+
+def change(x: Array, known: Mapping[str, Array], which: str = "") -> Array:
+    """By how much a map changes x = M/L."""
+    squares, products = x * x, x[..., algebra.SECOND] * x[..., algebra.THIRD]
+    above = algebra.act(known["squares" + which], squares) + algebra.act(known["products" + which], products)
+    above = above + (algebra.act(known["linear" + which], x) + known["fixed" + which])
+    below = algebra.dot(known["below_squares" + which], squares) + algebra.dot(
+        known["below_products" + which], products
+    )
+    below = algebra.vec(below + algebra.dot(known["below_linear" + which], x))
+    return (above - x * below) / (1 + below)
