@@ -5,7 +5,8 @@ shorter by whole periods.  The orientation turns by g z(psi) p, p M(t) = M the s
 
     psi' = L Omega.(M + M(t))/(L^2 + M.M(t)),   Omega = w M(t) - b,
 
-which is integrated by Gauss's rule.
+which is integrated by Gauss's rule at points of the motion.  The turn of a map is linear in the state half-way; the
+matrix is fitted to those, and a step takes forms for it too.
 """
 
 from __future__ import annotations
