@@ -17,6 +17,7 @@ REASONS = (  # beginnings of the reasons that pytest shows
     "no llvm-mca that reads this assembly",  # older than the processor
     "no file system may be mounted here",  # needs root; another test stands in
     "no browser",  # none is installed beside Python
+    "no Node",  # of another language, as the browser
     "REBOUNDx was not built",  # only its source is in the package index
 )
 

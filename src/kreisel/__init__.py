@@ -32,6 +32,7 @@ _LAZY = {
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "cite": "kreisel.runs.citing",
+    "code": "kreisel.languages.source",
     "propagator": "kreisel.runs.propagator",
     "simulate": "kreisel.runs.simulate",
     "resume": "kreisel.runs.simulate",

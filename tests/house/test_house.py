@@ -28,6 +28,7 @@ RANK = {  # a part imports what stands on its own line or above
             ("method", "exact", "bodies"),
             ("kernels",),
             ("runs", "storage", "sweeps"),
+            ("languages",),
             ("lab", "analysis", "physical", "viewer", "bench"),
             ("rebound",),
             ("cli",),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import sys
 
-from kreisel.cli import runs, subjects  # noqa: F401 - each registers its commands
+from kreisel.cli import code, runs, subjects  # noqa: F401 - each registers its commands
 from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
 from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trouble
 

@@ -55,10 +55,9 @@ def integrable(model: Model) -> Integrable:
 
 
 def _integrable(base: System, inner: int | None, n: int, known: Constants) -> Integrable:
-    if inner is None and base.moments is not None and n == 3:
-        return _free_body(base)
-    if inner is None and base.top is not None and n == 3:
-        return _top(base)
+    closed = closed_form(base, n) if inner is None else None
+    if closed is not None:
+        return closed
     if base.map is not None:
         return _composed(base, base.map, inner or ORDER)
     if separable(base, n):
@@ -92,6 +91,13 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
         reach if any(part.reach for _, part in parts) else None,
         left if any(part.left for _, part in parts) else None,
     )
+
+
+def closed_form(base: System, n: int) -> Integrable | None:
+    """Of a free body or a Lagrange top, n = 3; None where none of one short step is known."""
+    if n == 3 and base.moments is not None:
+        return _free_body(base)
+    return _top(base) if n == 3 and base.top is not None else None
 
 
 def _free_body(base: System) -> Integrable:

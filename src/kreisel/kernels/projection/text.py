@@ -75,19 +75,19 @@ def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst
             while i < end:
                 o, x, y = base + i, whole(ops, 4 * i), whole(ops, 4 * i + 1)
                 a, b, la, lb = get(room, x), get(room, y), get(room, count + x), get(room, count + y)
-                p, q = a / b, 1.0 / b
-                put_sum(room, o, count + o, p, times(fma(-p, b, a) + fma(-p, lb, la), q))
-                put(room, whole(ops, 4 * i + 2), q)
-                put(room, whole(ops, 4 * i + 3), -times(p, q))
+                p, r = a / b, 1.0 / b
+                put_sum(room, o, count + o, p, times(fma(-p, b, a) + fma(-p, lb, la), r))
+                put(room, whole(ops, 4 * i + 2), r)
+                put(room, whole(ops, 4 * i + 3), -times(p, r))
                 i += 1
         else:
             while i < end:
                 o, x = base + i, whole(ops, 4 * i)
                 a, la = get(room, x), get(room, count + x)
                 p = sqrt(a)
-                q = 0.5 / p
-                put_sum(room, o, count + o, p, times(fma(-p, p, a) + la, q))
-                put(room, whole(ops, 4 * i + 2), q)
+                r = 0.5 / p
+                put_sum(room, o, count + o, p, times(fma(-p, p, a) + la, r))
+                put(room, whole(ops, 4 * i + 2), r)
                 i += 1
     if begin:
         for w in range({width}):

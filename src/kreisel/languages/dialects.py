@@ -1,0 +1,170 @@
+"""C, JavaScript and Julia as data: what `kreisel.languages.writer` needs of each."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+SECTION = re.compile(r"^@@ (.+)\n", re.MULTILINE)
+WORD = re.compile(r"@(\w+?)@")
+
+
+def filled(template: str, words: Mapping[str, Any]) -> str:
+    """A template with @words@ replaced, but for those that are not known yet."""
+    return WORD.sub(lambda match: str(words.get(match[1], match[0])), template)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """A language, in templates.
+
+    local     declares a number, or an integer, that is assigned to later
+    once      declares one with its only value
+    starts    declares a number that is assigned to later, with its first value
+    up, down  a loop over whole numbers {var} from {start} to {stop}, which is left out, with step 1 and -1
+    table     declares constant numbers; `rows` several rows of them, `row` each
+    prefix    of the functions that a file defines for itself, where they might meet others
+    reserved  names that the language has for itself
+    first     the index of the first entry of an array
+    """
+
+    name: str
+    suffix: str
+    end: str
+    local: tuple[str, str]
+    once: tuple[str, str]
+    starts: str
+    up: str
+    down: str
+    loop_while: str
+    condition: str
+    otherwise: str
+    close: str
+    either: str
+    table: tuple[str, str]
+    rows: str
+    row: str
+    between: str
+    space: str
+    no: str
+    yes: str
+    special: tuple[str, str]
+    prefix: str
+    reserved: frozenset[str] = frozenset()
+    first: int = 0
+
+    @cached_property
+    def templates(self) -> dict[str, str]:
+        """What is the same in every file: its head, its helpers, the type with a state, the heads of functions."""
+        text = (Path(__file__).parent / "templates" / f"{self.name}{self.suffix}").read_text(encoding="utf-8")
+        names_and_texts = SECTION.split(text)[1:]
+        return dict(zip(names_and_texts[::2], names_and_texts[1::2], strict=True))
+
+    def part(self, name: str, **words: Any) -> str:
+        """A template of one statement, filled."""
+        return filled(self.templates[name].rstrip("\n"), words)
+
+    def name_of(self, word: str) -> str:
+        """A name that the language does not have for itself."""
+        return f"{word}_" if word in self.reserved else word
+
+    def entry(self, array: str, i: int) -> str:
+        """An entry of an array."""
+        return f"{array}[{i + self.first}]"
+
+    def numbers(self, name: str, values: Sequence[float], whole: bool = False) -> str:
+        """Constant numbers."""
+        body = ", ".join(self.literal(v, whole) for v in values) or "0"
+        return self.table[whole].format(name=name, count=max(len(values), 1), body=body)
+
+    def matrix(self, name: str, values: Sequence[Sequence[float]]) -> str:
+        """Rows of constant numbers."""
+        rows = [self.row.format(self.space.join(self.literal(v) for v in row)) for row in values]
+        return self.rows.format(name=name, count=len(values), width=len(values[0]), body=self.between.join(rows))
+
+    def literal(self, value: float, whole: bool = False) -> str:
+        """A number with all its digits."""
+        if whole:
+            return str(int(value))
+        nan, infinity = self.special
+        return (
+            repr(float(value))
+            if math.isfinite(value)
+            else nan
+            if math.isnan(value)
+            else f"{'-' * (value < 0)}{infinity}"
+        )
+
+
+BRACES: dict[str, Any] = {
+    "end": ";",
+    "up": "for ({var} = {start}; {var} < {stop}; {var}++) {{",
+    "down": "for ({var} = {start}; {var} > {stop}; {var}--) {{",
+    "loop_while": "while ({}) {{",
+    "condition": "if ({}) {{",
+    "otherwise": "}} else {{",
+    "close": "}",
+    "either": "({} ? {} : {})",
+    "between": ", ",
+    "space": ", ",
+    "no": "!{}",
+    "yes": "{}",
+}
+C = Dialect(
+    name="c",
+    suffix=".h",
+    local=("double {} = 0.0;", "long {} = 0;"),
+    once=("const double {} = {};", "const long {} = {};"),
+    starts="double {} = {};",
+    table=("static const double {name}[{count}] = {{{body}}};", "static const int {name}[{count}] = {{{body}}};"),
+    rows="static const double {name}[{count}][{width}] = {{{body}}};",
+    row="{{{}}}",
+    special=("NAN", "INFINITY"),
+    prefix="kreisel_",
+    **BRACES,
+)
+JAVASCRIPT = Dialect(
+    name="js",
+    suffix=".mjs",
+    local=("let {} = 0.0;", "let {} = 0;"),
+    once=("const {} = {};", "const {} = {};"),
+    starts="let {} = {};",
+    table=("const {name} = Float64Array.of({body});", "const {name} = Int32Array.of({body});"),
+    rows="const {name} = [{body}];",
+    row="Float64Array.of({})",
+    special=("NaN", "Infinity"),
+    prefix="",
+    **BRACES,
+)
+JULIA = Dialect(
+    name="julia",
+    suffix=".jl",
+    end="",
+    local=("{} = 0.0", "{} = 0"),
+    once=("{} = {}", "{} = {}"),
+    starts="{} = {}",
+    up="for {var} in {start}:({stop} - 1)",
+    down="for {var} in {start}:-1:({stop} + 1)",
+    loop_while="while {}",
+    condition="if {}",
+    otherwise="else",
+    close="end",
+    either="({} ? {} : {})",
+    table=("const {name} = Float64[{body}]", "const {name} = Int[{body}]"),
+    rows="const {name} = [{body}]",
+    row="{}",
+    between="; ",
+    space=" ",
+    no="({} == 0)",
+    yes="({} != 0)",
+    special=("NaN", "Inf"),
+    prefix="kreisel_",
+    reserved=frozenset({"begin", "end", "local", "function", "module", "quote", "let"}),
+    first=1,
+)
+LANGUAGES = {dialect.name: dialect for dialect in (C, JAVASCRIPT, JULIA)}

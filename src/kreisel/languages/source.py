@@ -1,0 +1,255 @@
+"""kr.code: one file of C, JavaScript or Julia with a body's step, printed from the record that kernels come from."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.errors import InputError, hint, shown
+from kreisel.kernels.printing import Line
+from kreisel.kernels.projection.program import Program
+from kreisel.kernels.projection.text import FLAT, GAIN, TAU, projection_block
+from kreisel.kernels.recording import Recording
+from kreisel.languages.contents import Contents, contents
+from kreisel.languages.dialects import LANGUAGES, Dialect, filled
+from kreisel.languages.writer import Writer
+from kreisel.method import find
+from kreisel.runs.plan import make_plan
+
+if TYPE_CHECKING:
+    from kreisel.record.model import Model, OrientationLike, StateLike
+    from kreisel.runs.plan import Plan
+
+OF_PROGRAM = ("SIZES", "OPS", "RUNS", "OUTS", "ENDS", "CONES", "COLUMNS", "LITERALS")
+LICENCE = "BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {}."
+PIECE = re.compile(r"def (\w+)\((.*)\):\n")
+MARKS = {"c": "@name@_"}  # of names that would meet those of other files
+
+
+def code(
+    system: Model,
+    x0: StateLike,
+    *,
+    dt: float,
+    language: str = "c",
+    method: str | None = None,
+    order: int | None = None,
+    orientation: OrientationLike | None = None,
+    project: bool = True,
+) -> str:
+    """The text of one file, without dependencies, that steps a body as `kr.simulate` does.
+
+    language      "c" (a C99 header), "js" (an ES module) or "julia" (a module)
+    system to project  as in `kr.simulate`; methods that make steps, n <= 10: "suris", "baecklund", "veselov",
+                  "variational", "kahan".  With "baecklund" the constants of the step belong to the orbit of x0; with
+                  the others any state may be given in the file's own language
+
+    The file has the step, the step back where it is known, Casimirs and integrals, the projection onto what the method
+    conserves, the orientation if one is given, and the equations with their source.  In C the bits of the step are
+    those of the kernel; JavaScript has no fused multiply-add and differs by rounding.  Raises `InputError`.
+    """
+    if language not in LANGUAGES:
+        raise InputError(
+            f"language: expected one of {', '.join(LANGUAGES)}, got {shown(language)}."
+            f"{hint(language, LANGUAGES) if isinstance(language, str) else ''}"
+        )
+    asked: dict[str, Any] = {"dt": dt, "steps": 1, "method": method, "order": order, "project": project}
+    return text_of(make_plan(system, x0, orientation=orientation, **asked), language)
+
+
+def text_of(plan: Plan, language: str) -> str:
+    """The same of a plan.  Raises `InputError`."""
+    what, dialect = contents(plan), LANGUAGES[language]
+    name = plan.model.system.name.replace("-", "_")
+    parts = {
+        "head": "\n".join(_head(what)),
+        "name": name,
+        "guard": name.upper(),
+        "module": "".join(word.capitalize() for word in name.split("_")),
+        "version": importlib.metadata.version("kreisel"),
+        "size": what.plan.first.shape[1],
+        "given": len(what.names),
+        "outputs": len(what.observed.values),
+        "every": what.every,
+        "names": ", ".join(f'"{place}"' for place in _places(what)),
+        "functions": "\n\n".join(_functions(what, dialect)),
+    }
+    if what.programs:
+        parts |= _sizes(what.programs) | {"calls": _calls(dialect, len(what.programs))}
+    parts["licence"] = LICENCE.format(parts["version"])
+    names = ["head", "helpers", "functions", "projected" if what.programs else "plain"]
+    names += [*(["back"] if what.back is not None else []), "end"]
+    template = "".join(dialect.templates.get(name, "@functions@\n\n") for name in names)
+    return filled(filled(template, parts), parts)  # twice: there are words in functions and calls
+
+
+def _calls(dialect: Dialect, count: int) -> str:
+    arrays = (("targets", "worst"), ("bound", "spare"))
+    lines = [
+        dialect.part(
+            "call",
+            tables=", ".join(_own(dialect, f"{table}_{k}") for table in OF_PROGRAM),
+            targets=arrays[k][0],
+            worst=arrays[k][1],
+        )
+        for k in range(count)
+    ]
+    return ("\n" + " " * (8 if dialect.name == "js" else 4)).join(lines)
+
+
+def _places(what: Contents) -> list[str]:
+    """The names of the outputs."""
+    sizes = {name: (place.stop - place.start, shape) for name, (place, shape) in what.observed.places.items()}
+    return [
+        f"{name}[{i}]" if count > 1 or name[-1] == "]" else name
+        for name, (count, _) in sizes.items()
+        for i in range(count)
+    ]
+
+
+def _sizes(programs: Sequence[Program]) -> dict[str, Any]:
+    first, second = programs[0], programs[1] if len(programs) > 1 else None
+    return {
+        "invariants": len(first.outs),
+        "bonds": len(second.outs) if second else 0,
+        "room": max(program.rows for program in programs),
+    }
+
+
+def _head(what: Contents) -> list[str]:
+    """What the comment at the top of a file says."""
+    plan, system = what.plan, what.plan.model.system
+    method = find(plan.scheme.name)
+    order = plan.scheme.options.get("order")
+    params = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in plan.model.params.items())
+    conserved = [n for n, o in plan.outcomes.items() if o.conserved]
+    lines = [
+        f"{system.title}: {system.equations}",
+        f"[{system.source}]",
+        "",
+        f"Method {method.name}: {method.title}{'' if order is None else f', order {order}'}; dt = {plan.dt!r}.",
+        f"It conserves {', '.join(conserved) or 'none of the outputs'}.",
+        f"Parameters: {params}.  {system.scaling}",
+        "",
+        f"A state is {', '.join(what.names)}.",
+        "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; g is a unit",
+        "quaternion (w, x, y, z), body to space, or a matrix.",
+        f"Outputs: {', '.join(_places(what))}.",
+    ]
+    if plan.scheme.name == "baecklund":
+        lines += [
+            "",
+            "The constants of the step belong to the orbit of START: from another one the step is another map.",
+        ]
+    if what.back is None:
+        lines += ["", "No step back of this method is known here."]
+    out: list[str] = []
+    for line in lines:
+        while len(line) > 110:
+            cut = line.rfind(" ", 0, 110)
+            cut = cut if cut > 0 else 110
+            out.append(line[:cut])
+            line = line[cut + 1 :]
+        out.append(line)
+    return out
+
+
+def _functions(what: Contents, dialect: Dialect) -> list[str]:
+    """The tables and the functions of arrays."""
+    tables = [
+        dialect.numbers(_own(dialect, "START"), what.start.tolist()),
+        *_tables(dialect, "", what.step, what.constants, what.stages),
+    ]
+    lines, new = what.opened
+    out = [
+        "\n".join(tables),
+        _straight(dialect, "open_state", lines, new, "x", "z", what.constants),
+        _step(dialect, "step", "", what.step, what.stages),
+    ]
+    if what.back is not None:
+        out.append("\n".join(_tables(dialect, "BACK_", what.back, what.constants_back, what.stages_back)))
+        out.append(_step(dialect, "step_back", "BACK_", what.back, what.stages_back))
+    seen = what.observed
+    out.append(_straight(dialect, "outputs", seen.lines, seen.values, "z", "out", what.constants))
+    if what.programs:
+        out += _projection(dialect, what.programs, len(what.constants))
+    return out
+
+
+def _own(dialect: Dialect, name: str) -> str:
+    """The name of a table, where files share names with the files of other bodies."""
+    return MARKS.get(dialect.name, "") + name
+
+
+def _tables(dialect: Dialect, mark: str, record: Recording, constants: Any, stages: Any) -> list[str]:
+    out = [dialect.numbers(_own(dialect, f"{mark}CONSTANTS"), constants.tolist())]
+    return [*out, dialect.matrix(_own(dialect, f"{mark}STAGES"), stages.tolist())] if stages.size else out
+
+
+def _straight(
+    dialect: Dialect, name: str, lines: list[Line], values: list[str], source: str, target: str, constants: Any
+) -> str:
+    """A function from an array to another, in straight-line code."""
+    used = {n for line in lines for n in line.needs} | {v.strip("(-)") for v in values}
+    loads = [
+        dialect.once[0].format(n, dialect.entry(source if n[0] == source else _own(dialect, "CONSTANTS"), int(n[1:])))
+        for n in sorted(
+            (n for n in used if n[0] in (source, "c") and n[1:].isdigit()), key=lambda n: (n[0], int(n[1:]))
+        )
+    ]
+    writer = Writer(dialect)
+    body = writer.body("\n".join(line.text for line in lines), 4)
+    saves = [f"{dialect.entry(target, j)} = {writer.text(v)}{dialect.end}" for j, v in enumerate(values)]
+    inside = [*(f"    {line}" for line in loads), *body, *(f"    {line}" for line in saves)]
+    return "\n".join([dialect.part("def map", function=name, source=source, target=target), *inside, dialect.close])
+
+
+def _step(dialect: Dialect, name: str, mark: str, record: Recording, stages: Any) -> str:
+    """The step, in place."""
+    state, constants = record.state, record.used("c")
+    text = [dialect.starts.format(z, dialect.entry("z", i)) for i, z in enumerate(state)]
+    text += [dialect.once[0].format(c, dialect.entry(_own(dialect, f"{mark}CONSTANTS"), int(c[1:]))) for c in constants]
+    staged, *rest = [Writer(dialect).body(piece.source(state, 0), 0, state) for piece in record.pieces]
+    if stages.size:
+        table = _own(dialect, f"{mark}STAGES")
+        loads = [
+            dialect.once[0].format(s, dialect.part("def stage", table=table, j=int(s[1:]) + dialect.first))
+            for s in record.used("s")
+        ]
+        inside = [f"    {line}" for line in (*loads, *staged)]
+        head = [dialect.local[1].format("stage"), dialect.up.format(var="stage", start=0, stop=len(stages))]
+        staged = [*head, *inside, dialect.close]
+    text += [*staged, *(line for lines in rest for line in lines)]
+    text += [f"{dialect.entry('z', i)} = {z}{dialect.end}" for i, z in enumerate(state)]
+    return "\n".join([dialect.part("def inplace", function=name), *(f"    {line}" for line in text), dialect.close])
+
+
+def _projection(dialect: Dialect, programs: Sequence[Program], constants: int) -> list[str]:
+    """The tables of the programs, and the function that goes through them."""
+    out = []
+    for k, program in enumerate(programs):
+        names = OF_PROGRAM[1:-1]
+        tables = [
+            dialect.numbers(_own(dialect, f"{n}_{k}"), np.ravel(a).tolist(), True)
+            for n, a in zip(names, program.arrays, strict=False)
+        ]
+        tables.append(dialect.numbers(_own(dialect, f"SIZES_{k}"), program.sizes(1, constants), True))
+        out.append("\n".join([*tables, dialect.numbers(_own(dialect, f"LITERALS_{k}"), program.literals.tolist())]))
+    text = projection_block("", "", "at * d + i", "at * constants + j", 1)
+    constants_text = {"TAU": TAU, "FLAT": FLAT, "GAIN": GAIN, "EPS": float(np.finfo(np.float64).eps), "HUGE": 1e300}
+    if dialect.name == "js":
+        text = text.replace("fma(", "exact_fma(")
+    for word, value in constants_text.items():
+        text = re.sub(rf"\b{word}\b", repr(value), text)
+    pieces = PIECE.split(text)[1:]
+    for name, parameters, body in zip(pieces[::3], pieces[1::3], pieces[2::3], strict=True):
+        body = "\n".join(line[4:] for line in body.splitlines())
+        signature = dialect.part(f"def {name}")
+        integers = re.findall(r"(?:long|int) (\w+)", LANGUAGES["c"].part(f"def {name}"))
+        known = [word.strip() for word in parameters.split(",")]
+        out.append("\n".join([signature, *Writer(dialect, integers).body(body, 4, known), dialect.close]))
+    return out
