@@ -126,7 +126,20 @@ def calls() -> str:
 
 
 _CALLS = ("one step us", "a state at a time us")
-TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code, calls)
+
+
+def code() -> str:
+    """Files of `kreisel code` beside the kernel."""
+    found = _result("code")["ns_a_step"].items()
+    times = {
+        name: [*(f"{row[k]:.0f}" for k in ("kernel", "c", "js")), f"{row['c'] / row['kernel']:.2f}"]
+        for name, row in found
+    }
+    rows = [[f"`{name.replace(', ', '`, `')}`", *row] for name, row in times.items()]
+    return _table(["map, order", "kernel", "C", "JavaScript", "C to kernel"], rows)
+
+
+TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code, calls, code)
 
 if __name__ == "__main__":
     for table in TABLES:
