@@ -12,6 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody
+from kreisel.physical.measures import RATE, si_numbers
 from kreisel.rebound.compiled import is_ball
 
 
@@ -53,16 +54,7 @@ class Body:
 
     def angular_velocity(self) -> Array:
         """(3,).  Raises `InputError`."""
-        try:
-            spin = np.asarray(self.spin, dtype=np.float64)
-        except (TypeError, ValueError):
-            spin = np.empty(0)
-        if spin.shape != (3,) or not np.isfinite(spin).all():
-            raise InputError(
-                f"spin: expected an angular velocity (3,) in the frame of the simulation, got {shown(self.spin)}. "
-                "Usual cause: a rate without its axis; say rate * axis."
-            )
-        return spin
+        return si_numbers(self.spin, RATE, "spin, an angular velocity in the frame of the simulation,", ((3,),))
 
     def state(self) -> Array:
         """L and g, (7,)."""
