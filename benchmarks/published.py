@@ -43,7 +43,7 @@ def rows() -> Iterator[Row]:
 
 
 def rod() -> Iterator[Row]:
-    """A slender rod on a circular orbit, released 0.01 degrees off the vertical."""
+    """A rod with a hundredth of the moment along it, on a circular orbit, released 2e-4 off the vertical."""
     body = Satellite((0.01, 1.0, 1.0), Orbit.circular("500 km"))
     g = body.orientation(body.pointing(pitch=2e-4, roll=2e-4))
     run = kr.simulate(body.model(), body.state(), dt=30.0, steps=8000, every=4, orientation=g, progress=False)

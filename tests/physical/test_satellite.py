@@ -210,6 +210,22 @@ def test_the_momentum_that_a_wheel_takes() -> None:
     assert abs(alone - alone[0]).max() > 0.5 * abs(total[0]).max()
 
 
+def test_light_turns_a_box_about_another_point_than_its_centre() -> None:
+    """All of its force acts at the centre: the torque is -center_of_mass x F, and 0 for a homogeneous box."""
+    draw, given = np.random.default_rng(5), {"light": SOLAR_PRESSURE, "sun": (1.0, 2.0, -0.5)}
+    far = Orbit(1e12, primary=SUN)
+    centred, beside = (
+        Satellite.cubesat(far, center_of_mass=c, **given) for c in ((0, 0, 0), ("3 cm", "1 cm", "-2 cm"))
+    )
+    for _ in range(5):
+        g = algebra.rotation_matrix(algebra.unit(draw.normal(size=4)))
+        sun = centred.sun / np.linalg.norm(centred.sun) @ g
+        force = -SOLAR_PRESSURE * np.maximum([p.normal @ sun * p.area for p in centred.plates], 0).sum() * sun
+        want = -np.cross((0.03, 0.01, -0.02), force)
+        assert abs(moment(centred, g, 0.0, np.zeros(3))).max() < 1e-6 * abs(want).max()
+        assert abs(moment(beside, g, 0.0, np.zeros(3)) - want).max() < 1e-6 * abs(want).max()
+
+
 def librated(body: Satellite, dt: float, steps: int, every: int, **turned: float) -> object:
     g = body.orientation(body.pointing(**turned))
     return kr.simulate(body.model(), body.state(), dt=dt, steps=steps, every=every, orientation=g, progress=False)

@@ -119,16 +119,20 @@ class Satellite:
         self.model()
 
     @classmethod
-    def cubesat(cls, orbit: Orbit, units: float = 3, mass: Any = None, **more: Any) -> Satellite:
-        """A homogeneous CubeSat of so many units of 10 cm on each other along its first axis, 1.33 kg each.
+    def cubesat(
+        cls, orbit: Orbit, units: float = 3, mass: Any = None, center_of_mass: Any = (0.0, 0.0, 0.0), **more: Any
+    ) -> Satellite:
+        """A CubeSat of so many units of 10 cm on each other along its first axis, 1.33 kg each; its inertia is a box's.
 
-        Its six sides are plates.  [CubeSat Design Specification, rev. 13, 2014]
+        Its six sides are plates.  Air and light turn it only where its center_of_mass, (3,), m, is beside the centre of
+        the box: the specification allows 2 cm, along the first axis 7 cm for three units.  [CubeSat Design
+        Specification, rev. 13, 2014]
         """
         long, side = 0.1 * si_number(units, "1", "units", positive=True), 0.1
         weight = 1.33 * long / side if mass is None else si_number(mass, "kg", "mass", positive=True)
-        sides = np.array([long, side, side])
+        sides, shift = np.array([long, side, side]), si_numbers(center_of_mass, "m", "center_of_mass", ((3,),))
         plates = [
-            Plate(sign * axis, sign * axis * sides / 2, np.prod(sides[axis == 0]))
+            Plate(sign * axis, sign * axis * sides / 2 - shift, np.prod(sides[axis == 0]))
             for axis in np.eye(3)
             for sign in (1, -1)
         ]
