@@ -112,7 +112,7 @@ def task(name: str) -> tuple[str, float, list[str]]:
 def main(asked: list[str]) -> int:
     """Do all, two pieces at a time; the exit code."""
     pages = sorted(str(page) for page in DOCS.glob("*.md") if blocks(page.read_text(encoding="utf-8")))
-    work = asked or ["systems", "methods", "gallery", "performance", *pages]
+    work = asked or ["systems", "methods", "gallery", "performance", "playground", *pages]
     if not asked:
         shutil.rmtree(DOCS / "generated", ignore_errors=True)
     failed = False
