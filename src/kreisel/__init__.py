@@ -17,7 +17,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from kreisel.display import SHOWN
-from kreisel.errors import ConservationWarning, InputError, RunError
+from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, RunError
 from kreisel.system import NAMED, REGISTRY
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ _PARTS = ("analysis", "lab", "physical", "rebound", "reduction", "units")
 _EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX
 
 globals().update(NAMED)  # __init__.pyi tells them to editors and type checkers
-__all__ = ["ConservationWarning", "InputError", "RunError", "methods", "systems"]
+__all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "RunError", "methods", "systems"]
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
 
 

@@ -50,6 +50,10 @@ class ConservationWarning(UserWarning):
     """A run in which something that the method conserves is not conserved, far beyond what rounding explains."""
 
 
+class AccuracyWarning(UserWarning):
+    """A run whose error is probably larger than it should be: a step too long for the forces, a chaotic motion."""
+
+
 class Stopped(RunError):
     """A run that a signal stopped; what it had done is kept, and it can go on."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -327,3 +328,43 @@ def test_a_pulse_changes_what_it_changes(middle: float) -> None:
     assert conserved(pulse) == ("casimir",)
     even = kr.perturbed(top, potential=lambda a, t: 0.1 * a[2] ** 2 * np.exp(-(((t - middle) / 2) ** 2)))
     assert set(conserved(even)) == {"casimir", "noether"}
+
+
+def swinging(**forces: Any) -> Any:
+    return kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), **forces)
+
+
+SWING = {"m": (0.1, 0.2, 0.5), "a": (0.6, 0, 0.8)}
+
+
+def test_a_force_that_is_no_number_is_named_as_the_cause() -> None:
+    """The root of a negative number, in runs, propagators and DOP853."""
+    body, named = swinging(potential=lambda a: (a[2] - 0.7) ** 1.5), "a force that is no number there"
+    for method in ("splitting", "dop853"):
+        with pytest.raises(kr.RunError, match=named):
+            kr.simulate(body, SWING, dt=0.05, steps=100, method=method)
+    low = np.array([0.1, 0.2, 0.5, 0.8, 0, 0.6])
+    with pytest.raises(kr.RunError, match=named):
+        kr.propagator(body, dt=0.05).steps(low, 10)
+
+
+def test_a_perturbation_too_large_for_its_step_is_warned_of() -> None:
+    def run(k: float, dt: float = 0.3) -> Any:
+        body = swinging(potential=lambda a, *, k: k * a[0] ** 2, params={"k": k})
+        return kr.simulate(body, SWING, dt=dt, steps=100, order=(2, 2))
+
+    with pytest.warns(kr.AccuracyWarning, match="energy oscillates by .* too large for this step"):
+        run(5.0)
+    for k, dt in ((0.1, 0.3), (5.0, 0.02)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            run(k, dt)
+
+
+def test_chaos_is_warned_of_where_a_step_is_chosen() -> None:
+    asked = {"dt": 1.0, "steps": 200, "every": 10, "order": "auto", "tol": 1e-3}
+    with pytest.warns(kr.AccuracyWarning, match="neighbours part much faster, as in chaos"):
+        kr.simulate(swinging(potential=lambda a: 0.1 * a[0] ** 2), SWING, **asked)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kr.simulate(swinging(potential=lambda a: 0.1 * a[2] ** 2), SWING, **asked)

@@ -10,7 +10,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.method import auto_splitting
-from kreisel.runs.plan import choices
+from kreisel.runs.choosing import choices
 from kreisel.runs.settings import Settings
 
 

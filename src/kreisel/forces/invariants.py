@@ -100,7 +100,8 @@ def _survives(models: list[Model], function: Function, of: Callable[[list[Slopes
     """Which parts of a function do: in rational numbers if possible, else in doubles; models of one body or of two."""
     try:
         exactly = [Model(model.system, {k: _rationals(v) for k, v in model.params.items()}) for model in models]
-        return _all_of_parts(exactly, function, of, _fraction, lambda slope, scale: _is_zero(slope))
+        with np.errstate(all="ignore"):
+            return _all_of_parts(exactly, function, of, _fraction, lambda slope, scale: _is_zero(slope))
     except (TypeError, AttributeError, ValueError, ZeroDivisionError, InputError):
         with np.errstate(all="ignore"):
             return _all_of_parts(models, function, of, float, lambda slope, scale: abs(slope) <= ZERO * scale)

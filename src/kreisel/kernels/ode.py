@@ -19,6 +19,7 @@ SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
 FIRST = ("h_abs", "f")  # what the first step depends on, beside the start: SciPy computes it
 # of the solver within one dt: a step of it is 0.4 radians of the fastest turn and takes 0.1 ms
 MOST_STEPS = 10_000
+NO_NUMBER = "a force that is no number there (log or sqrt of a negative number, a division by 0)"
 
 Rate = Callable[[float, Floats, Floats], Floats]
 
@@ -127,7 +128,7 @@ class ReferenceEngine:
             if solver.status == "failed":
                 raise RunError(
                     f"DOP853 expected to go on from time {solver.t:g}{self._of(lane)}, got steps as short as the "
-                    "spacing of doubles. Usual cause: a state so large that its square overflows, or a time "
+                    f"spacing of doubles. Usual cause: a state so large that its square overflows, {NO_NUMBER}, or a time "
                     "so long that dt is lost in it. Use other units, or a map."
                 )
         return solver.y if solver.t == t else solver.dense_output()(t)
@@ -137,7 +138,8 @@ class ReferenceEngine:
         if not np.isfinite(solver.h_abs):
             raise RunError(
                 f"DOP853 expected a finite step, got {solver.h_abs:g} at time {solver.t:g}{self._of(lane)}: the "
-                "right-hand side overflows. Usual cause: a state so large that its square overflows. Use other units."
+                "right-hand side is no number, or overflows. Usual cause: a state so large that its square overflows, "
+                f"or {NO_NUMBER}. Use other units."
             )
         before, count = self._counts[lane]
         here = solver.t // self._dt

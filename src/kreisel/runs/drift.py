@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-from kreisel.errors import ConservationWarning, InputError
+from kreisel.errors import AccuracyWarning, ConservationWarning, InputError
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.storage.reading import a_run
 
@@ -28,6 +28,7 @@ KINDS = ("casimir", "integral", "relation")
 # below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
+LOOSE = 0.05  # of the terms of the energy: an oscillation that says that a step is too long
 COLUMNS = ["kind", "conserved", "start", "max_change", "ulps", "slope", "correction", "broken"]
 GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured again
@@ -126,7 +127,25 @@ def watched(run: xr.Dataset) -> xr.Dataset:
     sentences = [_sentence(name, row) for name, row in _rows(run, conserved, sloping=False).items() if row["broken"]]
     if sentences:
         warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
+    if run.attrs.get("method") == "splitting":
+        _warn_of_a_long_step(run)
     return run
+
+
+def _warn_of_a_long_step(run: xr.Dataset) -> None:
+    """Warns with `AccuracyWarning` where the energy, less work, of a splitting oscillates by much of its terms."""
+    kept = ["balance"] if "work" in run.variables else ["total_energy", "energy"]
+    name = next((name for name in kept if name in run.variables), None)
+    if name is None or run.attrs.get("impulses") or run.attrs.get("events"):
+        return
+    ((_, row),) = _rows(run, [name], sloping=False).items()
+    if row["max_change"] > LOOSE * lane_scales(run[name], "evaluation_scale").max():
+        warnings.warn(
+            f"{name} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the perturbation is too large for "
+            "this step and order, and the state is off. Use a smaller dt, order=8, or order='auto' with tol=....",
+            AccuracyWarning,
+            stacklevel=4,
+        )
 
 
 def _watched(run: xr.Dataset) -> list[str]:

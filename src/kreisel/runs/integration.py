@@ -19,6 +19,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
 from kreisel.runs.breaks import BREAKS, Breaks, Stop
 from kreisel.runs.plan import Plan
+from kreisel.runs.settings import of_forces
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
@@ -234,7 +235,8 @@ class Integration:
         self._require(
             np.isfinite,
             "The state is no longer finite",
-            f"{self._forces}a step far too long, or a state so large that its square overflows. Use a smaller dt.",
+            f"{of_forces(self.plan.model)}a step far too long, or a state so large that its square overflows. "
+            "Use a smaller dt.",
         )
         guard = self.plan.scheme.guard
         if guard is not None:
@@ -256,13 +258,6 @@ class Integration:
                     "a step far too long for this state, or a map or an integral that is not what its record says. "
                     "Use a smaller dt; project=False (--no-project) shows the map as it is.",
                 )
-
-    @property
-    def _forces(self) -> str:
-        """What else makes numbers that are not finite, where there are forces."""
-        if self.plan.model.system.perturbation is None:
-            return ""
-        return "a force that is no number there (log or sqrt of a negative number, a division by 0), "
 
     def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
         """Note or raise the first row where a condition fails; the state of the engine counts as one more row."""
@@ -303,7 +298,7 @@ class Integration:
                 self._lose(
                     finite,
                     lambda step, name=name: f"{name} is not finite, although the state is, at step {step}",  # type: ignore[misc]
-                    f"{self._forces}a state so large that its powers overflow. Use smaller units.",
+                    f"{of_forces(self.plan.model)}a state so large that its powers overflow. Use smaller units.",
                 )
                 lost = lost | ~finite
         if lost.any():

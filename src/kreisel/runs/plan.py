@@ -16,7 +16,7 @@ from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
-from kreisel.method import Outcome, Scheme, default_method, find, scheme
+from kreisel.method import Outcome, Scheme, default_method, scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.reference import with_tolerance
 from kreisel.method.scheme import Flow
@@ -37,13 +37,10 @@ from kreisel.runs.timetable import Timetable
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
-    from kreisel.method.auto import Choice
-    from kreisel.method.auto_splitting import Pilot
     from kreisel.record.model import OrientationLike, StateLike
 
 TIMES = "times"  # of the rows, beside the state in `Plan.start`
 COMPUTED = ("constants", "stages", "basis")  # of a scheme
-MOST_CHOSEN = 10**6  # steps in a dt that was asked for
 
 
 @dataclass
@@ -225,7 +222,7 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     state = checked_state(model, x0)
     if settings.order == "auto":
         return _chosen(model, state, settings, orientation)
-    method = settings.method or _default(model, settings)
+    method = settings.method or default(model, settings)
     made = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
     if settings.tol is not None:
         made = with_tolerance(made, within_tolerances(settings.tol))
@@ -233,7 +230,7 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     return planned(model, made, settings, initial_parts(model, state, orientation), settings.engine)
 
 
-def _default(model: Model, settings: Settings) -> str:
+def default(model: Model, settings: Settings) -> str:
     """The method that is not asked for: one that makes steps where an order, or an engine for steps, is."""
     return default_method(model, stepped=settings.order is not None or settings.engine not in (None, "cpu"))
 
@@ -254,89 +251,12 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
 
 def _chosen(model: Model, state: State, settings: Settings, orientation: OrientationLike | None) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
-    (choice,) = _choices(model, state, settings, orientation, each=False)
+    from kreisel.runs.choosing import choice_of, with_choice
+
+    (choice,) = choice_of(model, state, settings, orientation, each=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
-
-
-def choices(
-    model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None
-) -> list[Choice]:
-    """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
-    return _choices(model, checked_state(model, x0), settings, orientation, each=True)
-
-
-def _choices(
-    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, each: bool
-) -> list[Choice]:
-    from kreisel.method import auto, auto_splitting
-
-    method, parts = settings.method or _default(model, settings), initial_parts(model, state, None)
-    when = settings.every * settings.dt, settings.time, settings.tol
-    if method not in ("baecklund", "splitting"):
-        raise InputError(
-            "order='auto' chooses among the orders of method='baecklund' or 'splitting', which this run does not use."
-        )
-    find(method).check(model)
-    if method == "baecklund":
-        return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
-    lanes = auto.with_lanes(model, parts)
-    if not each or len(lanes[0]) == 1:
-        steps, rate = _pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
-        return [auto_splitting.choose(steps, rate, *when)]
-    out = []
-    for i in range(len(lanes[0])):
-        one = {letter: part[i : i + 1] for letter, part in zip(model.system.space.letters, lanes, strict=True)}
-        g = None if orientation is None else initial_orientation(orientation, model)
-        g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
-        out += _choices(model.lanes(np.array([i])), model.state(**one), settings, g, each=False)
-    return out
-
-
-def _pilot(
-    model: Model, state: State, settings: Settings, orientation: OrientationLike | None
-) -> Callable[..., Pilot | None]:
-    """Steps of splittings from the start, without a look at what is conserved."""
-    from kreisel.method.auto_splitting import Pilot
-
-    parts = initial_parts(model, state, orientation)
-
-    def steps(order: Any, h: float, count: int) -> Pilot | None:
-        try:
-            made = scheme(model, "splitting", h, order, orientation is not None)
-        except InputError:  # an order that a force does not have
-            return None
-        asked = settings.but(dt=h, steps=count, every=count, order=order, tol=None, project=False, engine=None)
-        plan = planned(model, made, asked, parts, None)
-        out = np.empty((1, *plan.first.shape))
-        plan.engine.advance(out, count)
-        z = layout.restore(out[0], plan.kinds, model.n)
-        if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
-            return None
-        own = layout.flatten(z[: len(parts)], plan.kinds[: len(parts)])
-        return Pilot(own, made.stage_count * getattr(plan.engine, "work", 1.0)) if np.isfinite(own).all() else None
-
-    return steps
-
-
-def with_choice(choice: Choice, settings: Settings) -> Settings:
-    """The settings of a run with this choice; rows are saved at the same times.  Raises `InputError`."""
-    every = settings.every
-    if choice.steps > MOST_CHOSEN * every:
-        raise InputError(
-            f"order='auto': expected a motion that {MOST_CHOSEN:,} steps in a dt resolve, got one that needs "
-            f"{choice.steps // every:,}. Usual cause: a state or parameters far larger than meant. If they are right, "
-            "use a smaller dt and every=..., or say order and dt."
-        )
-    return settings.but(
-        dt=every * settings.dt / choice.steps,
-        steps=settings.steps // every * choice.steps,
-        every=choice.steps,
-        method=choice.method,
-        order=choice.order,
-        tol=None,
-    )
 
 
 def initial_parts(model: Model, state: State, orientation: OrientationLike | None) -> tuple[Array, ...]:

@@ -32,6 +32,7 @@ from kreisel.runs.settings import (
     flag,
     named,
     observed,
+    of_forces,
     positive_number,
     whole_order,
     within,
@@ -333,8 +334,8 @@ class Propagator(StateForms):
         if not _finite(out):
             _require_finite(x)
             raise RunError(
-                "The state is no longer finite. Usual cause: a step far too long, or a state so large that its square "
-                "overflows. Use a smaller dt."
+                f"The state is no longer finite. Usual cause: {of_forces(self.model)}a step far too long, or a "
+                "state so large that its square overflows. Use a smaller dt."
             )
         guard, projection = self._scheme.guard, engine.projection
         if guard is not None:

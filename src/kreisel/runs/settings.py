@@ -293,6 +293,13 @@ def finite_number(value: Any, name: str) -> float:
     return found
 
 
+def of_forces(model: Model) -> str:
+    """What else makes numbers that are not finite, where there are forces."""
+    if model.system.perturbation is None:
+        return ""
+    return "a force that is no number there (log or sqrt of a negative number, a division by 0), "
+
+
 def within_tolerances(value: Any) -> float:
     """A relative tolerance of an adaptive method.  Raises `InputError`."""
     tol = finite_number(value, "tol")

@@ -25,9 +25,10 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.auto import Choice
 from kreisel.record.contract import System
 from kreisel.record.model import Model
+from kreisel.runs.choosing import choices, with_choice
 from kreisel.runs.integration import Integration
 from kreisel.runs.own import load_system
-from kreisel.runs.plan import Plan, choices, plan_of, with_choice
+from kreisel.runs.plan import Plan, plan_of
 from kreisel.runs.settings import Settings
 from kreisel.storage import manifest
 from kreisel.sweeps.design import Lanes, Varied
