@@ -354,7 +354,7 @@ def test_a_perturbation_too_large_for_its_step_is_warned_of() -> None:
         return kr.simulate(body, SWING, dt=dt, steps=100, order=(2, 2))
 
     with pytest.warns(kr.AccuracyWarning, match="energy oscillates by .* too large for this step"):
-        run(5.0)
+        run(5.0, 0.4)
     for k, dt in ((0.1, 0.3), (5.0, 0.02)):
         with warnings.catch_warnings():
             warnings.simplefilter("error")

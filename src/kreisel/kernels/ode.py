@@ -128,8 +128,8 @@ class ReferenceEngine:
             if solver.status == "failed":
                 raise RunError(
                     f"DOP853 expected to go on from time {solver.t:g}{self._of(lane)}, got steps as short as the "
-                    f"spacing of doubles. Usual cause: a state so large that its square overflows, {NO_NUMBER}, or a time "
-                    "so long that dt is lost in it. Use other units, or a map."
+                    f"spacing of doubles. Usual cause: a state so large that its square overflows, {NO_NUMBER}, or a "
+                    "time so long that dt is lost in it. Use other units, or a map."
                 )
         return solver.y if solver.t == t else solver.dense_output()(t)
 

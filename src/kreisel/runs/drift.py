@@ -28,7 +28,7 @@ KINDS = ("casimir", "integral", "relation")
 # below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
-LOOSE = 0.05  # of the terms of the energy: an oscillation that says that a step is too long
+LOOSE = 0.2  # of the terms of the energy: an oscillation that says that a step is too long
 COLUMNS = ["kind", "conserved", "start", "max_change", "ulps", "slope", "correction", "broken"]
 GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured again
