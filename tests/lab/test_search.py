@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import controls, dynamics, search
+from kreisel.lab import brackets, controls, dynamics, families, growth, integrals, search
 from kreisel.lab.numerical import integrals_in_floats
 from kreisel.lab.subject import subject
+from kreisel.lab.verdicts import liouville
 from kreisel.system import clebsch, symmetric_top
 
 F = Fraction
@@ -84,6 +85,81 @@ def test_integrals_in_floats() -> None:
 def test_veselov_comes_out_of_a_family_of_kinetic_parts() -> None:
     found = search.search(search.mixed_kinetic, {"theta": [1.0, 0.5]}, steps=0)
     assert verdicts(found, "theta") == {1.0: "integrable", 0.5: "undecided"}
+
+
+def test_kovalevskaya_comes_out_of_a_family_of_potentials() -> None:
+    """kappa = -1/4 alone: degrees 9 k^2 + 1, two integrals in involution, of degrees 4 and 6, beside the Casimirs."""
+    grid = {"s": [1], "tilt": [(1, 0, 0)], "kappa": [0, F(-1, 8), F(-1, 4)]}
+    found = search.search(families.spinning, grid, **EXACT)
+    assert verdicts(found, "kappa") == {0: "not integrable", F(-1, 8): "not integrable", F(-1, 4): "undecided"}
+    what = subject(families.spinning(1, (1, 0, 0), F(-1, 4)), eps=2)  # of eps there is a scaling
+    assert growth.degrees(what, 6) == tuple(9 * k * k + 1 for k in range(7))
+    kept = integrals.integrals(what, 6)
+    assert [f.degree for f in kept] == [2, 2, 4, 6]
+    ranks = liouville(what, what.tensor, kept, 0)
+    assert (ranks.leaf, ranks.on_leaf, ranks.involution) == (4, 2, True) and brackets.preserves(what, what.tensor)
+    x = np.array([F(1, 3), F(-2, 5), F(1, 7), F(3, 4), F(-1, 2), F(2, 9)], dtype=object)
+    orbit = [x, what.step(x, **what.constants)]
+    orbit.append(what.step(orbit[1], **what.constants))
+    assert all(f(orbit[0]) == f(orbit[1]) == f(orbit[2]) != f(x + 1) for f in kept)
+
+
+def test_the_map_of_kovalevskaya_discretizes_kovalevskayas_top() -> None:
+    """(step - 1)/eps against M' = [M, Omega] + A ^ P, P' = -Omega P, Omega = M + pi M pi, for n = 3 and 4."""
+    rng = np.random.default_rng(3)
+    for n in (3, 4):
+        A = np.eye(n)[0]
+        M, P = kr.algebra.skew(rng.normal(size=n * (n - 1) // 2), n), rng.normal(size=n)
+        Omega = M.copy()
+        Omega[:-1, :-1] *= 2
+        rates = M @ Omega - Omega @ M + kr.algebra.wedge(A, P), -Omega @ P
+        member, eps = families.spinning(1, A.astype(int), F(-1, 4)), 1e-6
+        for new, old, rate in zip(member.step(M, P, eps=eps), (M, P), rates, strict=True):
+            assert np.allclose((np.asarray(new, dtype=float) - old) / eps, rate, atol=1e-4)
+
+
+def test_kovalevskayas_top_in_two_fields() -> None:
+    """Degrees 12 k^2 + 2 k + 1 with the determinant, exponential without; it discretizes the record, n = 3 and 4."""
+    what = subject(families.kovalevskaya(), eps=2)
+    assert growth.degrees(what, 5) == tuple(12 * k * k + 2 * k + 1 for k in range(6)) and brackets.preserves(
+        what, what.tensor
+    )
+    assert [f.degree for f in integrals.integrals(what, 4)] == [2, 2, 2, 4]
+    assert growth.degrees(subject(families.kovalevskaya(coupling=0), eps=2), 3) == (1, 10, 47, 199)
+    rng = np.random.default_rng(3)
+    for n in (3, 4):
+        top = kr.KovalevskayaTop(n=n)
+        M, P, Q = kr.algebra.skew(rng.normal(size=n * (n - 1) // 2), n), rng.normal(size=n), rng.normal(size=n)
+        rates = top.call(top.system.flow, M, P, Q)
+        new = families.kovalevskaya(n=n).step(M, P, Q, eps=1e-6)
+        for x, old, rate in zip(new, (M, P, Q), rates, strict=True):
+            assert np.allclose((np.asarray(x, dtype=float) - old) / 1e-6, rate, atol=1e-4)
+
+
+def test_kahans_gyrostat_needs_a_wheel_along_a_principal_axis() -> None:
+    grid = {"h": [(0, 1, 0), (1, 1, 0), (1, 2, 3)], "J": [(1, 2, 4)]}
+    found = search.search(families.kahan_gyrostat, grid, steps=0, iterates=6)
+    known = {(0, 1, 0): "integrable", (1, 1, 0): "not integrable", (1, 2, 3): "not integrable"}
+    assert {s.parameters["h"]: s.verdict for s in found.scores} == known
+
+
+def test_members_of_the_further_families() -> None:
+    """Clebsch's map in both families of logarithms, Lagrange's among spinning bodies, n = 3 and 4."""
+    rng = np.random.default_rng(1)
+    for n in (3, 4):
+        M, P, eps = kr.algebra.skew(rng.normal(size=n * (n - 1) // 2), n), rng.normal(size=n), 0.3
+        b, axis = [0] * (n - 1) + [3], [0] * (n - 1) + [1]
+        for ours, system, known in (
+            (families.shifted_logarithm(0, 2, b), clebsch, {"b": np.array(b, dtype=float)}),
+            (families.sum_of_logarithms(2, b), clebsch, {"b": np.array(b, dtype=float)}),
+            (families.spinning(0, axis), symmetric_top, {"A": np.array(axis, dtype=float)}),
+        ):
+            new, theirs = ours.step(M, P, eps=eps), system.SYSTEM.map.step(M, P, eps=eps, **known)
+            assert all(np.allclose(x.astype(float), y, atol=1e-13) for x, y in zip(new, theirs, strict=True))
+        spun = subject(families.spinning(1, axis[::-1]))
+        assert brackets.preserves(spun, spun.tensor)
+    top = subject(families.kahan_heavy_top(I3=2))
+    assert len(integrals.integrals(top, 1)) == 1  # M3
 
 
 def test_trouble_is_scored_and_the_search_goes_on() -> None:

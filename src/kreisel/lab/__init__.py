@@ -19,6 +19,7 @@ _MODULES = (
     "confinement",
     "darboux",
     "dynamics",
+    "families",
     "growth",
     "integrals",
     "laws",

@@ -30,7 +30,7 @@ from kreisel.lab.questions import QUESTIONS as _QUESTIONS
 from kreisel.lab.questions import Clues
 from kreisel.lab.subject import Subject, subject
 from kreisel.lab.verdicts import filled
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, System
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
 from kreisel.system import euler_top
@@ -66,7 +66,7 @@ def veselov(gradient: Gradient, J: Sequence[Any], name: str = "veselov") -> Mode
     return model_of(name, len(J), Map(step=step, rational=False))
 
 
-def model_of(name: str, n: int, mapped: Map) -> Model:
+def model_of(name: str, n: int, mapped: Map, space: PhaseSpace = MOVING_SPACE) -> Model:
     """A map on e*(n) as a model."""
     system = System(
         name=name,
@@ -74,7 +74,7 @@ def model_of(name: str, n: int, mapped: Map) -> Model:
         equations="",
         source="",
         frame=Frame.MOVING,
-        space=MOVING_SPACE,
+        space=space,
         parameters=(),
         flow=None,
         energy=None,

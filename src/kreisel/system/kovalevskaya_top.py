@@ -57,5 +57,6 @@ SYSTEM = System(
             meaning="the rotor gamma = 0",
         ),
     ),
-    notes="No integrable discretization is known: open. Q = 0 is the top in one field.",
+    notes="Q = 0 is the top in one field. An explicit map of it is in kreisel.lab.families, not here: for n = 3 it is "
+    "integrable, in two fields and for n = 4 its degrees grow like k^2.",
 )
