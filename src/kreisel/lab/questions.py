@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -63,6 +62,7 @@ class Clues:
         self.found: list[Any] = []
         self.volume = ""  # an invariant one
         self.period = 0
+        self._darboux: dict[int, Darboux | None] = {}
         self.clock = ""  # a coordinate that counts the steps
         self.lax: Lax | None = None
         self.ranks: Lax | None = None
@@ -70,14 +70,18 @@ class Clues:
         self.in_floats = False
         self.orbits: list[dynamics.Dynamics] = []
 
-    @functools.cache  # noqa: B019 - the clues of one page
     def darboux(self, degree: int) -> Darboux | None:
         """Darboux polynomials of maps of few free coordinates."""
-        if not self.rational or self.what.dim not in DARBOUX or (self.what.start is not None and self.what.model):
+        if degree not in self._darboux:
+            self._darboux[degree] = self._looked_for(degree)
+        return self._darboux[degree]
+
+    def _looked_for(self, degree: int) -> Darboux | None:
+        if not self.rational or self.what.dim not in DARBOUX or self.what.model is not None:
             return None
         try:
             return darboux(replace(self.what, start=None), degree, self.seed)
-        except InputError:
+        except (InputError, ArithmeticError):
             return None
 
     @property
@@ -292,7 +296,7 @@ def _singularities(c: Clues) -> Finding:
         return Finding("singularities", "not followed", "this needs a rational map of the plane")
     try:
         found = singularities(replace(c.what, start=None), seed=c.seed)
-    except InputError as error:
+    except (InputError, ArithmeticError) as error:
         return Finding("singularities", "unknown", str(error))
     if not found:
         return Finding("singularities", "none", "no curve is contracted")
