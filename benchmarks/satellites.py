@@ -6,9 +6,9 @@ Writes results/satellites.json.  Year: seconds of `kr.simulate` on one core for 
 a magnetic moment and sunlight on its six sides, as CPU time, which other work beside hardly changes, the least of three
 calls; and how far the libration of such a satellite under gravity alone is off in a day, in degrees, against steps of a
 quarter with order (8, 6, 4).  Sweep: 1,000 of them at inclinations of their own.  The part of its time that is the
-kernel's, by that of `kr.propagator` on one core for as many lanes and steps: of the CPU time of a sweep of 16 days in one
-process, and of two cores during one of 120 days on two workers, by the clock.  The latter says something about Kreisel
-on an idle machine alone, and is left out (null) where the load average was above 0.5 before.
+kernel's, by that of `kr.propagator` on one core for as many lanes and steps: of the CPU time of a sweep of 16 days in
+one process, and of two cores during one of 120 days on two workers, by the clock.  The latter says something about
+Kreisel on an idle machine alone, and is left out (null) where the load average was above 0.5 before.
 """
 
 from __future__ import annotations
