@@ -57,4 +57,6 @@ def repeat(
 def _matrix_of(kind: str, x: Array, n: int) -> Array:
     if kind == "matrix":
         return x.reshape((n, n))
+    if kind == "vector":
+        return x
     return skew(x, n) if kind == "skew" else symmetric(x, n)

@@ -54,7 +54,7 @@ from math import cos, exp, log, sin, sqrt
 
 import numpy as np
 from numba import njit
-from numpy import ascontiguousarray, eye, full
+from numpy import ascontiguousarray, concatenate, empty, eye, full
 from numpy.linalg import solve
 
 from kreisel.kernels._numba.fused import fma, sign

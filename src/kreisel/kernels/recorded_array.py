@@ -22,6 +22,8 @@ class RecordedMatrix:
 
     def __init__(self, tape: Tape, name: str, shape: tuple[int, ...]):
         self.tape, self.name, self.shape = tape, name, shape
+        if tape.shapes is not None:
+            tape.shapes[name] = shape
 
     @property
     def ndim(self) -> int:
@@ -143,6 +145,10 @@ class RecordedMatrix:
         by = "eliminated" if self.shape[-1] <= ELIMINATED_N else "solve"
         return self._new(f"{by}({self.name}, {name})", shape, self.name, *needs)
 
+    def record_shift(self, k: int) -> RecordedMatrix:
+        """x_(i+k) of a vector on a ring."""
+        return self._new(f"shifted({self.name}, {k})", self.shape, self.name)
+
     def sqrt(self) -> RecordedMatrix:
         return self._new(f"root({self.name})", self.shape, self.name)
 
@@ -181,4 +187,8 @@ class MatrixNamespace:
 
     @staticmethod
     def concatenate(parts: list[RecordedMatrix], axis: int) -> RecordedMatrix:
-        raise TypeError("concatenation of recorded arrays is not needed by any step")
+        """Vectors one after the other."""
+        if any(part.ndim != 1 for part in parts):
+            raise TypeError("recorded matrices are not joined by any step")
+        names = [part.name for part in parts]
+        return parts[0]._new(f"concatenate(({', '.join(names)}))", (sum(part.shape[0] for part in parts),), *names)

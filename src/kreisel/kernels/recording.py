@@ -141,6 +141,7 @@ class Recording:
         self.pieces, self.work = [], 0
         for k, part in enumerate(parts):
             tape = Tape("e" * k)
+            tape.shapes = {} if set(self.kinds) <= {"vector", "scalar"} else None
             given = [
                 RecordedMatrix(tape, name, shapes[kind]) for name, kind in zip(self.state, self.kinds, strict=True)
             ]
@@ -154,7 +155,9 @@ class Recording:
                 f"{MIRRORS[kind]}({v.name})" if kind in MIRRORS else v.name
                 for v, kind in zip(new, self.kinds, strict=True)
             ]
-            self.pieces.append(RecordedFunction(part, tape.needed([v.name for v in new]), names))
+            outputs = [v.name for v in new]
+            lines = tape.needed(outputs) if tape.shapes is None else tape.finished(outputs)
+            self.pieces.append(RecordedFunction(part, lines, names))
             self.work += len(self.pieces[-1].lines) * self.n**2
         edges = np.cumsum([0, *(layout.coordinate_count(kind, self.n) for kind in self.kinds)])
         self.places = [

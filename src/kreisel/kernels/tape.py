@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from kreisel.kernels.fusing import fused
 from kreisel.kernels.printing import Line, arranged, needed
 
 TRANSCENDENTAL = ("sin", "cos", "exp", "log")  # functions of one number, beside sqrt
@@ -37,6 +38,7 @@ class Tape:
         self._count = 0
         self._loop: tuple[list[Line], set[str]] | None = None  # the lines of an open loop, and what they compute
         self.complex_names: set[str] = set()  # of recorded arrays
+        self.shapes: dict[str, tuple[int, ...]] | None = None  # of those, where all are real vectors
 
     def record(self, expression: str, needs: tuple[str, ...]) -> str:
         if expression not in self._names:
@@ -75,7 +77,7 @@ class Tape:
             del self._names[expression]
         last = self._fresh("d")
         wanted = [v.name for v in (*new, defect) if not _is_plain(v)]
-        block = [line.text for line in arranged(needed(inner, wanted), wanted)]
+        block = [part for line in self._finished(inner, wanted) for part in line.text.splitlines()]
         block += [f"{', '.join(names)}, = {', '.join(map(source_of, new))},", f"{last} = {source_of(defect)}"]
         lines = [f"{', '.join(names)}, = {', '.join(map(source_of, start))},", f"for _ in range({most}):"]
         lines += [f"    {line}" for line in (*block, f"if {last} <= {small!r}:", "    break")]
@@ -87,6 +89,14 @@ class Tape:
     def needed(self, outputs: list[str]) -> list[Line]:
         """The lines that the outputs depend on, in order."""
         return needed(self.lines, outputs)
+
+    def finished(self, outputs: list[str]) -> list[Line]:
+        """The same, as they are to be printed."""
+        return self._finished(self.lines, outputs)
+
+    def _finished(self, lines: list[Line], outputs: list[str]) -> list[Line]:
+        chosen = needed(lines, outputs)
+        return arranged(chosen, outputs) if self.shapes is None else fused(chosen, outputs, self.shapes)
 
 
 def _is_plain(x: Any) -> bool:

@@ -53,7 +53,7 @@ class Case:
         return layout.flatten(state, self.kinds)
 
     def tensor(self, state: tuple[Array, ...]) -> Array:
-        return self.system.space.tensor(*state)
+        return self.model.call(self.system.space.tensor, *state)
 
     def jacobian(self, function: Callable[..., Any] | None, **extra: Any) -> tuple[Any, Array]:
         return jacobian(lambda *z: self.call(function, *z, **extra), self.state, self.kinds, self.model.n)

@@ -22,7 +22,7 @@ def hamiltonian_flow(case: Case) -> Sides:
 @_law("{f, g} = -{g, f} and {f, {g, h}} + cyclic = 0")
 def jacobi_identity(case: Case) -> Sides:
     tensor = case.tensor(case.state)
-    derivative = jacobian(case.system.space.tensor, case.state, case.kinds, case.model.n)[1]
+    derivative = jacobian(lambda *z: case.tensor(z), case.state, case.kinds, case.model.n)[1]
     triple = np.tensordot(tensor, derivative, (1, 2))
     yield tensor, -tensor.T
     yield triple + triple.transpose(1, 2, 0), -triple.transpose(2, 0, 1)

@@ -168,7 +168,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def tensor(x: Array) -> Array:
         turn = _axial(np.arange(1, len(x) + 1), space.kinds, n)  # a permutation with signs
         place, sign = abs(turn) - 1, np.sign(turn)
-        return (space.tensor(*unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
+        return (model.call(space.tensor, *unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
 
     def of_record(function: Any) -> Any:
         return None if function is None else lambda x, lam, **known: call(function, unpacked(x), {**known, "lam": lam})

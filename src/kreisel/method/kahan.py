@@ -46,7 +46,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """
     space = model.system.space
     count = len(space.letters)
-    linear = tuple(name for name, function in model.system.integrals.items() if _is_linear(model, function))
+    linear = tuple(name for name, function in model.system.integrals.items() if is_linear(model, function))
     energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
     observe_all, outcomes = observer(
         model, None, None, conserved=linear, meanings={"energy": energy}, oriented=oriented
@@ -170,7 +170,8 @@ def is_quadratic(model: Model) -> bool:
     return bool(reused((is_quadratic, model.key), lambda: _differences_vanish(model, model.system.flow, 3)))
 
 
-def _is_linear(model: Model, function: Callable[..., Any]) -> bool:
+def is_linear(model: Model, function: Callable[..., Any]) -> bool:
+    """Whether a function is linear in the state, for these parameters: second differences vanish over Q."""
     return _differences_vanish(model, function, 2)
 
 

@@ -79,7 +79,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         reopen=prepare,
         outcomes=outcomes,
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
-        recordable=model.system.numbers == "any",
+        recordable=model.system.numbers != "jax",
         coupling=coupling_of(
             model, lambda z, known: Body(z[:count], z[count] if oriented else None, where(z).get(TIME)), driven
         ),

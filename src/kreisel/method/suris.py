@@ -71,7 +71,7 @@ def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
 
 def _has_a_map(model: Model) -> bool:
     system = model.system
-    return system.map is not None and system.map.to_symmetric is not None and system.numbers == "any"
+    return system.map is not None and system.map.to_symmetric is not None and system.numbers != "jax"
 
 
 METHOD = Method(

@@ -65,7 +65,7 @@ class Frame(enum.Enum):
 class PhaseSpace:
     """A Poisson manifold in coordinates: components, Poisson tensor, Casimirs.
 
-    `tensor(*state)` is the matrix of brackets of the independent coordinates (skew matrices count by
+    `tensor(*state)`, which may name parameters, is the matrix of brackets of the independent coordinates (skew matrices count by
     their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
     in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
@@ -150,6 +150,36 @@ SPHERE_SPACE = PhaseSpace(
     carried=(0,),
     constraints={"|x|^2 - 1": lambda x, q: algebra.dot(x, x) - 1, "<x, q>": lambda x, q: algebra.dot(x, q)},
     draw=random_on_sphere,
+)
+
+
+def random_spins(n: int, draw: Function) -> tuple[Array, ...]:
+    """n random unit vectors as x, y, z, rational where `draw` is."""
+    u, v = draw((2, n))
+    below = 1 / (1 + u * u + v * v)
+    return 2 * u * below, 2 * v * below, (1 - u * u - v * v) * below
+
+
+SPINS_SPACE = PhaseSpace(
+    name="(so(3)*)^n",
+    components=(("Sx", "vector"), ("Sy", "vector"), ("Sz", "vector")),
+    tensor=lambda *spins: -invariants.spins_poisson(*spins),
+    casimirs=invariants.squared_lengths,
+    sign=-1,
+    carried=(),
+)
+LATTICE_SPACE = PhaseSpace(
+    name="(S^2)^2n, {x, y} = -(1 + D z^2)^(1/2) z",
+    components=tuple((f"{spin}{axis}", "vector") for spin in "ST" for axis in "xyz"),
+    tensor=lambda *spins, D: -invariants.lattice_poisson(spins, D),
+    casimirs=invariants.squared_lengths,
+    sign=-1,
+    carried=(),
+    constraints={
+        "|S|^2 - 1": lambda *spins: invariants.squared_lengths(*spins[:3]) - 1,
+        "|T|^2 - 1": lambda *spins: invariants.squared_lengths(*spins[3:]) - 1,
+    },
+    draw=lambda n, draw: (*random_spins(n, draw), *random_spins(n, draw)),
 )
 
 
@@ -305,8 +335,8 @@ class System:
     derive(params)           further constants computed once from the parameters
     check_state(*state)      raises `InputError` for states without a meaning
     n                        the dimension, where the parameters do not tell it
-    numbers                  "any": the functions take any kind of number; "jax": floats and JAX arrays
-                             (`kreisel.reduction`), and steps are compiled by JAX
+    numbers                  "any": the functions take any kind of number; "real": any with square roots; "jax": floats
+                             and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
     perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
                              then flow and energy may take by keyword the orientation g, as a matrix, and the time t
     product                  the bodies of which this is a product (`kreisel.forces.product`)

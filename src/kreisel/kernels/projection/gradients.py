@@ -145,6 +145,9 @@ class Traced:
         value = np.sqrt(self.value)
         return Traced(value, (self, lambda g: g * (0.5 / value)))
 
+    def log(self) -> Traced:
+        return Traced(np.log(self.value), (self, lambda g: g / self.value))
+
     def sum(self, axis: int) -> Traced:
         if axis >= 0:
             raise TypeError("traced arrays are added up along an axis counted from the last one")

@@ -1,0 +1,147 @@
+"""method="midpoint": the spherical midpoint method on products of spheres, and symmetric compositions of it.
+
+For w_i' = X_i(w) with <X_i, w_i> = 0, spins or the momentum of a free body, r_i = |w_i|, the step is
+
+    (w' - w)_i/dt = X_i(c),   c_i = r_i (w + w')_i/|w + w'|_i:
+
+symmetric, of order 2, symplectic on the product of the spheres.  It conserves each |w_i| and linear integrals, and is
+equivariant under turns.  With Omega = c x X/r^2 it says that w turns about Omega by 2 arctan(dt r |Omega|/|w + w'|): so it is
+repeated until it has settled, and every iterate is on the spheres.  The orientation of a body turns by the Cayley
+transform of dt/2 Omega(c).  [McLachlan, Modin, Verdier 2014]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.iteration import repeat
+from kreisel.algebra.spins import Spins, cross, inner
+from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
+from kreisel.method.kahan import is_linear
+from kreisel.method.observing import observer, turned, with_orientation
+from kreisel.method.record import Method
+from kreisel.method.scheme import Guard, Scheme, Steps
+from kreisel.record.contract import SPINS_SPACE, PhaseSpace, call
+from kreisel.record.model import Model
+
+DEFECT = "defect"
+SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites
+MOST = 100  # iterations; a step in which they do not settle is refused
+
+State = tuple[Array, ...]
+
+
+def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """The step with dt, of order 2, or composed to order 4, 6 or 8.
+
+    The largest square of the last change of a direction is carried along as the component "defect" and guarded.
+    """
+    space = model.system.space
+    count = len(space.letters)
+    linear = tuple(name for name, function in model.system.integrals.items() if is_linear(model, function))
+    energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
+    observe, outcomes = observer(model, None, None, ("casimir", *linear), {"energy": energy}, oriented)
+
+    def step(*z: Array, eps: Array, **consts: Array) -> State:
+        new, centre, defect = advance(model, z[:count], eps, consts)
+        along = (_followed(model, centre, g, eps, consts) for g in z[count:-1])
+        return (*new, *along, algebra.maximum(z[-1], defect))
+
+    def reopen(x: State) -> State:
+        return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
+
+    return Scheme(
+        name="midpoint",
+        components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
+        constants=dict(model.constants),
+        axes={**model.axes, "eps": 0},
+        stages={"eps": symmetric_composition(order) * dt},
+        n=model.n,
+        prepare=reopen,
+        motion=Steps(step),
+        observe=lambda z, /, **constants: observe(z[:-1], **constants),
+        reopen=reopen,
+        outcomes=outcomes,
+        options={"order": order},
+        dt_in_constants=True,
+        guard=Guard(
+            DEFECT,
+            LIMIT**2,
+            "The implicit equation of the midpoint step was not solved to round-off",
+            "a step in which a spin turns too far: dt times the field must be below about 1. Use a smaller dt.",
+        ),
+    )
+
+
+def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array]) -> tuple[State, State, Array]:
+    """The step of order 2: the new state, the point c, and the square of the last change of a direction."""
+    space = model.system.space
+    known = {name: value for name, value in consts.items() if name in model.axes}
+    w = _spins(space, state)
+    square = inner(w, w)
+    inverse, sites = 1 / square, w[0].shape[-1]
+
+    def improved(*new: Array) -> tuple[Spins, Array]:
+        total = tuple(x + y for x, y in zip(w, new, strict=True))
+        length = algebra.sqrt(square / inner(total, total))  # r/|w + w'|
+        c = tuple(length * x for x in total)
+        X = _spins(space, tuple(call(model.system.flow, _state(space, c), known)))
+        a = tuple(algebra.vec(eps) * length * inverse * x for x in cross(c, X))
+        aw = cross(a, w)
+        half = 2 / (1 + inner(a, a))
+        found = tuple(x + half * (y + v) for x, y, v in zip(w, aw, cross(a, aw), strict=True))
+        change = tuple(x - y for x, y in zip(found, new, strict=True))
+        return found, (inverse * inner(change, change)).sum(-1) / sites
+
+    new, defect = repeat(improved, w, SMALL**2, MOST, ("vector",) * 3)
+    total = tuple(x + y for x, y in zip(w, new, strict=True))
+    length = algebra.sqrt(square / inner(total, total))
+    return _state(space, new), _state(space, tuple(length * x for x in total)), defect
+
+
+def _spins(space: PhaseSpace, state: State) -> Spins:
+    """x, y, z of the spins (..., n); of a free body, of its momentum (..., 1)."""
+    if space.kinds != ("skew",):
+        return state
+    M = algebra.axial(state[0])
+    return tuple(M[..., k : k + 1] for k in range(3))
+
+
+def _state(space: PhaseSpace, spins: Spins) -> State:
+    return spins if space.kinds != ("skew",) else (algebra.hat(np.concatenate(spins, -1)),)
+
+
+def _followed(model: Model, centre: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
+    X = algebra.mat(eps) / 2 * call(model.system.velocity, centre, consts)
+    return turned(model.system.frame, X, g)
+
+
+def _on_spheres(model: Model) -> bool:
+    system, free = model.system, model.system.space.kinds == ("skew",) and model.n == 3
+    return (
+        (system.space is SPINS_SPACE or free)
+        and system.flow is not None
+        and system.numbers == "any"
+        and system.perturbation is None
+    )
+
+
+METHOD = Method(
+    name="midpoint",
+    title="the spherical midpoint method, and compositions of it",
+    needs="spins, or a free body with n = 3: products of spheres",
+    applies=_on_spheres,
+    orders=ORDERS,
+    default=2,
+    poisson="yes",
+    conserves="Casimirs, linear integrals",
+    sources=("mclachlan2014",),
+    make=midpoint,
+    rank=6,
+    composed=COMPOSED,
+)

@@ -1,0 +1,43 @@
+"""Classical Heisenberg chain, isotropic: `spin-chain` with Jx = Jy = Jz = J, without a field.
+
+The total spin is conserved.  A field B only turns all spins about it.  [Heisenberg; McLachlan, Modin, Verdier 2014]
+"""
+
+from dataclasses import replace
+
+from kreisel.algebra.invariants import stack
+from kreisel.record.contract import Parameter
+from kreisel.system import spin_chain
+
+
+def general(J, bond):
+    return {"Jx": J, "Jy": J, "Jz": J, "Bx": 0, "By": 0, "Bz": 0, "K": 0, "bond": bond}
+
+
+def flow(Sx, Sy, Sz, *, J, bond):
+    return spin_chain.flow(Sx, Sy, Sz, **general(J, bond))
+
+
+def energy(Sx, Sy, Sz, *, J, bond):
+    return spin_chain.energy(Sx, Sy, Sz, **general(J, bond))
+
+
+def total_spin(Sx, Sy, Sz):
+    return stack([S.sum(-1) for S in (Sx, Sy, Sz)])
+
+
+SYSTEM = replace(
+    spin_chain.SYSTEM,
+    name="heisenberg-chain",
+    title="Classical Heisenberg chain",
+    equations="S_i' = J S_i x (S_(i-1) + S_(i+1))",
+    parameters=(
+        spin_chain.PARAMETERS[0],
+        Parameter("J", "scalar", "coupling of neighbours: ferromagnet for J > 0", default=1.0),
+        spin_chain.PARAMETERS[-1],
+    ),
+    flow=flow,
+    energy=energy,
+    integrals={"total_spin": total_spin},
+    notes="Not integrable; `lattice-landau-lifshitz` is, with another H.",
+)
