@@ -26,6 +26,7 @@ from kreisel.system import REGISTRY
 from sizes import costly, costly_in_array_code
 
 MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
+BODIES = {name for name, system in REGISTRY.items() if system.velocity is not None}  # what has an orientation
 FLOPS_TOLERANCE = 2.0**12 * float(np.finfo(float).eps)
 
 
@@ -35,10 +36,17 @@ def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndar
     return model, exact.random_state(REGISTRY[name].space, n, draw)
 
 
+def own_method(name: str) -> tuple[str, int]:
+    """The method that is the system's map itself."""
+    if name not in BODIES:
+        return "brickwork", 1
+    return ("veselov", 2) if MAPS[name].symmetric else ("suris", 1)
+
+
 def first_scheme(model: Model, oriented: bool) -> Scheme:
     """The system's map itself."""
-    symmetric = model.map.symmetric
-    return scheme(model, "veselov" if symmetric else "suris", 0.05, 2 if symmetric else 1, oriented)
+    method, order = own_method(model.system.name)
+    return scheme(model, method, 0.05, order, oriented)
 
 
 @pytest.mark.parametrize(
@@ -48,6 +56,7 @@ def first_scheme(model: Model, oriented: bool) -> Scheme:
         for name in MAPS
         for n, oriented in ((3, False), (3, True), (4, True), (5, False), (11, True))
         if n < 5 or not (costly_in_array_code(name) if n == 11 else costly(name))
+        if name in BODIES or not oriented
     ],
 )
 def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
@@ -72,12 +81,15 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
 )
 def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     model, x0 = random_start(name, n)
-    plan = scheme(model, "dop853", 0.1, None, True)
+    plan = scheme(model, "dop853", 0.1, None, name in BODIES)
     kinds = [kind for _, kind in plan.components]
-    state = (*x0, exact.random_rotation(n, exact.float_random(np.random.default_rng(1))))
+    turns = name in BODIES
+    state = (*x0, *[exact.random_rotation(n, exact.float_random(np.random.default_rng(1)))] * turns)
     rate = compiled_rate(plan)(0.0, layout.flatten(state, kinds), flat_constants(plan, 1)[0][0])
     flow = layout.flatten(plan.motion.rate(*state, **plan.constants), kinds)
     assert abs(rate - flow).max() < FLOPS_TOLERANCE * (1 + abs(flow).max())
+    if not turns:
+        return
     omega = model.call(model.system.velocity, *x0)
     turn = omega @ state[-1] if model.system.frame is Frame.REST else state[-1] @ omega
     assert abs(flow[-n * n :] - turn.ravel()).max() == 0
@@ -101,20 +113,17 @@ def one_of_each(
     out = []
     for start, g, at in zip(starts, turned, (slice(None), slice(-1, None)), strict=True):
         model = REGISTRY[name](**{k: v[at] for k, v in params.items()})
-        plan = scheme(model, method, 0.05, order, True).on((*start, g))
+        start = (*start, *[g] * (name in BODIES))
+        plan = scheme(model, method, 0.05, order, name in BODIES).on(start)
         kinds = [kind for _, kind in plan.components]
-        out += [plan, layout.flatten(plan.prepare((*start, g)), kinds)]
+        out += [plan, layout.flatten(plan.prepare(start), kinds)]
     return tuple(out)
 
 
 @pytest.mark.parametrize(
     ("name", "method", "order", "n"),
     [
-        *(
-            (name, *(("veselov", 2) if phi.symmetric else ("suris", 1)), 3)
-            for name, phi in MAPS.items()
-            if phi.turn is None or phi.trajectory is not None
-        ),
+        *((name, *own_method(name), 3) for name, phi in MAPS.items() if phi.turn is None or phi.trajectory is not None),
         ("lagrange-top", "suris", 1, 4),
         ("clebsch", "baecklund", 6, 3),
     ],

@@ -29,12 +29,14 @@ from kreisel.system import (
     lagrange_top,
     lagrange_top_moving,
     lagrange_top_su2,
+    lattice_landau_lifshitz,
     lyapunov,
     neumann,
     neumann_veselov,
     quadratic_potential,
     ratiu_bitop,
     rosochatius,
+    spin_chain,
     steklov,
     zhukovsky_volterra,
 )
@@ -46,6 +48,7 @@ BITOP = ratiu_bitop.SYSTEM
 REVOLUTION = kirchhoff_revolution.SYSTEM
 BODY = clebsch_body.SYSTEM
 GYROSTAT = zhukovsky_volterra.SYSTEM
+LATTICE, CHAIN = lattice_landau_lifshitz.SYSTEM, spin_chain.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
 TOP, MOVING, CLEBSCH, NEUMANN = lagrange_top.SYSTEM, lagrange_top_moving.SYSTEM, clebsch.SYSTEM, neumann.SYSTEM
 
@@ -284,6 +287,31 @@ def at_another_point(M, P, *, c, mu, rho):
     return body_maps.eigenvector(M, P, c=c, mu=mu, rho=rho)
 
 
+def even_bonds_backwards(*z, D, eps):
+    S, T = lattice_landau_lifshitz.gate(z[:3], z[3:], D, eps)
+    T, S = lattice_landau_lifshitz.gate(T, lattice_landau_lifshitz.after(S), D, -eps)
+    return *lattice_landau_lifshitz.after(S, -1), *T
+
+
+def one_spin_of_two(*z, D, eps):
+    S, _ = lattice_landau_lifshitz.gate(z[:3], z[3:], D, eps)
+    return *S, *z[3:]
+
+
+def without_anisotropy(*z, D):
+    return lattice_landau_lifshitz.flow(*z, D=0 * D)
+
+
+def of_one_sublattice(*z, D, eps=0):
+    return lattice_landau_lifshitz.bond(z[:3], z[3:], D).sum(-1)
+
+
+def without_left_neighbours(x, y, z, *, Jx, Jy, Jz, Bx, By, Bz, K, bond):
+    right = spin_chain.field(x, y, z, Jx=Jx, Jy=Jy, Jz=Jz, Bx=Bx, By=By, Bz=Bz, K=K, bond=2 * bond)
+    both = spin_chain.field(x, y, z, Jx=Jx, Jy=Jy, Jz=Jz, Bx=Bx, By=By, Bz=Bz, K=K, bond=bond)
+    return spin_chain.cross((x, y, z), tuple(r + b for r, b in zip(right, both, strict=True)))
+
+
 MUTANTS = [
     ("spectral-point", transformed(TOP, point=forgotten_rho, vector=next_to_rho), 3),
     ("integrals-of-baecklund", transformed(TOP, step=old_momentum_transform), 3),
@@ -417,6 +445,18 @@ MUTANTS = [
     ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
     ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),
     ("discrete-euler-lagrange", mapped(SU2, lagrangian=half_angle), 3),
+    *(
+        (law, mapped(LATTICE, step=even_bonds_backwards), 3)
+        for law in ("integrals-of-the-map", "inverse", "continuous-limit")
+    ),
+    ("integrals-of-the-map", mapped(LATTICE, step=one_spin_of_two), 3),
+    ("poisson", mapped(LATTICE, step=one_spin_of_two), 3),
+    ("poisson", wrong_space(LATTICE, tensor=lambda *spins: LATTICE.space.tensor(*spins, D=0)), 3),
+    ("hamiltonian-flow", replace(LATTICE, flow=without_anisotropy), 3),
+    ("adjoint", mapped(LATTICE, adjoint=lattice_landau_lifshitz.step), 3),
+    ("involution", replace(LATTICE, energy=of_one_sublattice), 3),
+    ("hamiltonian-flow", replace(CHAIN, flow=without_left_neighbours), 3),
+    ("casimirs", wrong_space(CHAIN, casimirs=lambda x, y, z: x * x + y * y), 3),
     ("second-order-form", mapped(NEUMANN, second_order=without_curvature), 3),
     ("order", mapped(TOP, to_symmetric=same, from_symmetric=same), 3),
     ("order", mapped(TOP, generator=lambda m, a, m1, a1, *, alpha, eps: eps / 2 * m1), 3),

@@ -25,7 +25,6 @@ from kreisel.algebra import (
     vec,
     wedge,
 )
-from kreisel.algebra.matrices import diagonal
 
 
 def characteristic(N: Array, last: int | None = None) -> list[Array]:
@@ -254,17 +253,15 @@ def squared_lengths(*spins: Array) -> Array:
 
 def spins_poisson(x: Array, y: Array, z: Array, weight: Array | int = 1) -> Array:
     """{x_i, y_i} = weight_i z_i and cyclic, of the n coordinates x, then y, then z."""
-    X, Y, Z = (diagonal(weight * v) for v in (x, y, z))
+    X, Y, Z = (vec(weight * v) * identity(v.shape[-1]) for v in (x, y, z))
     rows = ((0 * X, Z, -Y), (-Z, 0 * X, X), (Y, -X, 0 * X))
     return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
 
 
 def lattice_poisson(spins: Sequence[Array], D: Array) -> Array:
     """The same of the spins of two sublattices, one after the other, with weights (1 + D z^2)^(1/2)."""
-    first, second = (spins_poisson(*N, weight=sqrt(1 + vec(D) * N[2] * N[2])) for N in (spins[:3], spins[3:]))
-    return np.concatenate(
-        [np.concatenate([first, 0 * first], -1), np.concatenate([0 * second, second], -1)], -2
-    )
+    first, second = (spins_poisson(x, y, z, sqrt(1 + vec(D) * z * z)) for x, y, z in (spins[:3], spins[3:]))
+    return np.concatenate([np.concatenate([first, 0 * first], -1), np.concatenate([0 * second, second], -1)], -2)
 
 
 def sphere_poisson(x: Array, q: Array) -> Array:

@@ -33,7 +33,8 @@ def fused(lines: list[Line], outputs: Collection[str], shapes: Shapes) -> list[L
     for line in lines:
         length, inside = _length(line, shapes), {member.names[0] for member in group}
         by_itself = length is None or line.text.partition(" = ")[2].startswith(SHIFTED)
-        if (by_itself and not inside.isdisjoint(line.needs)) or (group and length not in (None, _length(group[0], shapes))):
+        other = group and length not in (None, _length(group[0], shapes))
+        if other or (by_itself and not inside.isdisjoint(line.needs)):
             close()
         (out if length is None else group).append(line)
     close()

@@ -26,7 +26,7 @@ def brickwork(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         largest = model.largest_step(*x0)
         if dt >= largest:
             raise InputError(
-                f"The map of {model.system.name} takes an angle t with tan t = dt |s|, t below pi/4, for an easy plane: "
+                f"The map of {model.system.name} takes an angle t with tan t = dt |s| < 1 for an easy plane: "
                 f"expected dt < {largest:.6g}, got {dt:g}. Use a smaller dt."
             )
         return x0

@@ -65,8 +65,8 @@ class Frame(enum.Enum):
 class PhaseSpace:
     """A Poisson manifold in coordinates: components, Poisson tensor, Casimirs.
 
-    `tensor(*state)`, which may name parameters, is the matrix of brackets of the independent coordinates (skew matrices count by
-    their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
+    `tensor(*state)`, which may name parameters, is the matrix of brackets of the independent coordinates (skew matrices
+    count by their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
     in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
     vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` makes a random point of

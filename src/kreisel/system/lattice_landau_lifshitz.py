@@ -1,13 +1,13 @@
-"""Lattice Landau-Lifshitz model with one axis, and its discrete time.  Unit spins S_i, T_i, i = 1...n, of a ring of 2n sites.
+"""Lattice Landau-Lifshitz model with one axis, and its discrete time.  Unit spins S_i, T_i, i = 1...n, on a ring.
 
-The sites stand in the order S_1, T_1, S_2, T_2, ...; Sx, Sy, ..., Tz are (..., n).  With W = (1 + D z^2)^(1/2) of a spin
-N = (x, y, z), {x, y} = -W z and cyclic, and in canonical variables {phi, z~} with sinh(h z~) = z sinh h, D = sinh(h)^2,
-x + i y = (1 - z^2)^(1/2) exp(i phi).  D > 0: easy axis; -1 < D < 0: easy plane; D = 0 isotropic, Faddeev and Takhtajan's.
+The 2n sites stand in the order S_1, T_1, S_2, T_2, ...; Sx, Sy, ..., Tz are (..., n).  With W = (1 + D z^2)^(1/2) of a
+spin N = (x, y, z) the bracket is {x, y} = -W z and cyclic.  The angle about z and z~, sinh(h z~) = z sinh h with
+D = sinh(h)^2, are canonical up to a factor.  D > 0: easy axis; -1 < D < 0: easy plane; D = 0: isotropic.
 
     H = -2 sum log(<N_j, N_(j+1)>/2),   <N, N'> = W W' + x x' + y y' + (1 + D) z z'.
 
-The Lax matrix q(u; N) = (sin u/s) W + x I + y J + cos u z K, s = sinh h, is a quaternion with |q|^2 = 1 + (sin u/s)^2; the
-monodromy is their product in order.  The map has gates (S_i, T_i), then (T_i, S_(i+1)).  A gate (N, N') -> (A, B) is
+The Lax matrix q(u; N) = (sin u/s) W + x I + y J + cos u z K, s = sinh h, is a quaternion with |q|^2 = 1 + (sin u/s)^2;
+the monodromy is their product in order.  A step has gates (S_i, T_i), then (T_i, S_(i+1)).  A gate is N, N' -> A, B,
 
     q(u + t; N) q(u - t; N') = q(u - t; A) q(u + t; B),   tan t = eps s:
 
@@ -147,8 +147,8 @@ def transfer(Sx, Sy, Sz, Tx, Ty, Tz, *, D, eps=0):
     C, S2 = angles(D, eps)
     out, n = [], Sx.shape[-1]
     for k in range(min(2 * n - 1, MOST_VALUES)):
-        r = (2 * k + 1) / 8
-        mu, c = 2 * r / (1 + D * r * r), (1 - D * r * r) / (1 + D * r * r)  # sin u/s, cos u
+        j = 2 * k + 1  # tan(u/2) = s j/8
+        mu, c = 16 * j / (64 + D * j * j), (64 - D * j * j) / (64 + D * j * j)  # sin u/s, cos u
         sites = []
         for N, m, e in (((Sx, Sy, Sz), mu, c), ((Tx, Ty, Tz), mu * C - c * S2, c * C + D * mu * S2)):
             scale = 1 / sqrt(1 + vec(m) * vec(m))
@@ -159,6 +159,7 @@ def transfer(Sx, Sy, Sz, Tx, Ty, Tz, *, D, eps=0):
 
 def magnetization(Sx, Sy, Sz, Tx, Ty, Tz, *, D):
     """sinh(h sum z~)/s; for D = 0 the total z."""
+
     def sums(a, b):
         return a[0] * b[0] + vec(D) * a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
@@ -203,6 +204,6 @@ SYSTEM = System(
     ),
     scaling="The length of a spin is 1; H and time are in units of the coupling.",
     numbers="real",
-    notes="`transfer` has half the trace of the monodromy at up to 8 values of the spectral parameter, of 2n - 1 that are "
-    "independent; with `magnetization` these are complete. For D = 0 the total spin is conserved too.",
+    notes="`transfer` has half the trace of the monodromy at up to 8 values of the spectral parameter, of 2n - 1 that "
+    "are independent; with `magnetization` these are complete. For D = 0 the total spin is conserved too.",
 )

@@ -3,9 +3,9 @@
     H = -sum_i (Jx Sx_i Sx_(i+1) + Jy Sy_i Sy_(i+1) + Jz Sz_i Sz_(i+1)) - sum_i (B . S_i + K Sz_i^2/2),
     S_i' = S_i x B_i,   B_i = -dH/dS_i.
 
-The bond of the sites n and 1 has the factor `closing`: 1 for a ring, 0 for an open chain.  The sign of the bracket is that
-of the rest frame, F' = {H, F} with {Sx_i, Sy_i} = -Sz_i.  The lengths |S_i| are the Casimirs.  With the distance of sites
-going to 0 and Jx = Jy = Jz this is the equation of Landau and Lifshitz, S' = S x S_xx.
+The bond of the sites n and 1 has the factor `closing`: 1 for a ring, 0 for an open chain.  The sign of the bracket is
+that of the rest frame, F' = {H, F} with {Sx_i, Sy_i} = -Sz_i.  The lengths |S_i| are the Casimirs.  With the distance
+of sites going to 0 and Jx = Jy = Jz this is the equation of Landau and Lifshitz, S' = S x S_xx.
 [Landau, Lifshitz 1935; McLachlan, Modin, Verdier 2014]
 """
 
@@ -62,6 +62,5 @@ SYSTEM = System(
     velocity=None,
     derive=ends,
     scaling="Any consistent units: S is an angular momentum, H an energy.",
-    notes="Not integrable. |S_i| are conserved; where the couplings are equal, `heisenberg-chain` and `uniaxial-chain` state the "
-    "total spin too.",
+    notes="Not integrable. Where couplings are equal, `heisenberg-chain`, `uniaxial-chain` state the total spin.",
 )
