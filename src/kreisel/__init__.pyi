@@ -112,6 +112,22 @@ class _HeavyTop(System):
 
 HeavyTop: _HeavyTop
 
+class _HeisenbergChain(System):
+    def __call__(
+        self,
+        *,
+        n: int,
+        J: ArrayLike = 1.0,
+        closing: ArrayLike = 1.0,
+    ) -> Model:
+        r"""Classical Heisenberg chain.
+
+        n: the number of sites
+        J: coupling of neighbours: ferromagnet for J > 0
+        closing: factor of the bond of last and first site: 1 ring, 0 open chain"""
+
+HeisenbergChain: _HeisenbergChain
+
 class _HessAppelrot(System):
     def __call__(
         self,
@@ -268,6 +284,20 @@ class _LagrangeTopSU2Moving(System):
 
 LagrangeTopSU2Moving: _LagrangeTopSU2Moving
 
+class _LatticeLandauLifshitz(System):
+    def __call__(
+        self,
+        *,
+        n: int,
+        D: ArrayLike = 0.0,
+    ) -> Model:
+        r"""Lattice Landau-Lifshitz model with one axis.
+
+        n: half the number of sites of the ring
+        D: anisotropy: easy axis D > 0, easy plane -1 < D < 0"""
+
+LatticeLandauLifshitz: _LatticeLandauLifshitz
+
 class _Lyapunov(System):
     def __call__(
         self,
@@ -382,6 +412,34 @@ class _Rosochatius(System):
 
 Rosochatius: _Rosochatius
 
+class _SpinChain(System):
+    def __call__(
+        self,
+        *,
+        n: int,
+        Jx: ArrayLike = 1.0,
+        Jy: ArrayLike = 1.0,
+        Jz: ArrayLike = 1.0,
+        Bx: ArrayLike = 0.0,
+        By: ArrayLike = 0.0,
+        Bz: ArrayLike = 0.0,
+        K: ArrayLike = 0.0,
+        closing: ArrayLike = 1.0,
+    ) -> Model:
+        r"""Classical spin chain, XYZ, in a field.
+
+        n: the number of sites
+        Jx: coupling of the x components
+        Jy: coupling of the y components
+        Jz: coupling of the z components
+        Bx: x component of the field
+        By: y component of the field
+        Bz: z component of the field
+        K: anisotropy of a site: easy axis for K > 0, easy plane for K < 0
+        closing: factor of the bond of last and first site: 1 ring, 0 open chain"""
+
+SpinChain: _SpinChain
+
 class _Steklov(System):
     def __call__(
         self,
@@ -423,6 +481,28 @@ class _SymmetricTop(System):
         A: from the fixed point to the centre of mass, in the body"""
 
 SymmetricTop: _SymmetricTop
+
+class _UniaxialChain(System):
+    def __call__(
+        self,
+        *,
+        n: int,
+        J: ArrayLike = 1.0,
+        Jz: ArrayLike = 1.0,
+        Bz: ArrayLike = 0.0,
+        K: ArrayLike = 0.0,
+        closing: ArrayLike = 1.0,
+    ) -> Model:
+        r"""Classical XXZ chain, field along z.
+
+        n: the number of sites
+        J: coupling of the x and y components
+        Jz: coupling of the z components
+        Bz: z component of the field
+        K: anisotropy of a site: easy axis for K > 0, easy plane for K < 0
+        closing: factor of the bond of last and first site: 1 ring, 0 open chain"""
+
+UniaxialChain: _UniaxialChain
 
 class _ZhukovskyVolterra(System):
     def __call__(

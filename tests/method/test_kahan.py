@@ -19,7 +19,7 @@ from kreisel.record.model import Model
 from kreisel.system import REGISTRY
 
 kahan = sys.modules["kreisel.method.kahan"]
-CUBIC = {"neumann", "neumann-veselov", "rosochatius"}
+CUBIC = {"lattice-landau-lifshitz", "neumann", "neumann-veselov", "rosochatius"}  # and what is not polynomial
 QUADRATIC = sorted(set(REGISTRY) - CUBIC)
 WITH_NOETHER = {
     *("kirchhoff-case", "kirchhoff-revolution", "kovalevskaya-gyrostat", "kovalevskaya-top", "lagrange-top"),
