@@ -13,7 +13,7 @@ import kreisel as kr
 from kreisel.errors import InputError
 from kreisel.lab import exact
 from kreisel.method import METHODS, default_method, scheme
-from kreisel.record.contract import Map, System
+from kreisel.record.contract import SPINS_SPACE, Map, System
 from kreisel.system import NAMED, REGISTRY
 from kreisel.viewer.record import MAP_CLAIMS
 
@@ -199,10 +199,11 @@ def _lax(system: System) -> list[str]:
 
 def _map(system: System) -> list[str]:
     if system.map is None:
+        other = "midpoint" if system.space is SPINS_SPACE else "dop853"
         return [
             "## Discretization",
             "No map that keeps its integrals is built here; the default is "
-            + ("the variational integrator." if system.inverse_inertia is not None else '`method="dop853"`.'),
+            + ("the variational integrator." if system.inverse_inertia is not None else f'`method="{other}"`.'),
         ]
     phi: Map = system.map
     known = [words for claim, words in MAP_CLAIMS.items() if getattr(phi, claim) is not None]
