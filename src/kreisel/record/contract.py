@@ -169,7 +169,7 @@ SPINS_SPACE = PhaseSpace(
     carried=(),
 )
 LATTICE_SPACE = PhaseSpace(
-    name="(S^2)^2n, {x, y} = -(1 + D z^2)^(1/2) z",
+    name="(S^2)^(2n)",
     components=tuple((f"{spin}{axis}", "vector") for spin in "ST" for axis in "xyz"),
     tensor=lambda *spins, D: -invariants.lattice_poisson(spins, D),
     casimirs=invariants.squared_lengths,
