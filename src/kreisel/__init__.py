@@ -29,6 +29,7 @@ _LAZY = {
     "perturbed": "kreisel.forces.body",
     "Event": "kreisel.runs.breaks",
     "Design": "kreisel.sweeps.design",
+    "differentiable": "kreisel.runs.differentiable",
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "cite": "kreisel.runs.citing",

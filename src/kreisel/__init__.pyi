@@ -18,6 +18,7 @@ from kreisel.runs.breaks import Event as Event
 from kreisel.runs.at import at as at
 from kreisel.runs.citing import cite as cite
 from kreisel.languages.source import code as code
+from kreisel.runs.differentiable import differentiable as differentiable
 from kreisel.runs.drift import drift as drift
 from kreisel.storage.exporting import export as export
 from kreisel.sweeps.sweep import failures as failures

@@ -1,0 +1,67 @@
+"""Gradients by kr.differentiable: time of the gradient over that of the motion, in one run, and the room it takes.
+
+python benchmarks/derivatives.py [--steps 1000000]      # writes results/derivatives.json
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import jax
+import numpy as np
+from cases import machine, parser, write
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel import reduction as red
+
+REPEAT = 3
+START = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+BODY = {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}
+M4 = algebra.skew(np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.3]), 4)
+CASES: list[tuple[Any, dict[str, Any], str, int]] = [
+    (kr.LagrangeTop(p=(0, 0, 1)), START, "suris", 1),
+    (kr.LagrangeTop(p=(0, 0, 1)), START, "baecklund", 2),
+    (kr.EulerTop(J=(1, 2, 3)), {"M": (0.3, 0.4, 0.5)}, "veselov", 2),
+    (kr.LagrangeTop(p=(0, 0, 1)), START, "kahan", 2),
+    (kr.LagrangeTop(p=(0, 0, 0, 1)), {"m": M4, "a": (0.6, 0, 0, 0.8)}, "suris", 1),
+]
+
+
+def seconds(function: Any, state: Any) -> tuple[float, float]:
+    """Of the first call, which compiles, and the least of some others."""
+    times = []
+    for _ in range(REPEAT + 1):
+        begun = time.perf_counter()
+        jax.block_until_ready(function(state))
+        times.append(time.perf_counter() - begun)
+    return times[0], min(times[1:])
+
+
+def main() -> None:
+    options = parser(__doc__, "derivatives")
+    options.add_argument("--steps", type=int, default=1_000_000)
+    asked, rows = options.parse_args(), []
+    steps = asked.steps
+    for model, start, method, order in CASES:
+        x0 = dict(model.state(**start).axial)
+        f = kr.differentiable(model, method=method, order=order)
+        with red.double():
+            count = steps if model.n == 3 else steps // 10
+            letter = list(x0)[-1]
+            forward = jax.jit(lambda s, f=f, count=count: f(s, dt=0.1, steps=count))
+            gradient = jax.jit(
+                jax.grad(lambda s, f=f, count=count, letter=letter: f(s, dt=0.1, steps=count)[letter][0])
+            )
+            once, again = seconds(forward, x0), seconds(gradient, x0)
+            room = gradient.lower(x0).compile().memory_analysis().temp_size_in_bytes
+        rows.append({"system": model.system.name, "n": model.n, "method": method, "order": order, "steps": count,
+                     "ns_a_step": 1e9 * once[1] / count, "gradient_over_motion": again[1] / once[1],
+                     "compile_s": again[0] - again[1], "room_bytes": room})  # fmt: skip
+        print(rows[-1], flush=True)
+    write({"machine": machine(), "jax": jax.__version__, "rows": rows}, asked.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,222 @@
+"""kr.differentiable: its values are those of the kernels, its derivatives those of the definition."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel import reduction as red
+from kreisel.algebra import invariants
+from kreisel.algebra.iteration import repeat
+from kreisel.baecklund import lagrange_top
+from kreisel.kernels.jax_numbers import numbers, values
+from kreisel.method import scheme
+
+TOP = kr.LagrangeTop(p=(0, 0, 1))
+START = {"m": np.array([0.1, 0.2, 1.5]), "a": np.array([0.6, 0, 0.8])}
+HEAVY = kr.HeavyTop(J=(1, 1.3, 0.6), A=(0.1, 0, 1))
+MOVING = {"M": np.array([0.1, 0.2, 1.5]), "P": np.array([0.6, 0, 0.8])}
+M4 = algebra.skew(np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.3]), 4)
+
+
+def fluttering(a, *, k):  # a potential of a Lagrange top
+    return k * a[0] * np.sin(a[1])
+
+
+CASES = [
+    (TOP, START, "baecklund", 2),
+    (TOP, START, "baecklund", 6),
+    (TOP, START, "suris", 2),
+    (TOP, START, "exact", None),
+    (kr.LagrangeTopMoving(A=(0, 0, 1), alpha=1.8), MOVING, "baecklund", 4),
+    (kr.EulerTop(J=(1, 2, 3)), {"M": MOVING["M"]}, "veselov", 4),
+    (kr.EulerTop(J=(1, 2, 3)), {"M": MOVING["M"]}, "exact", None),
+    (HEAVY, MOVING, "variational", 2),
+    (HEAVY, MOVING, "kahan", 2),
+    (kr.perturbed(TOP, potential=fluttering, params={"k": 0.1}), START, "splitting", 4),
+    (kr.EulerTop(J=(1, 2, 3, 4)), {"M": M4}, "variational", 2),
+]
+
+
+@pytest.mark.parametrize(("model", "start", "method", "order"), CASES, ids=lambda v: getattr(v, "system", v) and str(v))
+def test_a_step_is_that_of_the_kernel(model: Any, start: Any, method: str, order: Any) -> None:
+    shown = {k: algebra.hat(v) if k.lower() == "m" and model.n == 3 else v for k, v in start.items()}
+    run = kr.simulate(model, model.state(**shown), dt=0.1, steps=1, method=method, order=order, project=False)
+    with jax.disable_jit():
+        found = kr.differentiable(model, method=method, order=order)(start, dt=0.1, steps=1)
+    for letter in start:
+        assert found[letter].dtype == np.float64
+        assert abs(np.asarray(found[letter]) - run[letter][-1].values).max() < 4e-15
+        assert abs(np.asarray(found[letter]) - start[letter]).max() > 1e-3
+
+
+def test_rows_are_those_of_a_run() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+    rows = f(START, dt=0.1, steps=60, every=20)
+    run = kr.simulate(TOP, TOP.state(**START), dt=0.1, steps=60, every=20, method="suris", order=1, project=False)
+    assert rows["m"].shape == (4, 3) and np.allclose(rows["m"], run.m, rtol=0, atol=1e-13)
+    with red.double():
+        many = jax.vmap(lambda s: f({**START, "m": s}, dt=0.1, steps=60))(jnp.array([START["m"], 2 * START["m"]]))
+    assert np.allclose(many["a"][0], run.a[-1], rtol=0, atol=1e-13)
+
+
+def along(f: Any, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The derivative by differences of order 4."""
+    h = 1e-3
+    return (8 * (f(x + h * v) - f(x - h * v)) - f(x + 2 * h * v) + f(x - 2 * h * v)) / (12 * h)
+
+
+def slopes(model: Any, start: Any, letter: str, method: str, order: Any, **more: Any) -> tuple[Any, Any]:
+    """Of a step by one component or parameter or dt: by JAX, forward, and by differences."""
+    f = kr.differentiable(model, method=method, order=order)
+
+    def end(x: Any) -> Any:
+        state = {k: x if k == letter else v for k, v in start.items()}
+        given = {**more, **({letter: x} if letter not in start else {})}
+        out = f(state, **{"dt": 0.1, "steps": 1, **given})
+        return jnp.concatenate([jnp.ravel(v) for v in out.values()])
+
+    x = start.get(letter, more.get(letter))
+    x = np.asarray({"dt": 0.1}[letter] if x is None else x, dtype=np.float64)
+    v = np.ones(x.shape) if x.shape != (4, 4) else algebra.skew(np.ones(6), 4)
+    with red.double(), jax.disable_jit():
+        _, found = jax.jvp(end, (jnp.asarray(x),), (jnp.asarray(v),))
+        return np.asarray(found), along(lambda y: np.asarray(end(jnp.asarray(y))), x, v)
+
+
+@pytest.mark.parametrize(
+    ("case", "letter", "more"),
+    [
+        (0, "m", {}),
+        (0, "dt", {}),
+        (0, "p", {"p": np.array([0.1, 0.2, 0.9])}),
+        (2, "dt", {}),
+        (3, "m", {}),
+        (4, "alpha", {"alpha": np.array(1.7)}),
+        (5, "M", {}),
+        (8, "A", {"A": np.array([0.2, 0.1, 0.9])}),
+    ],
+)
+def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any) -> None:
+    model, start, method, order = CASES[case]
+    found, expected = slopes(model, start, letter, method, order, **more)
+    assert abs(expected).max() > 1e-3 and abs(found - expected).max() < 1e-8
+
+
+def test_a_derivative_without_that_of_rho_is_seen() -> None:
+    """Only with its step of Newton's method may the eigenvector take a rho without a derivative."""
+
+    def frozen(m, a, *, p, mu, rho):
+        return 2 * algebra.shifted_resolvent(mu, m, a - algebra.vec(rho) * p)
+
+    record = replace(TOP.system, baecklund=replace(lagrange_top.BAECKLUND, vector=frozen))
+    for model, right in ((TOP, True), (record(p=(0, 0, 1)), False)):
+        found, expected = slopes(model, START, "m", "baecklund", 2, dt=1.0)
+        assert bool(abs(found - expected).max() < 1e-8) is right
+
+
+def test_the_gradient_is_that_of_complex_steps() -> None:
+    """Of fifty steps of the definition on complex numbers; the reverse sweep goes through parts made again."""
+    f = kr.differentiable(TOP, method="suris", order=1)
+    with red.double():
+        found = jax.jit(jax.grad(lambda s: f(s, dt=0.1, steps=50)["a"] ** 2 @ np.array([1.0, 2, 3])))(START)
+        found = {k: np.asarray(v) for k, v in found.items()}
+    made = scheme(TOP, "suris", 0.1, 1, False)
+    for letter in START:
+        for i in range(3):
+            state = {k: v + 0j for k, v in START.items()}
+            state[letter][i] += 1e-30j
+            z: Any = (algebra.hat(state["m"]), state["a"])
+            for _ in range(50):
+                z = made.advance(*z)
+            assert abs(found[letter][i] - (z[1] ** 2 @ np.array([1, 2, 3])).imag / 1e-30) < 1e-11
+
+
+def test_the_jacobian_is_poisson_and_another_is_not() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+
+    def end(x: Any) -> Any:
+        out = f({"m": x[:3], "a": x[3:]}, dt=0.1, steps=40)
+        return jnp.concatenate([out["m"], out["a"]])
+
+    def tensor(x: np.ndarray) -> np.ndarray:  # of axial vectors
+        m, a = algebra.hat(x[:3]), algebra.hat(x[3:])
+        return -np.block([[m, a], [a, np.zeros((3, 3))]])
+
+    x = np.concatenate([START["m"], START["a"]])
+    with red.double():
+        J, y = (np.asarray(v) for v in (jax.jit(jax.jacfwd(end))(x), end(x)))
+    plus = invariants.lie_poisson(("skew", "vector"), algebra.hat(x[:3]), x[3:])
+    sign = np.diag([-1.0, 1, -1])[::-1]  # coordinates of a skew matrix from its axial vector
+    turn = np.block([[sign, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]])
+    assert np.allclose(abs(turn @ tensor(x) @ turn.T), abs(plus), atol=1e-15)
+    size = abs(J).max() ** 2
+    assert size > 2 and abs(J @ tensor(x) @ J.T - tensor(y)).max() < 1e-13 * size
+    assert abs((J + 1e-6 * np.eye(6)) @ tensor(x) @ (J + 1e-6 * np.eye(6)).T - tensor(y)).max() > 1e-10 * size
+
+
+def test_a_gradient_needs_room_like_the_root_of_the_steps() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+
+    def room(steps: int) -> int:
+        with red.double():
+            made = jax.jit(jax.grad(lambda s: f(s, dt=0.1, steps=steps)["a"][0]))
+            return int(made.lower(START).compile().memory_analysis().temp_size_in_bytes)
+
+    assert room(1_000_000) < 300_000 and room(1_000_000) < 20 * room(10_000)
+
+
+def test_a_loop_has_the_derivative_of_its_fixed_point() -> None:
+    """X = c + X X/4, by sweeps, whose own derivative the last sweep does not have."""
+
+    def fixed(c: Any) -> Any:
+        def improved(X: Any) -> Any:
+            new = numbers(c).reshape(1, 1) + X @ X / 4
+            return (new,), ((new - X) * (new - X)).sum(-1).sum(-1)
+
+        (X,), _ = repeat(improved, (numbers(c * 0).reshape(1, 1),), 1e-30, 200, ("matrix",))
+        return values(X)[0, 0]
+
+    with red.double():
+        c = jnp.array([0.6])
+        assert abs(fixed(c) - 2 * (1 - np.sqrt(0.4))) < 1e-14
+        for derivative in (jax.grad, jax.jacfwd):
+            assert abs(derivative(fixed)(c)[0] - 1 / np.sqrt(0.4)) < 1e-13
+
+
+BAD = [
+    (lambda: kr.differentiable(TOP, method="dop853"), "makes steps"),
+    (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones(11)), method="suris"), "n of at most 10"),
+    (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones((2, 3)))), "jax.vmap"),
+    (lambda: kr.differentiable(kr.Clebsch(b=(1, 2, 3)), method="exact"), "method='baecklund'"),
+    (lambda: kr.differentiable(TOP)({"m": START["m"]}, dt=0.1, steps=1), "expected the components m, a"),
+    (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
+    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "whole number"),
+    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=3, every=2), "multiple of every"),
+    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, q=1.0), "has the parameters p, alpha"),
+    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, p=1.0), r"expected the shape \(3,\)"),
+    (lambda: kr.differentiable(TOP)({**START, "a": np.float32([1, 0, 0])}, dt=0.1, steps=1), "float32"),
+    (lambda: kr.differentiable(TOP)({**START, "a": jnp.ones(3)}, dt=0.1, steps=1), "float32"),
+    (lambda: jax.jit(lambda n: kr.differentiable(TOP)(START, dt=0.1, steps=n))(3), "static_argnames"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), BAD)
+def test_bad_input_is_named(call: Any, message: str) -> None:
+    with pytest.raises(kr.InputError, match=message):
+        call()
+
+
+def test_what_ends_a_run_ends_a_call_and_is_nan_in_a_trace() -> None:
+    f = kr.differentiable(HEAVY, method="kahan", order=2)
+    with pytest.raises(kr.RunError, match="singular"), jax.disable_jit():
+        f(MOVING, dt=3.0, steps=1)
+    with red.double():
+        assert np.isnan(jax.jit(lambda s: f(s, dt=3.0, steps=1))(MOVING)["M"]).all()
