@@ -137,9 +137,9 @@ def test_kovalevskayas_top_in_two_fields() -> None:
 
 
 def test_kahans_gyrostat_needs_a_wheel_along_a_principal_axis() -> None:
-    grid = {"h": [(0, 1, 0), (1, 1, 0), (1, 2, 3)], "J": [(1, 2, 4)]}
-    found = search.search(families.kahan_gyrostat, grid, steps=0, iterates=6)
-    known = {(0, 1, 0): "integrable", (1, 1, 0): "not integrable", (1, 2, 3): "not integrable"}
+    grid = {"h": [(0, 1, 0), (1, 2, 3)], "J": [(1, 2, 4)]}
+    found = search.search(families.kahan_gyrostat, grid, steps=0, iterates=5)
+    known = {(0, 1, 0): "integrable", (1, 2, 3): "not integrable"}
     assert {s.parameters["h"]: s.verdict for s in found.scores} == known
 
 
