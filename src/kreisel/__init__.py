@@ -30,6 +30,7 @@ _LAZY = {
     "Event": "kreisel.runs.breaks",
     "Design": "kreisel.sweeps.design",
     "differentiable": "kreisel.runs.differentiable",
+    "tangent": "kreisel.runs.tangent",
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "cite": "kreisel.runs.citing",

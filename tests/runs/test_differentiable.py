@@ -220,3 +220,21 @@ def test_what_ends_a_run_ends_a_call_and_is_nan_in_a_trace() -> None:
         f(MOVING, dt=3.0, steps=1)
     with red.double():
         assert np.isnan(jax.jit(lambda s: f(s, dt=3.0, steps=1))(MOVING)["M"]).all()
+
+
+@pytest.mark.parametrize(("model", "start", "method"), [(TOP, START, "baecklund"), (TOP, START, "suris")])
+def test_the_tangent_of_a_run_is_poisson(model: Any, start: Any, method: str) -> None:
+    run = kr.simulate(model, model.state(**start), dt=0.1, steps=100, every=50, method=method)
+    J = kr.tangent(run)
+    first, last = ((algebra.hat(run.m[i].values), run.a[i].values) for i in (0, -1))
+    T, there = model.system.space.tensor(*first), model.system.space.tensor(*last)
+    assert abs(J).max() > 2 and abs(J @ T @ J.T - there).max() < 1e-13 * abs(J).max() ** 2
+    assert abs(1.001 * J @ T @ J.T - there).max() > 1e-5
+    moved = kr.simulate(model, model.state(m=start["m"] + [0, 0, 1e-6], a=start["a"]), dt=0.1, steps=100, method=method)
+    assert np.allclose((moved.a[-1] - run.a[-1]) / 1e-6, -J[3:, 0], atol=1e-4)  # m_12 = -(axial m)_3
+
+
+def test_a_tangent_of_an_ensemble_is_refused() -> None:
+    run = kr.simulate(TOP, TOP.state(m=np.ones((2, 3)), a=START["a"]), dt=0.1, steps=2)
+    with pytest.raises(kr.InputError, match="one trajectory"):
+        kr.tangent(run)
