@@ -30,6 +30,7 @@ from kreisel.runs.propagator import propagator as propagator
 from kreisel.runs.simulate import resume as resume
 from kreisel.runs.simulate import simulate as simulate
 from kreisel.sweeps.sweep import sweep as sweep
+from kreisel.runs.tangent import tangent as tangent
 from kreisel.viewer.page import view as view
 
 __version__: str

@@ -27,13 +27,14 @@ def tangent(run: xr.Dataset) -> Array:
     record = RunRecord.of(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
         raise InputError(
-            "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events or "
-            "times of its own. Use kr.differentiable, with jax.vmap for ensembles."
+            "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "
+            "or times of its own. Use kr.differentiable, with jax.vmap for ensembles."
         )
     model = record.model
     f = differentiable(model, method=record.method, order=record.order)
-    from kreisel.kernels.jax_numbers import jax, jnp
-    from kreisel.reduction.double import double
+    from kreisel.reduction.double import double, jax
+
+    jnp = jax.numpy
 
     space, n = model.system.space, model.n
     start = [np.asarray(run[letter].values[0]) for letter in space.letters]
@@ -48,7 +49,9 @@ def tangent(run: xr.Dataset) -> Array:
             X = algebra.symmetric(piece, n) if kind == "symmetric" else X
             state[letter] = algebra.axial(X) if kind == "skew" and n == 3 else X
         out = f(state, dt=record.dt, steps=record.steps)
-        whole = [algebra.hat(v) if k == "skew" and n == 3 else v for k, v in zip(space.kinds, out.values(), strict=True)]
+        whole = [
+            algebra.hat(v) if k == "skew" and n == 3 else v for k, v in zip(space.kinds, out.values(), strict=True)
+        ]
         return jnp.concatenate([algebra.coordinates_of(k, v) for k, v in zip(space.kinds, whole, strict=True)])
 
     with double():
