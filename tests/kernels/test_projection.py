@@ -43,7 +43,7 @@ CASES = [
 def often(monkeypatch: pytest.MonkeyPatch) -> int:
     """K = 100, so that short runs are projected."""
     for module in ("cpu", "projection.arrays"):
-        monkeypatch.setattr(f"kreisel.kernels.{module}.interval", lambda cost, work: 100)
+        monkeypatch.setattr(f"kreisel.kernels.{module}.interval", lambda cost, work, most=0: 100)
     return 100
 
 

@@ -34,6 +34,7 @@ REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodie
 MOST_TRIALS = 8  # each with more copies
 NEWTON_STEPS = 14
 SETTLED = 64  # residual in units of the last place of the extended numbers
+BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 errors are four to twenty times as large
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
 
 State = tuple[Array, ...]
@@ -104,6 +105,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         reopen=prepare,
         outcomes=outcomes,
         trajectory=trajectory,
+        between=BETWEEN,
     )
 
 

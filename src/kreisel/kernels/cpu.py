@@ -153,7 +153,8 @@ def code_of(
         also = program_of_orientation(scheme) if program else None
         width, every, weave = (WIDE if in_vectors else 1), 0, plain
         if program is not None:
-            every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
+            cost = program.cost + (also.cost if also else 0)
+            every = interval(cost, record.work * scheme.stage_count, scheme.between)
             weave = Woven(room_of(program, also, width))
         text = simd.simd_source(record, EXACT, weave, len(constants)) if in_vectors else _one_by_one(record, weave)
         source = _head(scheme, record) + weave.head + text

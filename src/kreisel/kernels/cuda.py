@@ -292,7 +292,8 @@ class CudaEngine:
         also = program_of_orientation(scheme) if program else None
         self.projection: CudaProjection | None = None
         if program is not None:
-            every = interval(program.cost + (also.cost if also else 0), record.work * scheme.stage_count)
+            cost = program.cost + (also.cost if also else 0)
+            every = interval(cost, record.work * scheme.stage_count, scheme.between)
             self.projection = CudaProjection(program, also, every, self._cuda, self._state, self._constants)
 
     def _on_gpu(self, values: Floats) -> Any:

@@ -203,6 +203,7 @@ class Scheme:
                                their axes stand in `axes`.  `on(x0)` puts them in
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what the form does not keep itself
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
+    between                              the most steps between two projections; 0: what their cost allows
     coupling                             what lanes do to each other; None for lanes on their own
     guard                                what the run must not exceed; None for nothing
     """
@@ -225,6 +226,7 @@ class Scheme:
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
     conserved: Callable[..., dict[str, Array]] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
+    between: int = 0
     coupling: Coupling | None = None
     dt_in_constants: bool = False  # whether dt enters `constants` and `stages` alone, beside what is observed
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same

@@ -15,9 +15,12 @@ INTERVALS = tuple(int(m * 10**e / 10) for e in range(1, 12) for m in (10, 20, 25
 SHARE = 0.011  # operations of a projection that an operation of a step may cost
 
 
-def interval(cost: float, work: float) -> int:
-    """K: the first of 10, 20, 25, ... steps between two projections that makes them a small share of the time."""
-    return next(k for k in INTERVALS if k * SHARE * work >= cost)
+def interval(cost: float, work: float, most: int = 0) -> int:
+    """K: the first of 10, 20, 25, ... steps between two projections that makes them a small share of the time.
+
+    `most`: at most so many, whatever they cost; 0 for no such bound.
+    """
+    return min(next(k for k in INTERVALS if k * SHARE * work >= cost), most or INTERVALS[-1])
 
 
 class Corrections:
