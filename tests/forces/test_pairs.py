@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved, conserved_totals
+from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model
 from kreisel.runs.plan import make_plan
 from kreisel.storage import checking
@@ -244,12 +245,57 @@ def test_where_pairs_do_not_go() -> None:
         kr.propagator(body, dt=0.1, observe=["total_energy"])
     with pytest.raises(kr.InputError, match="3 bodies"):
         kr.propagator(body, dt=0.1).steps(np.ones((2, 6)), 1)
-    moving = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)
-    with pytest.raises(kr.InputError, match="inertia"):
-        kr.perturbed(moving, inertia=(1, 1, 0.5), pair_potential=lambda P1, P2: P1 @ P2, pairs=PAIRS)
     large = kr.LagrangeTop(p=np.eye(12)[0])
     big = kr.perturbed(large, pair_potential=lambda a1, a2: a1 @ a2, pairs=[(0, 1)])
     rng = np.random.default_rng(0)
     X = rng.normal(size=(2, 12, 12))
     with pytest.raises(kr.InputError, match="straight-line"):
         kr.simulate(big, big.state(m=X - X.mT, a=rng.normal(size=(2, 12))), dt=0.01, steps=1)
+
+
+MOMENTS = np.array([(1, 1.1, 0.5), (1, 0.9, 1 / 1.7)])
+UNEQUAL = {"M": [(0.3, 0.2, 1.1), (0.1, -0.3, 0.8)], "P": [(0.6, 0, 0.8), (0, 0.6, 0.8)]}
+
+
+def unequal(**more: Any) -> Any:
+    tops = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=[0.5, 0.7])
+    return kr.perturbed(
+        tops, inertia=MOMENTS, pair_potential=lambda P1, P2: 0.1 * (P1 @ P2 + P1[0] * P2[2]), pairs=[(0, 1)], **more
+    )
+
+
+def unequal_by_vectors(time: float, gamma: float) -> np.ndarray:
+    """M' = M x Omega + P x (A + dV/dP) - gamma M, P' = P x Omega, by another integrator: (2, 6)."""
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        M, P = y.reshape(2, 2, 3).swapaxes(0, 1)
+        slopes = 0.1 * np.array([P[1] + (P[1, 2], 0, 0), P[0] + (0, 0, P[0, 0])])
+        Omega = M / MOMENTS
+        pulled = np.cross(M, Omega) + np.cross(P, slopes + np.array([0, 0, 1])) - gamma * M
+        return np.stack([pulled, np.cross(P, Omega)], 1).ravel()
+
+    start = np.stack([UNEQUAL["M"], UNEQUAL["P"]], 1).ravel()
+    found = solve_ivp(rates, (0, time), start, method="DOP853", rtol=1e-13, atol=1e-14)
+    return np.asarray(found.y[:, -1]).reshape(2, 6)
+
+
+def errors(body: Any, order: Any, truth: np.ndarray) -> list[float]:
+    out = []
+    for steps in (50, 100):
+        run = kr.simulate(body, UNEQUAL, dt=10 / steps, steps=steps, every=steps, order=order)
+        out.append(float(abs(np.concatenate([run.M[-1], run.P[-1]], -1) - truth).max()))
+    return out
+
+
+def test_unequal_moments_in_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against vectors, with the order of the scheme; a sum over the pairs from before the turns has order 1."""
+    for gamma, order, slope, bound in ((0.0, (2, 2), 2, 3e-3), (0.02, (8, 6, 4), 4, 1e-6)):
+        body = unequal(**({"damping": gamma} if gamma else {}))
+        coarse, fine = errors(body, order, unequal_by_vectors(10.0, gamma))
+        assert abs(np.log2(coarse / fine) - slope) < 0.3 and fine < bound
+    run = kr.simulate(body, UNEQUAL, dt=0.1, steps=300, every=10)
+    assert abs(run.balance - run.balance[0]).max() < 1e-8 < 1e-2 < abs(run.work).max()
+    whole = property(lambda self: False, lambda self, value: None)
+    monkeypatch.setattr(Splitting, "divided", whole, raising=False)
+    coarse, fine = errors(unequal(), (2, 2), unequal_by_vectors(10.0, 0.0))
+    assert np.log2(coarse / fine) < 1.4

@@ -25,11 +25,6 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
         )
     if record.pair is None:
         return {}
-    if record.inertia or record.coupling:
-        raise InputError(
-            "perturbed: expected bodies in pairs without inertia or coupling, which turn what the pair potential takes "
-            "within a kick. Give the moments in the integrable part where they fit."
-        )
     found = _checked(pairs)
     out = {PAIRS: Parameter(PAIRS, "array", "the bodies that act on each other, (pairs, 2)", _whole, found)}
     of_one = {name for force in record.functions.values() for name in force.parameters}

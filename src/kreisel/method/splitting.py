@@ -71,6 +71,8 @@ class Splitting:
         kicked = bool(self.record.functions) or self.record.pair is not None or self.part.left is not None
         kinds = len(self.turns) + kicked + self.record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
+        # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
+        self.divided = self.record.pair is not None and bool(self.turns)
 
     @property
     def extra(self) -> tuple[str, ...]:
@@ -85,20 +87,27 @@ class Splitting:
 
     def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **known: Array) -> State:
         """A, then B."""
-        return self.kick(*self.drift(*z, _drift=_drift, **known), _kick=_kick, _node=_node, **known)
+        return self.kick(*self.drift(*z, _drift=_drift, _kick=_kick, **known), _kick=_kick, _node=_node, **known)
 
     def drift(self, *z: Array, _drift: Array, **known: Array) -> State:
-        """A."""
+        """A; and what comes before the kick where the sum over pairs divides B."""
         own, g, more = self.moved(*self.apart(z), _drift, known)
+        if self.divided:
+            own, g, work = self._before(own, g, known["_kick"], known)
+            if self.driven:
+                more[WORK] = more[WORK] + work
         return (*own, *g, *more.values())
 
     def kick(self, *z: Array, _kick: Array, _node: Array, **known: Array) -> State:
-        """B, with what other bodies do to this one behind its state."""
+        """B, or the rest of it, with what other bodies do to this one behind its state."""
         size = self.count + self.oriented + len(self.extra)
         own, g, more = self.apart(z[:size])
         pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
         body = Body(own, None, self.time(more, _node, known))
-        own, g, work = self.perturbed(body, g, _kick, known, pulled)
+        if self.divided:
+            own, g, work = self._rest(body, g, _kick, known, pulled)
+        else:
+            own, g, work = self.perturbed(body, g, _kick, known, pulled)
         if self.driven:
             more[WORK] = more[WORK] + work
         return (*own, *g, *more.values())
@@ -147,16 +156,26 @@ class Splitting:
         self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
     ) -> tuple[State, State, Any]:
         """The same to order 2."""
-        own, before = self._damped(body.state, h / 2, known)
+        own, g, before = self._before(body.state, g, h, known)
+        own, g, work = self._rest(body._replace(state=own), g, h, known, pulled)
+        return own, g, before + work
+
+    def _before(self, own: State, g: State, h: Array, known: Constants) -> tuple[State, State, Any]:
+        own, work = self._damped(own, h / 2, known)
         own, g = self._turned(own, g, self.turns, h / 2, known)
-        gained: Any = 0
+        return own, g, work
+
+    def _rest(
+        self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
+    ) -> tuple[State, State, Any]:
+        own, gained = body.state, 0.0
         if self.record.functions or pulled is not None or self.part.left is not None:
             there = Body(own, self.turn(g), body.t)
             others = self._others(known, pulled)
             own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, others)
         own, g = self._turned(own, g, self.turns[::-1], h / 2, known)
         own, after = self._damped(own, h / 2, known)
-        return own, g, before + gained + after
+        return own, g, gained + after
 
     def _others(
         self, known: Constants, pulled: tuple[State, Any] | None
@@ -196,6 +215,10 @@ def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
     a, b = (np.array(x) for x in body.fractions)
     observe, outcomes = _observer(body, order)
     stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
+    if body.divided:
+        first = np.arange(len(body.parts)) == 0
+        parts = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
+        stages = {name: np.outer(values, parts[name]).ravel() for name, values in stages.items()}
     constants = {"_last": np.array(a[-1] * dt), "_dt": np.array(dt)}
     coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt)})
     return Scheme(
