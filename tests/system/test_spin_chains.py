@@ -220,6 +220,8 @@ def test_bad_input() -> None:
     start = given(3)
     with pytest.raises(kr.InputError, match="expected D > -1"):
         kr.LatticeLandauLifshitz(n=3, D=-1.0)
+    with pytest.raises(kr.InputError, match="has no orientation"):
+        kr.simulate(kr.LatticeLandauLifshitz(n=3), start, dt=0.1, steps=10, orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="from 3 on"):
         kr.SpinChain(n=2)
     with pytest.raises(kr.InputError, match=r"expected dt < 2, got 2\.5"):

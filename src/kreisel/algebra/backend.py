@@ -131,6 +131,11 @@ def log(x: Array) -> Array:
 
 def sqrt(x: Array) -> Array:
     """Square root of a scalar or a batch; recording scalars bring their own."""
+    if holds_objects(x):  # plain numbers may stand among others
+        roots = [v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat]
+        out = np.empty(len(roots), dtype=object)
+        out[:] = roots
+        return out.reshape(x.shape)
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 

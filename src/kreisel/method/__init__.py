@@ -61,6 +61,10 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     """
     record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
+    if oriented and model.system.velocity is None:
+        raise InputError(
+            f"orientation: expected a body that turns, got {model.system.name}, which has no orientation. Leave it out."
+        )
     order = record.order(order)
     key, without_dt = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
 
