@@ -220,3 +220,14 @@ def test_a_model_of_many_bodies() -> None:
     for lane in range(5):
         alone = kr.propagator(kr.EulerTop(J=J[lane]), method="exact").at(M[lane], 3.1)
         assert (found[lane] == alone).all()
+
+
+def test_an_array_that_may_only_be_read() -> None:
+    p = kr.propagator(kr.LagrangeTop(p=(0, 0, 1)), method="exact")
+    x = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8])
+    want = p.at(x, 1.0)
+    for given in (x, np.stack([x, x]).T[:, 0], np.broadcast_to(x, (3, 6))):
+        given.flags.writeable = False
+        found = p.at(given, 1.0)
+        assert (found == want).all()
+        assert found.shape == given.shape

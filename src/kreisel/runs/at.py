@@ -83,10 +83,10 @@ def at(
         if not np.isfinite(value).all():
             raise RunError(f"{name} is not finite: its powers leave the range of doubles. Use other units.")
     with np.errstate(all="ignore"):
-        run = in_memory(plan, [states], flat * step)
+        run = in_memory(plan, [states], wanted * step)
     for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
         del run.attrs[name]
-    return run if wanted.ndim else run.isel(time=0)
+    return run
 
 
 def plan_of_times(

@@ -160,7 +160,7 @@ def _largest(plan: Plan, z: Floats) -> Floats:
     """For each coordinate the largest of its component, in the shape of z."""
     parts = zip(layout.restore(z, plan.kinds, plan.model.n), plan.kinds, strict=True)
     flat = [abs(layout.flatten((part,), (kind,))) for part, kind in parts]
-    return np.concatenate([np.broadcast_to(f.max(-1, keepdims=True), f.shape) for f in flat], -1)
+    return np.concatenate([f.max(-1, keepdims=True).repeat(f.shape[-1], -1) for f in flat], -1)
 
 
 def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
@@ -202,7 +202,7 @@ TIME = {"long_name": "time", "units": "1", "axis": "T"}
 
 
 def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
-    """Blocks of outputs as a Dataset, at the times of the saved steps unless others are given."""
+    """Blocks of outputs as a Dataset, at the times of the saved steps, or at others, or at one, without an axis."""
     import xarray as xr
 
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
@@ -210,11 +210,13 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     attrs = attributes(plan, blocks[0])
     for name, largest in _corrections(plan).items():
         attrs[name][CORRECTION] = largest
+    when = saved_times(plan) if times is None else times
     data = {}
     for name in plan.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
-        data[name] = (dimensions(plan, name, value.shape), value, attrs[name])
-    coords: dict[str, Any] = {"time": ("time", saved_times(plan) if times is None else times, TIME)}
+        names = dimensions(plan, name, value.shape)
+        data[name] = (names, value, attrs[name]) if when.ndim else (names[1:], value[0], attrs[name])
+    coords: dict[str, Any] = {"time": (("time",)[: when.ndim], when, TIME)}
     if plan.batched:
         coords["lane"] = ("lane", np.arange(plan.lanes))
     return xr.Dataset(data, coords, describe(plan).to_attrs())

@@ -186,7 +186,8 @@ class Plan:
     def _shaped(self, z: Floats, outputs: Mapping[str, Array]) -> dict[str, Array]:
         out = {}
         for name, value in outputs.items():
-            value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
+            if value.shape[:2] != z.shape[:2]:
+                value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
             out[name] = value if self.batched else value[:, 0]
         return out
 

@@ -43,6 +43,7 @@ from kreisel.runs.walks import Crossing, Walk, first_crossing, number_of
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
 
+FEW_NUMBERS = 64
 AT_REST = 16  # engines that are kept for the next call, for each number of lanes
 
 
@@ -97,6 +98,7 @@ class Propagator(StateForms):
         self._paced = paced  # whether a dt was asked for
         self._at_rest: dict[int, deque[Engine]] = {}
         self._jumps: dict[int, Jumps] = {}
+        self._jumping = made.orbits is not None and made.orbits.jump is not None
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
     def __repr__(self) -> str:
@@ -257,8 +259,7 @@ class Propagator(StateForms):
 
     def _states(self, z: Floats, when: Floats) -> Floats:
         """By compiled jumps where all of them are right, else by orbits that are set up for this state."""
-        orbits = self._scheme.orbits
-        if orbits is not None and orbits.jump is not None and len(when) <= FEW:
+        if self._jumping and len(when) <= FEW:
             jumps = self._jumps.get(len(z))
             if jumps is None:
                 jumps = self._jumps[len(z)] = Jumps(self._scheme, len(z))
@@ -353,6 +354,8 @@ class Propagator(StateForms):
 
 
 def _finite(x: Floats) -> bool:
+    if x.size < FEW_NUMBERS and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
+        return True
     return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum alone may overflow
 
 

@@ -93,7 +93,8 @@ def simulate(
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
     plan = make_plan(system, x0, orientation=orientation, **when, **choices)
     plan = replace(plan, events=checked_events(events))
-    return watched(_in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress))
+    found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
+    return watched(found, loaded=path is None)
 
 
 def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:

@@ -12,7 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.forces.pairs import require_bodies
+from kreisel.forces.pairs import pairs_of, require_bodies
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
@@ -23,6 +23,7 @@ from kreisel.runs.plan import Plan
 from kreisel.runs.settings import Settings, initial_orientation
 
 Rows = Callable[[Floats], Floats]
+DOUBLE = np.dtype(np.float64)
 
 
 class StateForms:
@@ -38,6 +39,8 @@ class StateForms:
         self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
         self.size = sum(layout.coordinate_count(kind, model.n) for kind in self._kinds)
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
+        alone = not model.batch and pairs_of(model) is None
+        self._alone = (self.size,) if alone else None  # the shape of one state as it may be given
         self._converters: dict[int, tuple[Rows, Rows]] = {}
 
     def _plan(self, made: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
@@ -45,6 +48,8 @@ class StateForms:
 
     def _given(self, state: Any) -> tuple[Floats, bool]:
         """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
+        if type(state) is np.ndarray and state.shape == self._alone and state.dtype is DOUBLE and state.flags.carray:
+            return state[None], False
         plain = type(state) is np.ndarray and state.dtype == np.float64
         if not plain or state.ndim > 2 or state.shape[-1:] != (self.size,):
             state = _numbers(self._flat(state) if isinstance(state, Mapping) else state, self)
@@ -53,7 +58,8 @@ class StateForms:
             x = np.broadcast_to(x, (self.model.batch[0], self.size))
         batched = state.ndim > 1 or bool(self.model.batch)
         require_bodies(self.model, (len(x),) if batched else ())
-        return np.ascontiguousarray(x), batched
+        x = np.ascontiguousarray(x)
+        return x if x.flags.writeable else x.copy(), batched  # kernels take no arrays that may only be read
 
     def _flat(self, state: Mapping[str, Any]) -> Floats:
         """A mapping as one array, checked as the start of a run is."""
