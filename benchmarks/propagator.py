@@ -29,7 +29,7 @@ LANES, STEPS, ROWS = 4096, 2000, 10**6
 METHODS = (("suris", None), ("baecklund", 2), ("baecklund", 8))
 
 
-def took(call: Callable[[], Any], repetitions: int = 7, seconds: float = 0.2) -> float:
+def took(call: Callable[[], Any], repetitions: int = 60, seconds: float = 0.3) -> float:
     """Microseconds of a call, the least of several loops of so many seconds together."""
     call()
     begun = time.perf_counter()
