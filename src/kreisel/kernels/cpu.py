@@ -28,9 +28,16 @@ from kreisel.kernels import dense, simd
 from kreisel.kernels.cache import module
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven, plain, room_of
-from kreisel.kernels.projection.corrections import Corrections, interval
-from kreisel.kernels.projection.program import MOST_N, Program, program_of, program_of_orientation, recordable
+from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven, compiled, plain, room_of
+from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
+from kreisel.kernels.projection.program import (
+    MOST_N,
+    Program,
+    cost_of,
+    program_of,
+    program_of_orientation,
+    recordable,
+)
 from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.recording import Recording, flat_constants, indented, recorded_outputs, special_constants
 from kreisel.kernels.stepped import SteppedEngine
@@ -101,7 +108,9 @@ def kernel(z, c, out):
 def _operations() -> bytes:
     """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
     folder = Path(__file__).with_name("_numba")
-    return b"".join((folder / f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors", "pointers"))
+    return b"".join(
+        (folder / f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors", "pointers", "projecting")
+    )
 
 
 @cache
@@ -121,16 +130,16 @@ def load_kernel(source: str) -> ModuleType:
 
 @dataclass(frozen=True)
 class Code:
-    """A step compiled, `work` operations a stage, and the program of a projection that its kernel calls, if it does.
+    """A step compiled, `work` operations a stage, and the programs of a projection that its kernel calls, if it does.
 
-    `tried`: whether such a program was looked for.
+    `tried`: whether such programs were looked for.
     """
 
     source: str
     kernel: Any
     work: int
-    program: Program | None = None
-    also: Program | None = None  # of the orientation
+    programs: tuple[Program, ...] = ()  # of the invariants, and of the orientation
+    project: Any = None  # `compiled` of them
     every: int = 0  # steps between two projections
     width: int = 1  # lanes that are projected at once
     tried: bool = False
@@ -150,15 +159,14 @@ def code_of(
             program = recordable(lambda: program_of(scheme, columns)) if woven else None
         except TooLong:
             woven, program = False, None
-        also = program_of_orientation(scheme) if program else None
-        width, every, weave = (WIDE if in_vectors else 1), 0, plain
-        if program is not None:
-            cost = program.cost + (also.cost if also else 0)
-            every = interval(cost, record.work * scheme.stage_count, scheme.between)
-            weave = Woven(room_of(program, also, width))
+        programs = [part for part in (program, program and program_of_orientation(scheme)) if part is not None]
+        width, every, weave, project_them = (WIDE if in_vectors else 1), 0, plain, None
+        if programs:
+            every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
+            weave, project_them = Woven(room_of(programs, width)), compiled(programs, width)
         text = simd.simd_source(record, EXACT, weave, len(constants)) if in_vectors else _one_by_one(record, weave)
         source = _head(scheme, record) + weave.head + text
-        return Code(source, load_kernel(source).kernel, record.work, program, also, every, width, woven)
+        return Code(source, load_kernel(source).kernel, record.work, tuple(programs), project_them, every, width, woven)
 
     return reused(key, make)
 
@@ -179,8 +187,8 @@ class CpuEngine(SteppedEngine):
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
-        if code.program is not None:
-            parts = code.program, code.also, code.every, self.z, self.constants, code.width
+        if code.programs:
+            parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
         elif project and not code.tried:
             work = scheme.stage_count * code.work
@@ -247,9 +255,8 @@ def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool
         constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **more}), len(z))
         program, too_long = _program_between(scheme, columns, observed)
         if program is not None:
-            return CompiledProjection(
-                program, None, interval(program.cost, work), z, constants, WIDE if len(z) > 1 else 1
-            )
+            width, every = WIDE if len(z) > 1 else 1, interval(cost_of([program]), ALONE * work)
+            return CompiledProjection([program], compiled([program], width), every, z, constants, width)
         if not too_long:
             return None
     found = arrays.ArrayProjection(observed, work) if by_arrays else None

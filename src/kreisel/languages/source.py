@@ -12,7 +12,7 @@ import numpy as np
 from kreisel.errors import InputError, hint, shown
 from kreisel.kernels.printing import Line
 from kreisel.kernels.projection.program import Program
-from kreisel.kernels.projection.text import FLAT, GAIN, TAU, projection_block
+from kreisel.kernels.projection.text import FLAT, TAU, gain_of, projection_block
 from kreisel.kernels.recording import Recording
 from kreisel.languages.contents import Contents, contents
 from kreisel.languages.dialects import LANGUAGES, Dialect, filled
@@ -240,7 +240,13 @@ def _projection(dialect: Dialect, programs: Sequence[Program], constants: int) -
         tables.append(dialect.numbers(_own(dialect, f"SIZES_{k}"), program.sizes(1, constants), True))
         out.append("\n".join([*tables, dialect.numbers(_own(dialect, f"LITERALS_{k}"), program.literals.tolist())]))
     text = projection_block("", "", "at * d + i", "at * constants + j", 1)
-    constants_text = {"TAU": TAU, "FLAT": FLAT, "GAIN": GAIN, "EPS": float(np.finfo(np.float64).eps), "HUGE": 1e300}
+    constants_text = {
+        "TAU": TAU,
+        "FLAT": FLAT,
+        "GAIN": gain_of(programs),
+        "EPS": float(np.finfo(np.float64).eps),
+        "HUGE": 1e300,
+    }
     if dialect.name == "js":
         text = text.replace("fma(", "exact_fma(")
     for word, value in constants_text.items():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections
-from kreisel.kernels.projection.program import Program
-from kreisel.kernels.projection.text import LINE, projection_source
+from kreisel.kernels.projection.program import Program, written_out
+from kreisel.kernels.projection.text import LINE, projection_source, straight_source
 
 
 class Weave:
@@ -60,32 +61,50 @@ class Woven(Weave):
         ]
 
 
-def room_of(program: Program, also: Program | None, width: int) -> int:
+def room_of(programs: list[Program], width: int) -> int:
     """Numbers that projections of `width` lanes at once need as room."""
-    return LINE // 8 + width * max(program.rows, 0 if also is None else also.rows)
+    return LINE // 8 + (0 if written_out(programs) else width * max(program.rows for program in programs))
+
+
+def compiled(programs: list[Program], width: int) -> Any:
+    """The compiled projection of `width` lanes at once by these programs, one after the other."""
+    from kreisel.kernels.cpu import load_kernel
+
+    source = straight_source(programs, width) if written_out(programs) else projection_source(width)
+    return load_kernel(source).project
 
 
 class CompiledProjection(Corrections):
-    """The compiled projection of rows z (lanes, d), which kernels call by its address."""
+    """The compiled projection of rows z (lanes, d), which kernels call by its address.
 
-    def __init__(self, program: Program, also: Program | None, every: int, z: Floats, constants: Floats, width: int):
-        from kreisel.kernels.cpu import load_kernel
+    programs  of the invariants, and of what binds an orientation to the state
+    project   `compiled` of them, `width` lanes at once
+    """
 
-        super().__init__(program.labels, every, len(z), 0 if also is None else len(also.outs))
-        self._z, self._compiled = z, load_kernel(projection_source(width)).project
-        self._room = room_of(program, also, width)
+    def __init__(self, programs: list[Program], project: Any, every: int, z: Floats, constants: Floats, width: int):
+        super().__init__(programs[0].labels, every, len(z), sum(len(program.outs) for program in programs[1:]))
+        self._z, self._compiled, self._room = z, project, room_of(programs, width)
         self._held: list[np.ndarray] = []  # as long as their addresses are used
-        second = 0 if also is None else self._table(also, self.bound, np.zeros(self.bound.shape[:2]), z, constants, 0)
-        self._first = self._table(program, self.targets, self.worst, z, constants, second)
+        make, following = self._short_table if written_out(programs) else self._table, 0
+        for program in reversed(programs):
+            first = program is programs[0]
+            targets, worst = (self.targets, self.worst) if first else (self.bound, np.zeros(self.bound.shape[:2]))
+            following = make(program, targets, worst, constants, following)
+        self._first = following
         self._call(1)
 
-    def _table(
-        self, program: Program, targets: Floats, worst: Floats, z: Floats, constants: Floats, following: int
-    ) -> int:
+    def _short_table(self, program: Program, targets: Floats, worst: Floats, constants: Floats, following: int) -> int:
+        """The address of a table of all that a projection needs that is written out."""
+        arrays = targets, worst, self._z, constants
+        return self._hold(arrays, [*(array.ctypes.data for array in arrays), constants.shape[1], following])
+
+    def _table(self, program: Program, targets: Floats, worst: Floats, constants: Floats, following: int) -> int:
         """The address of a table of all that is needed for a program."""
-        arrays = (*program.arrays, targets, worst, z, constants)
+        arrays = (*program.arrays, targets, worst, self._z, constants)
         addresses = [array.ctypes.data for array in arrays]
-        table = [*program.sizes(len(z), constants.shape[1]), *addresses, following]
+        return self._hold(arrays, [*program.sizes(len(self._z), constants.shape[1]), *addresses, following])
+
+    def _hold(self, arrays: tuple[np.ndarray, ...], table: list[int]) -> int:
         self._held += [*arrays, np.array(table, dtype=np.int64)]
         return self._held[-1].ctypes.data
 

@@ -10,9 +10,13 @@ from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 
 FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
-# K: parts of 10^k, from 10 on.  With SHARE projections take 1 to 5 % of the time: n = 3, 5, 10, alone and in lanes.
-INTERVALS = tuple(int(m * 10**e / 10) for e in range(1, 12) for m in (10, 20, 25, 40, 50, 80))
+# K: parts of 10^k, from 10 on.  With SHARE projections of vectors of lanes take 2 to 4 % of the time, n = 3 to 5; those
+# of a single trajectory, whose steps wait for each other, 1 %.
+INTERVALS = tuple(
+    m * 10**e // 100 for e in range(1, 12) for m in (100, 125, 200, 250, 400, 500, 800) if e > 1 or m != 125
+)
 SHARE = 0.011  # operations of a projection that an operation of a step may cost
+ALONE = 3  # times as many where a lane is as slow as a single trajectory
 
 
 def interval(cost: float, work: float, most: int = 0) -> int:

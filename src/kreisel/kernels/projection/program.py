@@ -2,16 +2,18 @@
 
     r = I(z) - I(z_0)                           in double-double
     J = dI/dz                                   in double, by a reverse sweep
-    d <- d + (r - r_0 - d)/16                   r_0 of just after the last projection: the mean drift in K steps
+    d <- d + g (r - r_0 - d)                    r_0 of just after the last projection: the mean drift in K steps
     z <- z - J^T (J J^T + tau)^-1 (r + d/2)     one step of Gauss and Newton; rows of J, and r with them, of length 1
 
 Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an interval, and not its start, is I(z_0): else
-the frequencies would be off by d/2, and the phase by that times N.
+the frequencies would be off by d/2, and the phase by that times N.  g = 1/16, 1/64 where K is short: a mean of few
+intervals is as uncertain as their random walks, which 7 ulp at n = 3 and K = 1250 showed.
 
 I are the Casimirs, integrals and momenta of symmetries that the method conserves, by their definitions in the record,
-redundant as they stand.  They are recorded once for a system and n, as a list of operations (`Program`), which compiled
-code goes through for one state or for a vector of lanes; a lane has the bits of a state on its own.  K counts from step
-0 of a trajectory, so the bits do not depend on `every`, nor on where a run was interrupted.
+redundant as they stand.  They are recorded once for a system and n, as a list of operations (`Program`), which is
+written out as compiled code or which such code goes through, with the same bits, for one state or for a vector of
+lanes; a lane has the bits of a state on its own.  K counts from step 0 of a trajectory, so the bits do not depend on
+`every`, nor on where a run was interrupted.
 
 A correction is of the size of rounding errors, or the map does not conserve what it claims: the largest one is kept.
 [Hairer, Lubich, Wanner, Geometric Numerical Integration, section IV.4]
@@ -21,7 +23,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -38,6 +40,8 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 
 MOST_N, MOST_LINES = 10, 120_000  # beyond, `kreisel.kernels.projection.arrays`: recording takes seconds
+MOST_STRAIGHT = 28_000  # instructions of a projection that is written out; it is then compiled in less than 2 s
+STRAIGHT = 0.3  # of the time of a multiplication that one of them takes
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
 SAMPLES, INDEPENDENT = 256, 1e-7
 MOST_WEIGHT = 10.0  # of the gradients, of length 1, of the others, in that of an invariant that is left out
@@ -101,9 +105,32 @@ class Program:
         return 12 * len(self.ops) + 4 * len(self.cones) + k * k * d / 2 + k**3 / 6
 
     @property
+    def instructions(self) -> float:
+        """About how many a projection is that is written out."""
+        k, d = len(self.outs), self.size
+        return 9 * len(self.ops) + 2 * len(self.cones) + k * k * d / 2 + k**3 / 6 + 25 * k
+
+    def operations(self) -> list[tuple[int, int, int]]:
+        """(what is done, and the registers of both operands) of each."""
+        kinds = np.repeat(self.runs[:, 0], np.diff(self.runs[:, 1], prepend=0)).tolist()
+        return [(what, x, y) for what, (x, y, *_) in zip(kinds, self.ops.tolist(), strict=True)]
+
+    @property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """All numbers of it."""
         return self.ops, self.runs, self.outs, self.ends, self.cones, self.columns, self.literals
+
+
+def written_out(programs: Sequence[Program]) -> bool:
+    """Whether the projection by these programs is."""
+    return sum(program.instructions for program in programs) <= MOST_STRAIGHT
+
+
+def cost_of(programs: Sequence[Program]) -> float:
+    """About how many multiplications the projection by these programs takes as long as."""
+    if written_out(programs):
+        return STRAIGHT * sum(program.instructions for program in programs)
+    return sum(program.cost for program in programs)
 
 
 def _room(registers: int, invariants: int, size: int) -> int:
@@ -310,16 +337,16 @@ def _register_gradients(program: Program, x: Array) -> Array:
     base, d = program.registers - len(program.ops), program.size
     x[:, d + len(program.columns) : base] = program.literals
     with np.errstate(all="ignore"):
-        kinds = np.repeat(program.runs[:, 0], np.diff(program.runs[:, 1], prepend=0)).tolist()
-        for i, (what, (a, b, *_)) in enumerate(zip(kinds, program.ops.tolist(), strict=True)):
+        operations = program.operations()
+        for i, (what, a, b) in enumerate(operations):
             x[:, base + i] = APPLIED[what](x[:, a], x[:, b])
         out, start = np.zeros((len(x), len(program.outs), d)), 0
         for j, end in enumerate(program.ends.tolist()):
             slope = np.zeros_like(x)
             slope[:, program.outs[j]] = 1
             for i in program.cones[start:end].tolist():
-                a, b, *_ = program.ops[i].tolist()
-                left, right = SLOPES[kinds[i]](x[:, a], x[:, b], x[:, base + i])
+                what, a, b = operations[i]
+                left, right = SLOPES[what](x[:, a], x[:, b], x[:, base + i])
                 slope[:, a] += left * slope[:, base + i]
                 slope[:, b] += right * slope[:, base + i]
             out[:, j], start = slope[:, :d], end

@@ -108,8 +108,8 @@ KREISEL_FUNCTION void @name@_@function@(const double *restrict @source@, double 
 KREISEL_FUNCTION void @name@_@function@(double *restrict z) {
 @@ def stage
 @table@[stage][@j@]
-@@ def put_sum
-KREISEL_FUNCTION void kreisel_put_sum(double *room, long high, long low, double p, double e) {
+@@ def put_pair
+KREISEL_FUNCTION void kreisel_put_pair(double *room, long high, long low, double p, double e) {
 @@ def block
 KREISEL_FUNCTION void kreisel_block(const int *sizes, const int *ops, const int *runs,
     const int *outs, const int *ends, const int *cones, const int *columns, const double *literals,

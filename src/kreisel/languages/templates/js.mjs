@@ -115,8 +115,8 @@ function @function@(@source@, @target@) {
 export function @function@(z) {
 @@ def stage
 @table@[stage][@j@]
-@@ def put_sum
-function put_sum(room, high, low, p, e) {
+@@ def put_pair
+function put_pair(room, high, low, p, e) {
 @@ def block
 function block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room,
     lane, last, begin) {

@@ -115,8 +115,8 @@ function @function@!(@source@, @target@)
 function @function@!(z)
 @@ def stage
 @table@[stage + 1, @j@]
-@@ def put_sum
-function kreisel_put_sum(room, high, low, p, e)
+@@ def put_pair
+function kreisel_put_pair(room, high, low, p, e)
 @@ def block
 function kreisel_block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room,
     lane, last, begin_)
