@@ -174,9 +174,9 @@ class Straight:
         """Project the lanes `at` of what the table has the addresses of, or only take their values."""
         f = Arithmetic(builder, kind)
         words = builder.inttoptr(table, INTEGER.as_pointer())
-        told, worst, z, c, stride = (builder.load(builder.gep(words, [INTEGER(i)])) for i in range(5))
+        aims, worst, z, c, stride = (builder.load(builder.gep(words, [INTEGER(i)])) for i in range(5))
         k = len(self.outs)
-        targets = Rows(f, told, at, INTEGER(4 * k))
+        targets = Rows(f, aims, at, INTEGER(4 * k))
         state = Rows(f, z, at, INTEGER(self.size))
         constants = Rows(f, c, at, stride)
         x: list[Pair] = [(state.get(i), 0.0) for i in range(self.size)]

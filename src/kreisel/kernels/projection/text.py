@@ -19,9 +19,10 @@ FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells n
 WIDTH = 8  # lanes at once
 LINE = 64  # bytes of the cache; a vector that lies across two takes twice the time
 
+# The second double of a number is of the size of the rounding errors of its terms; to make it less gains nothing.
 BLOCK = """
 {inline}
-def put_pair(room, high, low, p, e):  # e is of the size of the rounding errors of the terms, more is not needed
+def put_pair(room, high, low, p, e):
     put(room, high, p)
     put(room, low, e)
 
