@@ -118,6 +118,18 @@ def test_the_map_of_kovalevskaya_discretizes_kovalevskayas_top() -> None:
             assert np.allclose((np.asarray(new, dtype=float) - old) / eps, rate, atol=1e-4)
 
 
+@pytest.mark.parametrize("eps", [F(1, 3), F(-2), F(5, 2)])
+def test_the_deformed_energy_of_kovalevskayas_top_is_conserved(eps: Fraction) -> None:
+    rng = np.random.default_rng(3)
+    for kappa, tilt in ((F(-1, 4), (1, 0, 0)), (F(-1, 8), (1, 0, 0)), (F(-1, 4), (1, 0, 1))):
+        member = families.spinning(1, tilt, kappa)
+        M, P = (np.array([F(int(v), 7) for v in rng.integers(-9, 10, 3)], dtype=object) for _ in range(2))
+        before = families.kovalevskaya_energy(M, P, eps=eps)
+        N, Q = member.step(kr.algebra.hat(M), P, eps=eps)
+        after = families.kovalevskaya_energy(np.array([N[2, 1], N[0, 2], N[1, 0]], dtype=object), Q, eps=eps)
+        assert (after == before) == ((kappa, tilt) == (F(-1, 4), (1, 0, 0)))
+
+
 def test_kovalevskayas_top_in_two_fields() -> None:
     """Degrees 12 k^2 + 2 k + 1 with the determinant, exponential without; it discretizes the record, n = 3 and 4."""
     what = subject(families.kovalevskaya(), eps=2)
