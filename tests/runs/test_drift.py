@@ -18,7 +18,7 @@ from kreisel import algebra
 from kreisel.cli import NOT_CONSERVED, app
 from kreisel.lab import exact
 from kreisel.method import scheme
-from kreisel.record.contract import System
+from kreisel.record.contract import Map, System
 from kreisel.runs import drift, integration, scales
 from kreisel.sweeps import broken_lanes
 from kreisel.system import REGISTRY
@@ -118,14 +118,22 @@ def test_a_mutant_shouts(name: str, x0: object) -> None:
 
 
 LARGER = {4: ("lagrange-top-moving", "clebsch", "euler-top"), 5: ("symmetric-top", "neumann")}
+
+
+def by_its_map(phi: Map | None) -> str:
+    """The method that steps a system's own map."""
+    if phi is None:
+        return ""
+    return "veselov" if phi.symmetric else "brickwork" if phi.to_symmetric is None else "suris"
+
+
 CASES = [
     (name, n, method)
     for name, system in REGISTRY.items()
     for n in (3, 4, 5)
-    for method in ("baecklund", "suris", "veselov")
+    for method in ("baecklund", "suris", "veselov", "brickwork")
     if name in LARGER.get(n, REGISTRY)
-    if (method == "baecklund" and system.baecklund is not None)
-    or (system.map is not None and method == ("veselov" if system.map.symmetric else "suris"))
+    if (method == "baecklund" and system.baecklund is not None) or method == by_its_map(system.map)
 ] + [("lagrange-top", 3, "exact")]
 
 
