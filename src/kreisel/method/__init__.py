@@ -13,6 +13,7 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import held_by_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Outcome, Scheme
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]
@@ -54,6 +55,11 @@ def find(name: Any) -> Method:
     return _found_methods()[name]
 
 
+def _turns(system: System) -> bool:
+    """Whether it is of bodies that turn, by an angular velocity or by the turn of a step."""
+    return system.velocity is not None or (system.map is not None and system.map.generator is not None)
+
+
 def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool, kept: bool = True) -> Scheme:
     """The scheme of that name, kept for the next time.
 
@@ -61,7 +67,7 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     """
     record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
-    if oriented and model.system.velocity is None:
+    if oriented and not _turns(model.system):
         raise InputError(
             f"orientation: expected a body that turns, got {model.system.name}, which has no orientation. Leave it out."
         )
@@ -72,7 +78,7 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
         made = record.make(model, dt, order, oriented)
         return replace(
             made,
-            held=held_by_orientation(model, made.components),
+            held=made.held or held_by_orientation(model, made.components),
             definition_key=key,
             kernel_key=without_dt if made.dt_in_constants else key,
         )

@@ -25,7 +25,7 @@ from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import observer, turned, with_orientation
+from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Outcome, Scheme, Steps
 from kreisel.record.contract import PhaseSpace, call
@@ -73,9 +73,11 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
             name + "_eps": Outcome("integral", f"deformed {name}, conserved exactly by the map", conserved=True)
             for name in ("casimir", "energy")
         }
+    components = (*with_orientation(model, oriented), (DEFECT, "scalar"))
     return Scheme(
         name="kahan",
-        components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
+        components=components,
+        held=held_by_orientation(model, components, bound=False),
         constants=dict(model.constants),
         axes={**model.axes, "eps": 0},
         stages={"eps": symmetric_composition(order) * dt},

@@ -25,7 +25,7 @@ from kreisel.algebra.iteration import repeat
 from kreisel.algebra.spins import Spins, cross, inner
 from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
 from kreisel.method.kahan import is_euler_top, is_linear
-from kreisel.method.observing import observer, turned, with_orientation
+from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme, Steps
 from kreisel.record.contract import SPINS_SPACE, PhaseSpace, call
@@ -59,9 +59,11 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     def reopen(x: State) -> State:
         return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
 
+    components = (*with_orientation(model, oriented), (DEFECT, "scalar"))
     return Scheme(
         name="midpoint",
-        components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
+        components=components,
+        held=held_by_orientation(model, components, bound=False),
         constants=dict(model.constants),
         axes={**model.axes, "eps": 0},
         stages={"eps": symmetric_composition(order) * dt},

@@ -144,11 +144,14 @@ def _entries(X: Array) -> Array:
     return algebra.axial(X) if X.shape[-1] == 3 else algebra.coordinates(X)
 
 
-def held_by_orientation(model: Model, components: Components) -> Callable[[tuple[Array, ...]], list[Array]] | None:
+def held_by_orientation(
+    model: Model, components: Components, bound: bool = True
+) -> Callable[[tuple[Array, ...]], list[Array]] | None:
     """What an orientation g leaves constant: its own orthogonality, and what is carried, seen from the other frame.
 
     g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None where the
-    method does not step the system's own variables.
+    method does not step the system's own variables.  `bound`: whether the method turns g by the turn of what is
+    carried; else only its orthogonality stays.
     """
     space = model.system.space
     count, rest = len(space.letters), model.system.frame is Frame.REST
@@ -158,6 +161,8 @@ def held_by_orientation(model: Model, components: Components) -> Callable[[tuple
     def held(z: tuple[Array, ...]) -> list[Array]:
         g = z[count]
         out = [algebra.dot(g, g)] if g.ndim == 1 else [algebra.coordinates_of("symmetric", g.mT @ g)]
+        if not bound:
+            return out
         turn = algebra.rotation_matrix(g) if g.ndim == 1 else g
         turn = turn.mT if rest else turn
         for i in space.carried or (0,) * (model.system.perturbation is None):
