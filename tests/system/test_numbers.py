@@ -78,11 +78,12 @@ def test_batch_axes_in_front(name: str, n: int) -> None:
     states = [exact.random_state(system.space, n, draw) for _ in range(3)]
     batch = system(**{k: np.stack([m.params[k] for m in models]) for k in models[0].params})
     together = tuple(np.stack(parts) for parts in zip(*states, strict=True))
-    stated = (system.flow, system.energy, system.velocity)  # chains of spins have no velocity, lattices no flow
-    functions = [*(function for function in stated if function is not None), *system.integrals.values()]
+    functions = [system.flow, system.energy, system.velocity, *system.integrals.values()]
     if system.map is not None:
         functions += [system.map.step, system.map.inverse, system.map.adjoint, system.map.involution]
     for function in functions:
+        if function is None:  # spins have no velocity, and their lattice states no involution
+            continue
         all_at_once = batch.call(function, *together, eps=0.1)
         for lane, (model, state) in enumerate(zip(models, states, strict=True)):
             one = model.call(function, *state, eps=0.1)
