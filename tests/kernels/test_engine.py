@@ -11,7 +11,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels import cpu, layout
+from kreisel.kernels import cpu, layout, threads
 from kreisel.kernels.cpu import CpuEngine, compiled_rate
 from kreisel.kernels.folding import folded
 from kreisel.kernels.printing import arranged
@@ -141,7 +141,7 @@ def test_lane_equals_single_run_bitwise(name: str, method: str, order: int, n: i
     assert (together[:, -1] == alone[:, 0]).all()
     threaded = np.empty_like(together)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cpu, "LEAST_WORK", 0)
+        patch.setattr(threads, "LEAST_WORK", 0)
         other = CpuEngine(plan, rows)
         other.advance(threaded, 7)
     assert (threaded == together).all()
@@ -166,13 +166,13 @@ def test_zero_lanes_are_no_work() -> None:
     assert kernel.z.shape == (0, 6)
 
 
-@pytest.mark.parametrize(("lanes", "threads"), [(1, 2), (2, 2), (71, 2), (1000, 3), (64 * 64, 2)])
-def test_shares_are_all_the_lanes_once(lanes: int, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", threads)
-    shares = list(cpu.shares(lanes, cpu.LEAST_WORK))
+@pytest.mark.parametrize(("lanes", "many"), [(1, 2), (2, 2), (71, 2), (1000, 3), (64 * 64, 2)])
+def test_shares_are_all_the_lanes_once(lanes: int, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", many)
+    shares = list(threads.shares(lanes, threads.LEAST_WORK))
     assert [lane for first, last in shares for lane in range(first, last)] == list(range(lanes))
-    assert len(shares) >= min(threads, lanes)
-    assert len(list(cpu.shares(lanes, 1))) == 1
+    assert len(shares) >= min(many, lanes)
+    assert len(list(threads.shares(lanes, 1))) == 1
 
 
 def test_products_are_fused_into_the_sums_that_alone_need_them() -> None:

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -42,6 +41,7 @@ from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.recording import Recording, flat_constants, indented, recorded_outputs, special_constants
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import TooLong
+from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Scheme
 
 if TYPE_CHECKING:
@@ -51,10 +51,8 @@ if TYPE_CHECKING:
 # make it choose otherwise in scalar than in vector code.
 EXACT = 'cache=True, nogil=True, error_model="numpy"'
 FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
-WIDTH = 64  # shares of the lanes are whole multiples of it
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
 MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
-LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 
 HEAD = '''"""Made by kreisel.kernels.cpu by recording {name}; not to be edited."""
 from math import cos, exp, log, sin, sqrt
@@ -220,19 +218,12 @@ class CpuEngine(SteppedEngine):
         return self.z
 
     def _advance(self, out: Floats, every: int) -> None:
-        parts = list(shares(len(self.z), len(out) * every * len(self.z)))
         more = self._woven.arguments if self._woven else ()
 
-        def work_on(part: tuple[int, int]) -> None:
-            self._kernel(self.z, self.constants, self.stages, out, every, *part, *more)
+        def work_on(first: int, last: int) -> None:
+            self._kernel(self.z, self.constants, self.stages, out, every, first, last, *more)
 
-        if len(parts) < 2:
-            work_on((0, len(self.z)))
-        else:
-            with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
-                work = [pool.submit(work_on, part) for part in parts]
-            for done in work:
-                done.result()
+        on_threads(len(self.z), len(out) * every * len(self.z), work_on)
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         if self._between is not None or not self.adopts(scheme, z):
@@ -283,16 +274,6 @@ def _large_work(scheme: Scheme) -> int:
     """About how many operations a stage is in a kernel of O(n), or O(n^2) where it keeps a matrix."""
     n, dense = scheme.n, any(kind == f"R^{scheme.n**2}" for _, kind in scheme.components)
     return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
-
-
-def shares(lanes: int, work: int) -> Iterator[tuple[int, int]]:
-    """First and last lane of the shares of the threads, whole blocks where there are many."""
-    threads = numba.config.NUMBA_NUM_THREADS if work >= LEAST_WORK else 1  # type: ignore[attr-defined]
-    size = -(-lanes // threads)
-    if threads > 1 and size > 4 * WIDTH:
-        size = -(-size // (4 * WIDTH)) * WIDTH  # four shares a thread: another process may slow one down
-    for first in range(0, lanes, max(size, 1)):
-        yield first, min(first + size, lanes)
 
 
 def _one_by_one(record: Recording, weave: Weave) -> str:

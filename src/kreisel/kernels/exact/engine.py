@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache, cached_property
 from threading import Lock
 from typing import Any
@@ -16,12 +15,13 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, shares
+from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.printing import split
 from kreisel.kernels.recording import indented, recorded_function
+from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin, States
 
 AT_ONCE = 4096  # times that a function is asked for
@@ -282,13 +282,7 @@ class OrbitRows:
                 self._place(at[0, 0])
                 first = self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
 
-        parts = list(shares(len(out), ROW_WORK * len(out)))
-        if len(parts) < 2:
-            share(0, len(out))
-            return
-        with ThreadPoolExecutor(len(parts)) as pool:
-            for done in [pool.submit(share, *part) for part in parts]:
-                done.result()
+        on_threads(len(out), ROW_WORK * len(out), share)
 
     def at(self, out: Floats, lane: int, M: Array, e: Array) -> None:
         """The states at the times M 2^e into out[:, lane]."""

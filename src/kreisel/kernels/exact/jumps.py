@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
 from functools import cache
 from pathlib import Path
@@ -25,11 +24,12 @@ from kreisel.exact.motion import half_turns
 from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
 from kreisel.exact.turning import turned
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, shares
+from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import arranged
 from kreisel.kernels.recording import flat_constants, indented
 from kreisel.kernels.tape import Scalar, Tape, source_of
+from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
 
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
@@ -293,12 +293,10 @@ class Jumps:
         At the exact products of `times` and `unit`.
         """
         z, c, count = np.ascontiguousarray(z), self._constants, len(z)
-        parts = list(shares(count, WORK * count * len(times))) if count > 1 else [(0, 1)]
-        if len(parts) < 2:
-            out, right = self._jump(z, c, times, unit)
-        else:
-            with ThreadPoolExecutor(len(parts)) as pool:
-                work = [pool.submit(self._jump, z[first:last], c[first:last], times, unit) for first, last in parts]
-            found = [done.result() for done in work]
-            out, right = (np.concatenate(each, 1) for each in zip(*found, strict=True))
+
+        def jump(first: int, last: int) -> Any:
+            return self._jump(z[first:last], c[first:last], times, unit)
+
+        found = on_threads(count, WORK * count * len(times) if count > 1 else 0, jump)
+        out, right = found[0] if len(found) == 1 else (np.concatenate(each, 1) for each in zip(*found, strict=True))
         return out, right
