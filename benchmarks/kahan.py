@@ -22,6 +22,8 @@ BODIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "lagrange-top": (kr.LagrangeTop(p=(0, 0, 1)), {"m": M, "a": P}),
     "heavy-top": (kr.HeavyTop(J=(1.0, 1.3, 0.6), A=(0.3, 0.2, 0.9)), {"M": M, "P": P}),
     "kovalevskaya-top": (kr.KovalevskayaTop(n=3), {"M": M, "P": P, "Q": (0.0, 1.0, 0.0)}),
+    "kovalevskaya-top-e3": (kr.KovalevskayaTopE3(), {"M": M, "P": P}),
+    "kovalevskaya-top-so3": (kr.KovalevskayaTopSO3(), {"M": M, "P": P, "Q": (0.0, 1.0, 0.0)}),
     "clebsch": (kr.Clebsch(b=(0.2, 0.5, 1.1)), {"M": M, "P": P}),
     "kirchhoff-case": (kr.KirchhoffCase(a1=1.0, a3=1.4, b1=0.2, b3=0.5, c1=0.3, c3=0.9), {"M": M, "P": P}),
 }

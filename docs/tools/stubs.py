@@ -43,11 +43,12 @@ def _class(name: str, system: System) -> str:
     required = [p for p in system.parameters if p.default is None]
     optional = [p for p in system.parameters if p.default is not None]
     arguments = "".join(f"        {_argument(p)},\n" for p in [*required, *optional])
-    text = [f"{system.title}.", "", *(f"{p.letter}: {p.meaning}" for p in system.parameters)]
+    star = "        *,\n" if arguments else ""
+    text = [f"{system.title.removesuffix('.')}.", "", *(f"{p.letter}: {p.meaning}" for p in system.parameters)]
     lines = [line for each in text for line in textwrap.wrap(each, 100, subsequent_indent="    ") or [""]]
     doc = "\n".join(f"        {line}".rstrip() for line in lines).strip()
     return (
-        f"\nclass _{name}(System):\n    def __call__(\n        self,\n        *,\n"
+        f"\nclass _{name}(System):\n    def __call__(\n        self,\n{star}"
         f'{arguments}    ) -> Model:\n        r"""{doc}"""\n\n{name}: _{name}\n'
     )
 

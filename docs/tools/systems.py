@@ -104,8 +104,7 @@ def page(system: System, name: str, figures: Path) -> str:
         f"$$\n{from_text(system.equations)}\n$$",
         f"State ${state}$, a point of ${_space(system.space.name)}$, in the {system.frame.value} frame. "
         f"{bracket.capitalize()} bracket, $F' = \\{{H, F\\}}$.",
-        "## Parameters",
-        _parameters(system),
+        *(["## Parameters", _parameters(system)] if system.parameters else []),
         system.scaling,
         "## Integrals",
         _integrals(model, dt),

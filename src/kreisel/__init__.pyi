@@ -230,6 +230,22 @@ class _KovalevskayaTop(System):
 
 KovalevskayaTop: _KovalevskayaTop
 
+class _KovalevskayaTopE3(System):
+    def __call__(
+        self,
+    ) -> Model:
+        r"""Kovalevskaya's top of 1889."""
+
+KovalevskayaTopE3: _KovalevskayaTopE3
+
+class _KovalevskayaTopSO3(System):
+    def __call__(
+        self,
+    ) -> Model:
+        r"""Kovalevskaya top, n = 3, in two fields."""
+
+KovalevskayaTopSO3: _KovalevskayaTopSO3
+
 class _LagrangeTop(System):
     def __call__(
         self,

@@ -26,6 +26,8 @@ from kreisel.system import (
     goryachev_chaplygin,
     hess_appelrot,
     kirchhoff_revolution,
+    kovalevskaya_top_e3,
+    kovalevskaya_top_so3,
     lagrange_top,
     lagrange_top_moving,
     lagrange_top_su2,
@@ -45,6 +47,7 @@ VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
 BITOP = ratiu_bitop.SYSTEM
+KOVALEVSKAYA, TWO_FIELDS = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
 REVOLUTION = kirchhoff_revolution.SYSTEM
 BODY = clebsch_body.SYSTEM
 GYROSTAT = zhukovsky_volterra.SYSTEM
@@ -87,6 +90,33 @@ def euler_for_cayley(m, a, *, p, eps):
 
 
 STEPS = [turned_backwards, kicked_backwards, old_momentum, lost_half, euler_for_cayley]
+
+
+def plain_kick(M, P, *, e, eps):  # Kovalevskaya's top without the denominator of its kick
+    return kovalevskaya_top_e3.turn(M + eps * wedge(e, P), P, eps)
+
+
+def turned_alone(M, P, *, e, eps):  # without the second turn of the momentum
+    M = kovalevskaya_top_e3.kicked(M, P, e, eps)
+    return M, kovalevskaya_top_e3.turn(M, P, eps)[1]
+
+
+def without_own_turn(M, P, M1, P1, *, e, eps):
+    return eps / 2 * kovalevskaya_top_e3.kicked(M, P, e, eps)
+
+
+def undeformed(M, P, *, c, eps=0):
+    return kovalevskaya_top_e3.energy(M, P, c=c)
+
+
+def fields_apart(M, P, Q, *, e, h, eps):  # each field with a denominator of its own
+    k = eps * eps / 4
+    kick = vec(1 / (1 - k * P[..., 0])) * wedge(e, P) + vec(1 / (1 - k * Q[..., 1])) * wedge(h, Q)
+    return kovalevskaya_top_so3.turn(M + eps * kick, P, Q, eps)
+
+
+def rest_of_gram(M, P, Q, *, eps=0):
+    return kovalevskaya_top_so3.gram(M, P, Q, eps=eps) + eps * eps * dot(P, Q) * P[..., 0]
 
 
 def rough_kick(M, P, *, b, eps):  # a Clebsch step without its denominator
@@ -441,6 +471,14 @@ MUTANTS = [
     ("integrals-of-the-map", mapped(BITOP, step=cayley_turn), 4),
     ("discrete-lax-equation", mapped(BITOP, lax=lambda M, G, *, C, lam: lam * lam * C + lam * M + G), 4),
     ("poisson", mapped(BITOP, step=unturned), 4),
+    *((law, mapped(KOVALEVSKAYA, step=plain_kick), 3) for law in ("integrals-of-the-map", "inverse", "adjoint")),
+    ("poisson", mapped(KOVALEVSKAYA, step=turned_alone), 3),
+    ("integrals-of-the-map", mapped(KOVALEVSKAYA, step=turned_alone), 3),
+    ("reconstruction", mapped(KOVALEVSKAYA, generator=without_own_turn), 3),
+    ("involution", replace(KOVALEVSKAYA, energy=undeformed), 3),
+    ("reversing-involution", mapped(KOVALEVSKAYA, involution=lambda M, P, *, eps: (-M, P)), 3),
+    ("integrals-of-the-map", mapped(TWO_FIELDS, step=fields_apart), 3),
+    ("integrals-of-the-map", replace(TWO_FIELDS, integrals={"gram": rest_of_gram}), 3),
     ("relations", mapped(SU2, step=lost_half), 3),
     ("discrete-lax-equation", mapped(SU2, conjugator=lambda m, a, *, lam, eps: 1 + 2 * eps * lam * su2(a)), 3),
     ("lax-equation", replace(SU2, lax=lambda m, a, *, p, lam: (SU2.lax(m, a, p=p, lam=lam)[0], su2(2 * a))), 3),

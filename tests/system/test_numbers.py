@@ -10,6 +10,7 @@ import pytest
 from kreisel import algebra
 from kreisel.algebra import act, invariants
 from kreisel.lab import exact
+from kreisel.lab.fields import fraction
 from kreisel.record.contract import call, keywords
 from kreisel.system import REGISTRY
 
@@ -17,11 +18,11 @@ MAPS = [name for name, system in REGISTRY.items() if system.map is not None and 
 
 
 def fractions_of(x: np.ndarray) -> np.ndarray:
-    return np.vectorize(lambda v: Fraction(int(v.p), int(v.q)), otypes=[object])(x)
+    return np.vectorize(fraction, otypes=[object])(x)
 
 
 def floats_of(x: np.ndarray) -> np.ndarray:
-    return np.vectorize(lambda v: int(v.p) / int(v.q), otypes=[float])(x)
+    return np.vectorize(lambda v: float(fraction(v)), otypes=[float])(x)
 
 
 def rational_case(name: str, n: int) -> tuple[object, tuple[np.ndarray, ...]]:
@@ -49,7 +50,7 @@ def test_kinds_of_number_agree(name: str, n: int) -> None:
         "fraction": (fractions_of, Fraction(1, 3)),
         "float": (floats_of, 1 / 3),
         "complex": (lambda x: floats_of(x).astype(complex), 1 / 3),
-        "sympy": (np.vectorize(lambda v: sympy.Rational(int(v.p), int(v.q)), otypes=[object]), sympy.Rational(1, 3)),
+        "sympy": (np.vectorize(lambda v: sympy.Rational(fraction(v)), otypes=[object]), sympy.Rational(1, 3)),
         "jax": (lambda x: jax.numpy.asarray(floats_of(x)), 1 / 3),
     }
     for kind, (convert, eps) in kinds.items():

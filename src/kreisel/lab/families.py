@@ -78,24 +78,6 @@ def _turn(M: Array, t: Any) -> Array:
     )
 
 
-def kovalevskaya_energy(M: Array, P: Array, *, eps: Any) -> Any:
-    """The deformed energy of Kovalevskaya's top, which `spinning(1, (1, 0, 0), -1/4)` conserves; M axial, N = M x P.
-
-    H + (eps/2)(M_2 P_3 - 2 M_3 P_2) - (eps^2/8)(P_3^2 + 2 M_3 N_2) - (eps^3/8) P_3 N_3 - (eps^4/32) N_3^2,
-    H = (M_1^2 + M_2^2)/2 + M_3^2 + P_1.  Found by `integrals`.
-    """
-    (x, y, z), (p, q, r) = ([v[..., i] for i in range(3)] for v in (M, P))
-    across, along = z * p - x * r, x * q - y * p  # N_2, N_3
-    by_order = (
-        (x * x + y * y) / 2 + z * z + p,
-        (y * r - 2 * z * q) / 2,
-        -(r * r + 2 * z * across) / 8,
-        -r * along / 8,
-        -along * along / 32,
-    )
-    return sum(eps**k * term for k, term in enumerate(by_order))
-
-
 def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3) -> Model:
     """A body with Omega = M, but twice M_12, in two fields, in n dimensions: Kovalevskaya's, for c = 4, coupling = 1.
 
@@ -166,7 +148,6 @@ __all__ = [
     "kahan_gyrostat",
     "kahan_heavy_top",
     "kovalevskaya",
-    "kovalevskaya_energy",
     "shifted_logarithm",
     "spinning",
     "sum_of_logarithms",

@@ -57,6 +57,6 @@ SYSTEM = System(
             meaning="the rotor gamma = 0",
         ),
     ),
-    notes="Q = 0 is the top in one field. An explicit map of it is in kreisel.lab.families, not here: for n = 3 it is "
-    "integrable, in two fields and for n = 4 its degrees grow like k^2.",
+    notes="Q = 0 is the top in one field. For n = 3 there is an integrable map: kovalevskaya-top-e3 in one field, "
+    "kovalevskaya-top-so3 in two. For n >= 4 the same map conserves a deformed energy; its integrability is open.",
 )

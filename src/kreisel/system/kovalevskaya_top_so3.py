@@ -1,0 +1,178 @@
+"""Kovalevskaya top, n = 3, in two fields, with its map.  State (M, P, Q) in (so(3) <x 2 R^3)*, body frame.
+
+The map is Kreisel's own: a kick by the potential (4/eps) log det(1 - (eps^2/4) F_11), F_11 the components of P and Q in
+the plane (1, 2), and the turn cay((eps/2) M) cay((eps/2) M_11).  It is written for any n.  For n = 3 it is
+integrable; for n > 3 the deformed energy is all that is known to be conserved.
+
+Below M, P, Q are axial, z = M_3, F = (P, Q), N = P x Q, l = F^T M, d = F^T e_3; of 2-vectors a x b = a_1 b_2 - a_2 b_1.
+H, K and G of the flow: K = |(M_1 + i M_2)^2/2 - (P_1 - Q_2) - i (P_2 + Q_1)|^2 and
+G = |l|^2 + 2 z <M, N> + 2 (P_1 + Q_2) N_3 - 2 <d, N>.
+[Kovalevskaya 1889; Bobenko, Reyman, Semenov-Tian-Shansky, Comm. Math. Phys. 122 (1989)]
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.algebra import act, axial, cayley, cayley_columns, cross, dot, identity, mat, pairing, solve, vec, wedge
+from kreisel.record.checks import nonzero_vector
+from kreisel.record.contract import Map, Relation
+from kreisel.system import kovalevskaya_gyrostat as gyrostat
+from kreisel.system import kovalevskaya_top as top
+
+
+def kicked(M, P, Q, e, h, eps, share=1):
+    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = (P, Q) (1 - (eps^2/4) F_11)^-1."""
+    s = eps * eps / 4
+    a, b, c, d = 1 - s * P[..., 0], s * Q[..., 0], s * P[..., 1], 1 - s * Q[..., 1]
+    scale = eps / (share * (a * d - b * c))
+    return M + wedge(e, vec(scale * d) * P + vec(scale * c) * Q) + wedge(h, vec(scale * b) * P + vec(scale * a) * Q)
+
+
+def plane(M):  # M_11, as a matrix of n rows
+    flat = 1 * (np.arange(M.shape[-1]) < 2)
+    return M * (flat[:, None] * flat)
+
+
+def turned(Y, V):  # cay(Y) V = V + 2 (Y + Y^2) V/(1 + |Y|^2), Y in one plane
+    W = Y @ V
+    return V + mat(2 / (1 + pairing(Y, Y))) * (W + Y @ W)
+
+
+def turn(M, P, Q, eps):
+    Y = -eps / 2 * plane(M)
+    F = turned(Y, cayley_columns(-eps / 2 * M, np.stack([P, Q], -1)))
+    return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+
+
+def step(M, P, Q, *, e, h, eps):
+    return turn(kicked(M, P, Q, e, h, eps), P, Q, eps)
+
+
+def inverse(M, P, Q, *, e, h, eps):
+    M, P, Q = turn(M, P, Q, -eps)
+    return kicked(M, P, Q, e, h, -eps), P, Q
+
+
+def adjoint(M, P, Q, *, e, h, eps):
+    M, P, Q = turn(M, P, Q, eps)
+    return kicked(M, P, Q, e, h, eps), P, Q
+
+
+def involution(M, P, Q, *, e, h, eps):
+    return -kicked(M, P, Q, e, h, eps), P, Q
+
+
+def half_kick(M, P, Q, *, e, h, eps):
+    return kicked(M, P, Q, e, h, eps, share=2), P, Q
+
+
+def half_kick_back(M, P, Q, *, e, h, eps):
+    return kicked(M, P, Q, e, h, eps, share=-2), P, Q
+
+
+def composed(M, eps):  # X with cay(X) = cay((eps/2) M) cay((eps/2) M_11)
+    W, one = cayley(eps / 2 * M) @ cayley(eps / 2 * plane(M)), identity(M.shape[-1])
+    return solve(one + W, W - one)
+
+
+def generator(M, P, Q, M1, P1, Q1, *, e, h, eps):
+    return composed(kicked(M, P, Q, e, h, eps), eps)
+
+
+def shifted(M, P, eps):
+    """(1 + (eps/2) M_11) (1 + (eps/2) M) P: what turns into the old P, but for a factor."""
+    R = P + eps * act(M, P) / 2
+    return R + eps * act(plane(M), R) / 2
+
+
+def energy(M, P, Q, *, c, eps=0):
+    """H at S, T = `shifted` P, Q, less (eps^2/8) of their parts across the plane; and (eps^4/16) M_12 <P, M Q>."""
+    S, T, square = shifted(M, P, eps), shifted(M, Q, eps), eps * eps
+    across = dot(S[..., 2:], S[..., 2:]) + dot(T[..., 2:], T[..., 2:])
+    both = M[..., 0, 1] * dot(P, act(M, Q))
+    return top.energy(M, S, T, c=c) - square * across / 8 + square * square * both / 16
+
+
+def across(a, b):
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def lengths(M, P, Q):  # F^T M
+    return np.stack([dot(M, P), dot(M, Q)], -1)
+
+
+def kovalevskaya(M, P, Q, *, c, eps=0):
+    """K = H^2 - J + |P|^2 + |Q|^2, all of them deformed; s = eps^2/4, S = (1 + (eps/2) M_11) (1 + (eps/2) M) F.
+
+    J = z^2 (|M|^2 + 2 t) + (t + s^2 z X)^2 + 2 <m, w> + 2 det S_11 + |d|^2 - 4 s z X - 2 s^2 <d, m> X
+        + s (|w|^2 - |l|^2 - |v_1 Q - v_2 P|^2 - 2 <Jd, S_11 Jd>),
+    m = (1 + (eps/2) M_11) (M_1, M_2), t = tr S_11, X = <M, N>, d = S^T e_3,
+    w = l - z d, v = m - s z d, Jd = (-d_2, d_1).
+    """
+    H = energy(M, P, Q, c=c, eps=eps)
+    S, T, M = shifted(M, P, eps), shifted(M, Q, eps), axial(M)
+    x, y, z = M[..., 0], M[..., 1], M[..., 2]
+    m1, m2, d1, d2 = x - eps * z * y / 2, y + eps * z * x / 2, S[..., 2], T[..., 2]
+    l1, l2, t, X = dot(M, P), dot(M, Q), S[..., 0] + T[..., 1], eps * eps * dot(M, cross(P, Q)) / 4  # X: s X
+    w1, w2, v1, v2 = l1 - z * d1, l2 - z * d2, m1 - eps * eps * z * d1 / 4, m2 - eps * eps * z * d2 / 4
+    other = v1 * v1 * dot(Q, Q) - 2 * v1 * v2 * dot(P, Q) + v2 * v2 * dot(P, P)
+    turned = d2 * d2 * S[..., 0] - d1 * d2 * (T[..., 0] + S[..., 1]) + d1 * d1 * T[..., 1]
+    rest = w1 * w1 + w2 * w2 - l1 * l1 - l2 * l2 - other - 2 * turned - 2 * (d1 * m1 + d2 * m2) * X
+    whole = t + eps * eps * z * X / 4
+    J = z * z * (dot(M, M) + 2 * t) + whole * whole + 2 * (m1 * w1 + m2 * w2 + across(S, T))
+    J = J + d1 * d1 + d2 * d2 - 4 * z * X + eps * eps * rest / 4
+    return H * H - J + dot(P, P) + dot(Q, Q)
+
+
+def gram(M, P, Q, *, eps=0):
+    """G, deformed; <M, P>^2 where Q = 0; k = eps/2, X = <M, N>, t = P_1 + Q_2.
+
+    |l|^2 + 2 z X + 2 t N_3 - 2 <d, N> + 2 k ((Q_1 - P_2) (X + z N_3) + z d x N + l x N)
+    + k^2 (N_3^2 + 2 z (<l, N> - t X)) + 2 k^3 N_3 d x l
+    + k^4 (|M x N|^2 + 4 z N_3 X - 2 |M|^2 N_3^2 + (d x l) (N x M)).
+    """
+    M, N, square = axial(M), cross(P, Q), eps * eps
+    z, n, X, t, l = M[..., 2], N[..., 2], dot(M, N), P[..., 0] + Q[..., 1], lengths(M, P, Q)
+    d = np.stack([P[..., 2], Q[..., 2]], -1)
+    turned, C = across(d, l), cross(M, N)
+    first = (Q[..., 0] - P[..., 1]) * (X + z * n) + z * across(d, N) + across(l, N)
+    second = n * n + 2 * z * (dot(l, N[..., :2]) - t * X)
+    fourth = dot(C, C) + 4 * z * n * X - 2 * dot(M, M) * n * n + turned * across(N, M)
+    out = dot(l, l) + 2 * z * X + 2 * t * n - 2 * dot(d, N[..., :2]) + eps * first
+    return out + square * second / 4 + square * eps * n * turned / 4 + square * square * fourth / 16
+
+
+def two_fields(M, P, Q):
+    nonzero_vector(P, "P")
+    nonzero_vector(Q, "Q (one field: kovalevskaya-top-e3)")
+
+
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
+    to_symmetric=half_kick,
+    from_symmetric=half_kick_back,
+    generator=generator,
+    source="Kreisel",
+)
+
+SYSTEM = replace(
+    top.SYSTEM,
+    name="kovalevskaya-top-so3",
+    title="Kovalevskaya top, n = 3, in two fields",
+    source="Kovalevskaya 1889; Reyman, Semenov-Tian-Shansky 1987",
+    parameters=(),
+    energy=energy,
+    derive=lambda: gyrostat.shape(n=np.asarray(3)),
+    scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2.",
+    integrals={"kovalevskaya": kovalevskaya, "gram": gram},
+    commuting=("kovalevskaya", "gram"),
+    check_state=two_fields,
+    map=MAP,
+    relations=(Relation("kovalevskaya-top", lambda M, P, Q, g: ((M, P, Q), {"n": 3}), meaning="the same for every n"),),
+    n=3,
+    notes="One field, Q = 0: kovalevskaya-top-e3.",
+)

@@ -1,0 +1,147 @@
+"""The map of Kovalevskaya's top: its integrals proved for all states and steps, its orientation and Lagrangian."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.lab import exact, families, laws
+from kreisel.lab.darboux import Ratio
+from kreisel.lab.fields import fraction
+from kreisel.record.contract import call
+from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
+
+ONE, TWO = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
+
+
+def unknowns(system: Any) -> tuple[tuple[np.ndarray, ...], dict[str, Any]]:
+    """The state and eps as rational functions, each an unknown of its own."""
+    flint = pytest.importorskip("flint")
+    fields = len(system.space.letters) - 1
+    ring = flint.fmpq_mpoly_ctx.get(("eps", *(f"x{i}" for i in range(3 + 3 * fields))), flint.Ordering.degrevlex)
+    eps, *x = (Ratio(v, ring.constant(1)) for v in ring.gens())
+    rows = np.array([*x, None], dtype=object)[:-1].reshape(-1, 3)
+    known = {k: np.asarray(v, dtype=object) for k, v in system.derive().items()}
+    return (algebra.hat(rows[0]), *rows[1:]), {**known, "eps": eps}
+
+
+def vanishes(value: Any) -> bool:
+    return all(v.n == 0 if isinstance(v, Ratio) else v == 0 for v in np.ravel(np.asarray(value, dtype=object)))
+
+
+@pytest.mark.parametrize(("module", "system"), [(kovalevskaya_top_e3, ONE), (kovalevskaya_top_so3, TWO)])
+def test_the_deformed_integrals_are_conserved_identically(module: Any, system: Any) -> None:
+    """A proof: step = turn . kick, and I(turn(x)) = I(kick^-1(x)) as rational functions of the state and of eps."""
+    (M, *F), known = unknowns(system)
+    fields = [known[k] for k in "eh"[: len(F)]]
+    after, before = module.turn(M, *F, known["eps"]), (module.kicked(M, *F, *fields, -known["eps"]), *F)
+    for function in (system.energy, *system.integrals.values()):
+        assert vanishes(call(function, after, known) - call(function, before, known))
+    spoiled = {**known, "eps": 2 * known["eps"]}
+    assert not vanishes(call(system.energy, after, spoiled) - call(system.energy, before, spoiled))
+
+
+@pytest.mark.parametrize("system", [ONE, TWO])
+def test_the_deformed_integrals_are_in_involution_identically(system: Any) -> None:
+    """A proof, as polynomials in the state and in eps; with the squared lengths for one of them it fails."""
+    state, known = unknowns(system)
+    moving = exact.independent(np.array([known["eps"], *algebra.axial(state[0]), *np.ravel(state[1:])], dtype=object))
+    there, moved = (algebra.hat(moving[1:4]), *moving[4:].reshape(-1, 3)), {**known, "eps": moving[0]}
+    tensor = algebra.invariants.lie_poisson(system.space.kinds, *state)
+    order = algebra.coordinates(algebra.hat(np.arange(1, 4)))  # entries i < j, with their signs
+
+    def gradient(function: Any) -> np.ndarray:
+        rows = exact.slopes(np.array([call(function, there, moved), None], dtype=object)[:-1], len(moving))[0, 1:]
+        own = np.array([int(np.sign(v)) * rows[abs(int(v)) - 1] for v in order], dtype=object)
+        return np.concatenate([own, rows[3:]])
+
+    rows = [gradient(f) for f in (system.energy, *system.integrals.values())]
+    assert all(vanishes(a @ tensor @ b) for i, a in enumerate(rows) for b in rows[:i])
+    assert not vanishes(gradient(lambda M, *F: algebra.pairing(M, M)) @ tensor @ rows[0])
+
+
+def plain_step(plain: list[np.ndarray], known: dict[str, Any]) -> tuple[np.ndarray, ...]:
+    return tuple(call(kovalevskaya_top_so3.step, tuple(plain[:3]), {**known, "eps": plain[3][()]}))
+
+
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_the_deformed_energy_is_conserved_for_every_n(n: int) -> None:
+    """At a random point over Q, in two fields; the same with another factor of the last term fails."""
+    draw = exact.rational_random(np.random.default_rng(n))
+    known = {**kovalevskaya_top.SYSTEM.derive(n=np.asarray(n)), "eps": draw((1,))[0] / 3}
+    state = exact.random_state(kovalevskaya_top.SYSTEM.space, n, draw)
+    new = call(kovalevskaya_top_so3.step, state, known)
+    before, after = (call(kovalevskaya_top_so3.energy, z, known) for z in (state, new))
+    assert before == after
+    last = [M[0, 1] * algebra.dot(P, algebra.act(M, Q)) for M, P, Q in (state, new)]
+    assert last[0] != last[1]
+    plain = [np.vectorize(fraction, otypes=[object])(x) for x in (*state, known["eps"])]
+    found = families.kovalevskaya(n=n).step(*plain[:3], eps=plain[3][()])
+    assert all((x == y).all() for x, y in zip(plain_step(plain, known), found, strict=True))
+
+
+def test_one_field_of_two() -> None:
+    """With Q = 0 step, energy and K are those in two fields, K but for (eps^2/4) <M, P>^2; G is <M, P>^2."""
+    draw = exact.rational_random(np.random.default_rng(1))
+    known = {**ONE.derive(), "eps": draw((1,))[0]}
+    M, P = exact.random_state(ONE.space, 3, draw)
+    both = (M, P, 0 * P)
+    for x, y in zip(call(ONE.map.step, (M, P), known), call(TWO.map.step, both, known), strict=False):
+        assert (x == y).all()
+    assert call(ONE.energy, (M, P), known) == call(TWO.energy, both, known)
+    K, other = (call(s.integrals["kovalevskaya"], z, known) for s, z in ((ONE, (M, P)), (TWO, both)))
+    area = algebra.dot(algebra.axial(M), P)
+    assert K + known["eps"] ** 2 / 4 * area * area == other
+    assert call(TWO.integrals["gram"], both, known) == area * area
+
+
+def test_k_is_kovalevskayas_integral_at_eps_0() -> None:
+    draw = exact.rational_random(np.random.default_rng(2))
+    M, P, Q = exact.random_state(TWO.space, 3, draw)
+    (x, y, _), (p, q, _), (u, v, _) = algebra.axial(M), P, Q
+    K = ((x * x - y * y) / 2 - p + v) ** 2 + (x * y - q - u) ** 2
+    assert call(TWO.integrals["kovalevskaya"], (M, P, Q), TWO.derive()) == K
+    one = ((x * x - y * y) / 2 - p) ** 2 + (x * y - q) ** 2
+    assert call(ONE.integrals["kovalevskaya"], (M, P), ONE.derive()) == one
+
+
+def lagrangian(g: Any, h: Any, p: Any, *, eps: Any, sign: int = 1, parts: float = 2.0) -> Any:
+    """-(4/eps) (log cos(theta/2) + 2 log cos(chi/4)) + (4/eps) log(1 - (eps^2/4) <g^T p, e_1>).
+
+    cos^2(theta/2) = (1 + W_33)/2, cos^2(chi/2) = (1 + tr W)/(2 (1 + W_33)).
+    """
+    W, P = g.mT @ h, algebra.act(g.mT, p)
+    tilt, trace = 1 + W[..., 2, 2], 1 + W[..., 0, 0] + W[..., 1, 1] + W[..., 2, 2]
+    half = algebra.sqrt(trace / (2 * tilt))
+    kinetic = 2 / eps * (algebra.log(tilt / 2) + parts * algebra.log((1 + half) / 2))
+    return -kinetic + sign * 4 / eps * algebra.log(1 - eps * eps / 4 * P[..., 0])
+
+
+def test_the_map_is_that_of_a_discrete_lagrangian() -> None:
+    """With the turn of the orientation: discrete Euler-Lagrange equations, and the momentum; spoiled ones fail."""
+    law = laws.LAWS["discrete-euler-lagrange"]
+    for function, holds in (
+        (lagrangian, True),
+        (lambda g, h, p, *, eps: lagrangian(g, h, p, eps=eps, sign=-1), False),
+        (lambda g, h, p, *, eps: lagrangian(g, h, p, eps=eps, parts=1.0), False),
+    ):
+        system = replace(ONE, map=replace(ONE.map, lagrangian=function))
+        assert laws.test(law, laws.make_case(system, 3, "float", 1)).holds == holds
+
+
+def test_a_run_conserves_what_it_says_and_turns_the_body() -> None:
+    run = kr.simulate(
+        kr.KovalevskayaTopE3(), {"M": (0.3, 0.5, 1.1), "P": (0.6, 0, 0.8)}, dt=0.1, steps=2000, orientation=(1, 0, 0, 0)
+    )
+    table = kr.drift(run)
+    assert list(table.query("conserved").index) == ["casimir[0]", "casimir[1]", "energy_eps", "kovalevskaya_eps"]
+    assert not table.broken.any() and table.max_change["energy"] > 1e-4
+    back = algebra.act(algebra.rotation_matrix(run.g.values), run.P.values)
+    assert np.allclose(back, [0.6, 0, 0.8], atol=1e-12)
+    with pytest.raises(kr.InputError, match="kovalevskaya-top-e3"):
+        kr.KovalevskayaTopSO3().state(M=(1, 0, 0), P=(1, 0, 0), Q=(0, 0, 0))
