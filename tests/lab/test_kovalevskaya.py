@@ -85,6 +85,23 @@ def test_the_deformed_energy_is_conserved_for_every_n(n: int) -> None:
     assert all((x == y).all() for x, y in zip(plain_step(plain, known), found, strict=True))
 
 
+@pytest.mark.parametrize(("system", "leaf"), [(ONE, 4), (TWO, 6)])
+def test_the_investigation_finds_it_integrable(system: Any, leaf: int) -> None:
+    """By the integrals that the record states, tested exactly; of a spoiled map it does not take them."""
+    page = kr.lab.investigate(system(), iterates=4, steps=500)
+    assert (
+        page.verdict == "integrable"
+        and f"{leaf // 2} independent integrals on leaves of dimension {leaf}" in page.reason
+    )
+
+    def spoiled(M: Any, *F: Any, eps: Any, e: Any, h: Any = None) -> Any:
+        return kovalevskaya_top_so3.turn(M + eps * algebra.wedge(e, F[0]), *F, 0 * F[0], eps)[:2]
+
+    if system is ONE:
+        wrong = replace(ONE, map=replace(ONE.map, step=spoiled))
+        assert kr.lab.investigate(wrong(), iterates=4, steps=500).verdict != "integrable"
+
+
 def test_one_field_of_two() -> None:
     """With Q = 0 step, energy and K are those in two fields, K but for (eps^2/4) <M, P>^2; G is <M, P>^2."""
     draw = exact.rational_random(np.random.default_rng(1))

@@ -19,6 +19,7 @@ from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, Mod, Pole, random_residues
 from kreisel.lab.lax import Lax, lax
 from kreisel.lab.numerical import Numerical, integrals_in_floats
+from kreisel.lab.stated import Stated, stated
 from kreisel.lab.subject import Subject
 from kreisel.lab.verdicts import enough, filled, rank_on_leaves
 
@@ -322,12 +323,17 @@ def _integrals(c: Clues) -> Finding:
         if more is not None and more.integrals:
             c.found = integrals.independent(what, [*c.found, *more.integrals], c.seed)
             rank_on_leaves(c)
+    claimed = [] if filled(c) else stated(what, c.seed)
+    if claimed:
+        c.found = integrals.independent(what, [*c.found, *claimed], c.seed)
+        rank_on_leaves(c)
     if not filled(c) and what.dim in QUOTIENTS:
         others = integrals.integrals(what, QUOTIENTS[what.dim], quotients=True, seed=c.seed)
         c.found = integrals.independent(what, [*c.found, *others], c.seed)
         rank_on_leaves(c)
     ranks = c.ranks
-    count = f"{len(c.found)} of degree {c.degree} or less"
+    own = sum(isinstance(f, Stated) for f in c.found)
+    count = f"{len(c.found) - own} of degree {c.degree} or less" + (f", {own} stated" if own else "")
     if ranks is not None:
         count += f"; {ranks.with_more} on leaves of dimension {ranks.leaf}, "
         count += "in involution" if ranks.involution else "not all in involution"

@@ -173,7 +173,11 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def of_record(function: Any) -> Any:
         return None if function is None else lambda x, lam, **known: call(function, unpacked(x), {**known, "lam": lam})
 
-    extra = [f for name, f in system.integrals.items() if name not in system.commuting]
+    by_lax = system.commuting if mapped.lax is not None else ()
+    keeps = mapped.conserves
+    extra = [f for name, f in system.integrals.items() if name not in by_lax and (keeps is None or name in keeps)]
+    if mapped.lax is None and system.energy is not None and (keeps is None or "energy" in keeps):
+        extra = [system.energy, *extra]
 
     def integrals(x: Array, **known: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), known)) for f in extra])
