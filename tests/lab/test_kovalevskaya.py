@@ -88,7 +88,7 @@ def test_the_deformed_energy_is_conserved_for_every_n(n: int) -> None:
 @pytest.mark.parametrize(("system", "leaf"), [(ONE, 4), (TWO, 6)])
 def test_the_investigation_finds_it_integrable(system: Any, leaf: int) -> None:
     """By the integrals that the record states, tested exactly; of a spoiled map it does not take them."""
-    page = kr.lab.investigate(system(), iterates=4, steps=500)
+    page = kr.lab.investigate(system(), iterates=4, steps=2000)
     assert (
         page.verdict == "integrable"
         and f"{leaf // 2} independent integrals on leaves of dimension {leaf}" in page.reason
@@ -99,7 +99,7 @@ def test_the_investigation_finds_it_integrable(system: Any, leaf: int) -> None:
 
     if system is ONE:
         wrong = replace(ONE, map=replace(ONE.map, step=spoiled))
-        assert kr.lab.investigate(wrong(), iterates=4, steps=500).verdict != "integrable"
+        assert kr.lab.investigate(wrong(), iterates=4, steps=2000).verdict != "integrable"
 
 
 def test_one_field_of_two() -> None:
