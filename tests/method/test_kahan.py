@@ -231,3 +231,36 @@ def test_elimination_over_q_and_its_pivots() -> None:
     found, pivots = kahan.eliminate(rows, [Fraction(5), Fraction(1)])
     assert found == [Fraction(-1, 2), Fraction(6)]
     assert pivots == [2, Fraction(-1, 4)]
+
+
+@pytest.mark.parametrize("name", ["lagrange-top", "lagrange-top-su2", "symmetric-top"])
+def test_deformed_integrals_of_lagranges_top(name: str) -> None:
+    """Exactly over Q; with another denominator, or undeformed, none is conserved."""
+    model, z = start(name)
+    assert kahan.is_lagrange_top(start(name, numbers="float")[0])
+
+    def values(state: State, eps: Any = EPS) -> list[Any]:
+        seen = dict(zip(model.system.space.letters, state, strict=True))
+        found = kahan.lagrange_integrals(model, seen, eps, model.constants)
+        return [*found["casimir_eps"], found["energy_eps"]]
+
+    new = step(model, z, EPS)
+    assert values(new) == values(z)
+    for eps in (0 * EPS, 2 * EPS):
+        assert all(x != y for x, y in zip(values(new, eps), values(z, eps), strict=True))
+    undeformed = [*model.system.space.casimirs(*z), model.call(model.system.energy, *z)]
+    assert values(z, 0 * EPS) == undeformed
+
+
+def test_lagranges_top_with_other_moments_is_not_taken_for_it() -> None:
+    for name in ("lagrange-top-moving", "clebsch", "heavy-top", "kirchhoff-revolution"):
+        assert not kahan.is_lagrange_top(start(name, numbers="float")[0])
+
+
+def test_a_run_of_lagranges_top_conserves_them() -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1.5))
+    run = kr.simulate(top, {"m": M, "a": (0.6, 0, 0.8)}, dt=0.3, steps=20_000, every=100, method="kahan")
+    table = kr.drift(run)
+    for label in ("casimir_eps[0]", "casimir_eps[1]", "energy_eps"):
+        assert table.conserved[label] and table.ulps[label] < 1000 and not table.broken[label]
+    assert table.max_change["energy"] > 1e-4

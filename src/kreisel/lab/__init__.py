@@ -21,6 +21,7 @@ _MODULES = (
     "dynamics",
     "families",
     "growth",
+    "hirota_kimura",
     "integrals",
     "laws",
     "lax",

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, vec, wedge
+from kreisel.kernels import layout
 from kreisel.lab.fields import fraction
 from kreisel.lab.search import exact_constants, explicit, model_of
-from kreisel.lab.subject import Subject, subject
-from kreisel.method.kahan import eliminate
+from kreisel.lab.subject import Subject, coordinate_names, subject
+from kreisel.method.kahan import advance, eliminate
 from kreisel.record.contract import TWO_FIELDS_SPACE, Map
 from kreisel.record.model import Model
 
@@ -116,6 +117,26 @@ def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3)) -> Subject
     return subject(step, names=tuple(names))
 
 
+def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
+    """Kahan's map of a model whose flow is quadratic in the state."""
+    exactly = np.vectorize(fraction, otypes=[object])
+    model = Model(model.system, {k: exactly(v)[()] for k, v in model.params.items()})  # what is derived is exact too
+    space, n = model.system.space, model.n
+    letters = {f"parameter_{k}": exactly(v)[()] for k, v in model.constants.items()}
+
+    def step(coordinates: Array, /, *, eps: Any, **known: Any) -> Array:
+        consts = {k.removeprefix("parameter_"): v for k, v in known.items()}
+        new, _ = advance(model, layout.restore(coordinates, space.kinds, n), eps, consts)
+        return layout.flatten(new, space.kinds)
+
+    return Subject(
+        f"Kahan's map of {model.system.name}",
+        step,
+        coordinate_names(space.components, n),
+        {**letters, "eps": fraction(eps)},
+    )
+
+
 def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3)) -> Subject:
     """Kahan's map of M' = (M + h) x Omega, Omega_i = M_i/J_i."""
     wheel, w = exact_constants(h), 1 / exact_constants(J)
@@ -147,6 +168,7 @@ __all__ = [
     "kahan",
     "kahan_gyrostat",
     "kahan_heavy_top",
+    "kahan_map",
     "kovalevskaya",
     "shifted_logarithm",
     "spinning",

@@ -6,8 +6,8 @@ For x' = f(x) = Q(x, x) + B x + c, Q symmetric and bilinear, the step is
 
 one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals
 of the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the numbers
-1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too.  The orientation turns by the Cayley transform of
-dt/2 Omega((x + x')/2).
+1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too; for Lagrange's top with equal moments there are three beside <m, p>
+(`lagrange_integrals`).  The orientation turns by the Cayley transform of dt/2 Omega((x + x')/2).
 [Kahan, unpublished notes, 1993; Hirota, Kimura 2000; Petrera, Pfadler, Suris 2011]
 """
 
@@ -28,7 +28,7 @@ from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Outcome, Scheme, Steps
-from kreisel.record.contract import PhaseSpace, call
+from kreisel.record.contract import Frame, PhaseSpace, call
 from kreisel.record.model import Model
 
 MOST_COORDINATES = 15  # e(5); straight-line code of the elimination grows like their cube
@@ -51,7 +51,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     observe_all, outcomes = observer(
         model, None, None, conserved=linear, meanings={"energy": energy}, oriented=oriented
     )
-    deformed = order == 2 and is_euler_top(model)
+    integrals = _deformed_integrals(model) if order == 2 else None
 
     def step(*z: Array, eps: Array, **consts: Array) -> State:
         new, pivots = advance(model, z[:count], eps, consts)
@@ -66,9 +66,9 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     def observe(z: State, /, **constants: Array) -> dict[str, Array]:
         out = observe_all(z[:-1], **constants)
-        return out | (euler_integrals(model, out, dt, constants) if deformed else {})
+        return out | (integrals(model, out, dt, constants) if integrals is not None else {})
 
-    if deformed:
+    if integrals is not None:
         outcomes |= {
             name + "_eps": Outcome("integral", f"deformed {name}, conserved exactly by the map", conserved=True)
             for name in ("casimir", "energy")
@@ -264,6 +264,58 @@ def euler_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Map
     return {"casimir_eps": seen["casimir"] / algebra.vec(D), "energy_eps": seen["energy"] / D}
 
 
+# -- Lagrange's top of equal moments ---------------------------------------------------------------------
+
+
+def is_lagrange_top(model: Model) -> bool:
+    """Whether the flow is m' = a ^ p, a' = m a with m = M at rest and -M in the moving frame: exactly, in one lane."""
+    if model.n != 3 or model.system.space.kinds != ("skew", "vector") or model.system.energy is None:
+        return False
+    rng = np.random.default_rng(2)
+    known = {name: _one_lane(value, model.axes[name], rng) for name, value in model.constants.items()}
+    name = _field(model)
+    if name is None:
+        return False
+    a, x = (np.array([Fraction(int(v), 7) for v in rng.integers(1, 99, 3)], dtype=object) for _ in range(2))
+    M, sign = algebra.hat(x), _sign(model)
+    rates = call(model.system.flow, (M, a), known)
+    return bool(
+        (rates[0] == sign * algebra.wedge(a, known[name])).all() and (rates[1] == sign * algebra.act(M, a)).all()
+    )
+
+
+def _field(model: Model) -> str | None:
+    return next((name for name in ("p", "A") if name in model.constants), None)
+
+
+def _sign(model: Model) -> int:
+    return 1 if model.system.frame is Frame.REST else -1
+
+
+def lagrange_integrals(
+    model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]
+) -> dict[str, Array]:
+    """C = (|a|^2 + k l^2)/(1 + k (|m|^2 + 2 k <m, p> l + k^2 |p|^2 l^2)), l^2, and the energy; k = dt^2/4.
+
+    l = <m, a>/(1 - k <p, a>), and |m|^2/2 + (<p, a> + k <p, a>^2/2)/(1 - k^2 |p|^2 C) is the energy.
+    """
+    m, a = (seen[letter] for letter in model.system.space.letters)
+    m, p, k = _sign(model) * algebra.axial(m), known[_field(model) or ""], dt * dt / 4
+    u, p2 = algebra.dot(p, a), algebra.dot(p, p)
+    length = algebra.dot(m, a) / (1 - k * u)
+    whole = algebra.dot(m, m) + 2 * k * algebra.dot(m, p + 0 * m) * length + k * k * p2 * length * length
+    C = (algebra.dot(a, a) + k * length * length) / (1 + k * whole)
+    energy = algebra.dot(m, m) / 2 + (u + k * u * u / 2) / (1 - k * k * p2 * C)
+    return {"casimir_eps": np.stack([C, length * length], -1), "energy_eps": energy}
+
+
+def _deformed_integrals(model: Model) -> Callable[..., dict[str, Array]] | None:
+    """Those of the map of order 2, where they are known in closed form."""
+    if is_euler_top(model):
+        return euler_integrals
+    return lagrange_integrals if is_lagrange_top(model) else None
+
+
 METHOD = Method(
     name="kahan",
     title="Kahan's discretization of quadratic flows, and compositions of it",
@@ -272,7 +324,7 @@ METHOD = Method(
     orders=ORDERS,
     default=2,
     poisson="no",
-    conserves="linear integrals; deformed integrals of the Euler top (order 2)",
+    conserves="linear integrals; deformed integrals of the Euler top, and of Lagrange's of equal moments (order 2)",
     sources=("kahan1993", "hirota2000", "petrera2011"),
     make=kahan,
     composed=COMPOSED,

@@ -1,0 +1,50 @@
+"""Hirota-Kimura bases: what the literature has of Kahan's maps comes out, and nothing where there is nothing."""
+
+from __future__ import annotations
+
+from fractions import Fraction as F
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.lab import families
+from kreisel.lab.hirota_kimura import bases
+from kreisel.lab.subject import subject
+
+# combinations of degree 2, and the integrals that their coefficients are
+KNOWN = [
+    (lambda: kr.EulerTop(J=(1, 2, 4)), 2, 2),
+    (lambda: kr.EulerTop(J=(1, 2, 4, 7)), 4, 4),  # so(4): four quadrics
+    (lambda: kr.ZhukovskyVolterra(J=(1, 2, 4), h=(0, 1, 0)), 2, 2),
+    (lambda: kr.ZhukovskyVolterra(J=(1, 2, 4), h=(1, 2, 3)), 0, 0),  # not integrable without an adjustment
+    (lambda: kr.LagrangeTop(p=(0, 0, 1)), 10, 4),  # 7 of them are multiples of a linear one
+    (lambda: kr.LagrangeTopMoving(A=(0, 0, 1), alpha=F(1, 2)), 10, 4),
+    (lambda: kr.Clebsch(b=(1, 2, 4)), 4, 4),  # four quadrics
+    (lambda: kr.ClebschGeneral(a=(1, 4, 9), b=(1, 2, 3)), 4, 4),  # a flow that commutes with it
+    (lambda: kr.KirchhoffRevolution(a1=1, a3=2, c1=1, c3=3), 10, 4),
+    (lambda: kr.LagrangeTop(p=(0, 0, 0, 1)), 32, 6),
+    (lambda: kr.Clebsch(b=(1, 2, 4, 7)), 1, 1),
+    (lambda: kr.KovalevskayaTopE3(), 0, 0),
+]
+
+
+@pytest.mark.parametrize(("make", "combinations", "count"), KNOWN)
+def test_bases_of_degree_2(make: Any, combinations: int, count: int) -> None:
+    found = bases(families.kahan_map(make()), 2)
+    assert (found.combinations, found.integrals) == (combinations, count)
+    assert f"{count} independent integrals" in str(found)
+
+
+def test_integrals_of_a_polynomial_and_none_of_a_spoiled_map() -> None:
+    """McMillan's map has one integral of degree 4; Euler's method of the Euler top has no combination of degree 2."""
+    found = bases(subject(lambda x: np.array([x[1], 2 * x[1] / (1 - x[1] * x[1]) - x[0]]), names=("x", "y")), 4)
+    assert (found.combinations, found.integrals) == (1, 1)
+
+    def euler(x: Any) -> Any:
+        return np.array([x[0] + x[1] * x[2], x[1] - 2 * x[0] * x[2], x[2] + 3 * x[0] * x[1], None], dtype=object)[:-1]
+
+    assert bases(subject(euler, names=("x", "y", "z")), 2).combinations == 0
+    with pytest.raises(kr.InputError, match="monomials"):
+        bases(families.kahan_map(kr.Clebsch(b=(1, 2, 4))), 9)
