@@ -119,5 +119,5 @@ SYSTEM = replace(
         Relation("neumann", lambda x, q, g, *, b: ((x, q), {"b": b}), meaning="the same flow with Adler's map"),
     ),
     notes="The map commutes with the flow and with itself at other steps. On the sphere the spectrum has rank n - 1, "
-    "which is complete.",
+    "which is complete. Higher orders and the closed form of the same flow: neumann.",
 )
