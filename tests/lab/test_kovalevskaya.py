@@ -160,5 +160,13 @@ def test_a_run_conserves_what_it_says_and_turns_the_body() -> None:
     assert not table.broken.any() and table.max_change["energy"] > 1e-4
     back = algebra.act(algebra.rotation_matrix(run.g.values), run.P.values)
     assert np.allclose(back, [0.6, 0, 0.8], atol=1e-12)
+    for strong, model in ((9.0, kr.KovalevskayaTopE3()), (1.0, kr.KovalevskayaTopSO3())):  # det(1 - (eps^2/4) F_11) = 0
+        fields = {"P": (strong, 0, 0)} | ({"Q": (0, 9.0, 0)} if model.system is TWO else {})
+        with pytest.raises(kr.InputError, match=r"expected dt < 0\.666667"):
+            kr.simulate(model, {"M": (0, 0, 1), **fields}, dt=0.7, steps=1)
+    with pytest.raises(kr.InputError, match="no parameters"):
+        kr.KovalevskayaTopE3(n=3)
+    with pytest.raises(kr.InputError, match="no arguments"):
+        kr.KovalevskayaTopE3((0, 0, 1))
     with pytest.raises(kr.InputError, match="kovalevskaya-top-e3"):
         kr.KovalevskayaTopSO3().state(M=(1, 0, 0), P=(1, 0, 0), Q=(0, 0, 0))

@@ -133,7 +133,7 @@ def _head(what: Contents) -> list[str]:
         "",
         f"Method {method.name}: {method.title}{'' if order is None else f', order {order}'}; dt = {plan.dt!r}.",
         f"It conserves {', '.join(conserved) or 'none of the outputs'}.",
-        f"Parameters: {params}.  {system.scaling}",
+        f"{f'Parameters: {params}.  ' if params else ''}{system.scaling}",
         "",
         f"A state is {', '.join(what.names)}.",
         "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; g is a unit",

@@ -62,10 +62,10 @@ def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
         return
     largest = model.largest_step(*state)
     if dt >= largest:
+        shift = ", or add a constant to b so that no entry is negative (the flow stays as it is)"
         raise InputError(
-            f"The map of {model.system.name} divides by 1 + dt^2/4 <P, BP>, which may vanish on this orbit: "
-            f"expected dt < {largest:.6g}, got {dt:g}. Use a smaller dt, or add a constant to b so that "
-            "no entry is negative (the flow stays as it is)."
+            f"The map of {model.system.name} has a denominator that may vanish on this orbit: "
+            f"expected dt < {largest:.6g}, got {dt:g}. Use a smaller dt{shift if 'b' in model.params else ''}."
         )
 
 

@@ -43,6 +43,8 @@ def check_dimension(n: int, name: str) -> None:
 def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
     """Raises `InputError` where arguments that go by name come without."""
     if unnamed:
+        if not letters:
+            raise InputError(f"{what}: expected no arguments, got {shown(unnamed[0])}.")
         raise InputError(
             f"{what}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
             "without a name."

@@ -64,6 +64,12 @@ def generator(M, P, M1, P1, *, e, eps):
     return two.composed(kicked(M, P, e, eps), eps)
 
 
+def largest_step(M, P):
+    """The denominator 1 - (eps^2/4) P_1 stays positive on |P| = const for smaller |eps|."""
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(np.sqrt(dot(P, P)))
+
+
 def energy(M, P, *, c, eps=0):  # H at S, less (eps^2/8) S_3^2;  S = (1 + (eps/2) M_11) (1 + (eps/2) M) P
     S = two.shifted(M, P, eps)
     return gyrostat.energy(M, S, 0 * P, gamma=0, c=c) - eps * eps * S[..., 2] * S[..., 2] / 8
@@ -94,6 +100,7 @@ MAP = Map(
     to_symmetric=half_kick,
     from_symmetric=half_kick_back,
     generator=generator,
+    largest_step=largest_step,
     source="Kreisel",
 )
 

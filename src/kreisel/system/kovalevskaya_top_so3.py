@@ -80,6 +80,14 @@ def generator(M, P, Q, M1, P1, Q1, *, e, h, eps):
     return composed(kicked(M, P, Q, e, h, eps), eps)
 
 
+def largest_step(M, P, Q):
+    """det(1 - (eps^2/4) F_11) stays positive for smaller |eps|, by the largest singular value of F."""
+    p, q, both = dot(P, P), dot(Q, Q), dot(P, Q)
+    square = (p + q) / 2 + np.sqrt((p - q) * (p - q) / 4 + both * both)
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(np.sqrt(square))
+
+
 def shifted(M, P, eps):
     """(1 + (eps/2) M_11) (1 + (eps/2) M) P: what turns into the old P, but for a factor."""
     R = P + eps * act(M, P) / 2
@@ -156,6 +164,7 @@ MAP = Map(
     to_symmetric=half_kick,
     from_symmetric=half_kick_back,
     generator=generator,
+    largest_step=largest_step,
     source="Kreisel",
 )
 
