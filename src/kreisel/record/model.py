@@ -96,7 +96,7 @@ class Model:
         for letter in params:
             if letter not in known:
                 raise InputError(
-                    f"{system.name} has {'the' if known else 'no'} parameters{' ' * bool(known)}{', '.join(known)}, got "
+                    f"{system.name} has {'the parameters ' if known else 'no parameters'}{', '.join(known)}, got "
                     f"{shown(letter)}.{hint(letter, known)}"
                 )
         self.params: dict[str, Array] = {}
