@@ -1,4 +1,4 @@
-"""Gradients by kr.differentiable: time of the gradient over that of the motion, in one run, and the room it takes.
+"""Gradients and tangent maps by kr.differentiable: their time over that of the motion, in one run, and the room.
 
 python benchmarks/derivatives.py [--steps 1000000]      # writes results/derivatives.json
 """
@@ -54,10 +54,12 @@ def main() -> None:
             gradient = jax.jit(
                 jax.grad(lambda s, f=f, count=count, letter=letter: f(s, dt=0.1, steps=count)[letter][0])
             )
-            once, again = seconds(forward, x0), seconds(gradient, x0)
+            jacobian = jax.jit(jax.jacfwd(lambda s, f=f, count=count: f(s, dt=0.1, steps=count)))
+            once, again, columns = (seconds(made, x0) for made in (forward, gradient, jacobian))
             room = gradient.lower(x0).compile().memory_analysis().temp_size_in_bytes
         rows.append({"system": model.system.name, "n": model.n, "method": method, "order": order, "steps": count,
                      "ns_a_step": 1e9 * once[1] / count, "gradient_over_motion": again[1] / once[1],
+                     "tangent_over_motion": columns[1] / once[1],
                      "compile_s": again[0] - again[1], "room_bytes": room})  # fmt: skip
         print(rows[-1], flush=True)
     write({"machine": machine(), "jax": jax.__version__, "rows": rows}, asked.output)

@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.kernels import layout
+from kreisel.kernels import adjoint, jax_primitives, layout
 from kreisel.kernels.jax import flat
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, require_double
@@ -186,7 +186,7 @@ def first_of(first: Callable[[], Any], second: Callable[[], Any], what: str) -> 
 def from_host(function: Callable[..., Array], size: int, *args: Any) -> Array:
     """A function of NumPy arrays, whose value (size,) has no derivative."""
     shape: Any = jnp.zeros(size)
-    return jax.pure_callback(function, shape, *lax.stop_gradient(args), vmap_method="sequential")
+    return jax_primitives.on_host(function, shape, *lax.stop_gradient(args), vmap_method="sequential")
 
 
 def half_turn(K: Any, dt: Any) -> Array:
@@ -244,6 +244,9 @@ def orbit(
 
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and those of one part, made again.
     """
+    found = compiled_orbit(take, close, kinds, n, z, known, stages, rows, every)
+    if found is not None:
+        return found
     moving = {k: v for k, v in known.items() if _holds_numbers(v)}
     fixed = {k: v for k, v in known.items() if k not in moving}
     count = max((np.shape(v)[0] for v in stages.values()), default=1)
@@ -275,6 +278,57 @@ def orbit(
         return z if end is None else end(z, constants, ())
 
     return iterated(step, z, constants, rows, every)
+
+
+def compiled_orbit(
+    take: Callable[..., tuple[Any, ...]],
+    close: Callable[..., tuple[Any, ...]] | None,
+    kinds: Sequence[str],
+    n: int,
+    z: Array,
+    known: Mapping[str, Any],
+    stages: Mapping[str, Any],
+    rows: int,
+    every: int,
+) -> Array | None:
+    """The same by compiled kernels, None where the step has a loop or is too long for them, or JAX not on the CPU."""
+    if jax.default_backend() != "cpu":
+        return None
+    names, constants = _named("c", known)
+    count = max((np.shape(v)[0] for v in stages.values()), default=1)
+    each = [_named("s", {k: _entries(v)[i] for k, v in stages.items()}, fold=False) for i in range(count)]
+    stage = adjoint.recorded(take, kinds, n, {**names, **each[0][0]})
+    end = None if close is None else adjoint.recorded(close, kinds, n, names)
+    if stage is None or (close is not None and end is None):
+        return None
+    code = adjoint.code_of(stage, end, len(constants), len(each[0][1]))
+    s = jnp.stack([values(np.array(row, dtype=object)) for _, row in each])
+    return jax_primitives.orbit(code, z, values(np.array(constants, dtype=object)), s, rows, every)
+
+
+def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[dict[str, Any], list[Any]]:
+    """Names in place of entries, and the entries; 0, 1, -1 stay if they may `fold`, and what is no array."""
+    names: dict[str, Any] = {}
+    found: list[Any] = []
+    for key, value in known.items():
+        entries = _entries(value)
+        if entries.dtype.kind not in "fO":
+            names[key] = value
+            continue
+        named = np.empty(entries.shape, dtype=object)
+        for place in np.ndindex(entries.shape):
+            entry = entries[place]
+            if fold and not isinstance(entry, Number) and float(entry) in adjoint.PLAIN:
+                named[place] = float(entry)
+            else:
+                named[place] = f"{letter}{len(found)}"
+                found.append(entry)
+        names[key] = named
+    return names, found
+
+
+def _entries(x: Any) -> Array:
+    return np.asarray(numbers(x) if isinstance(x, jax.Array) else x)
 
 
 def orbit_of_arrays(

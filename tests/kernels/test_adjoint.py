@@ -1,0 +1,197 @@
+"""Compiled derivatives of a record: against differences, every operation of a tape, with mutants of their slopes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel import reduction as red
+from kreisel.algebra import backend
+from kreisel.algebra.gradient import TracedNumber, cos, exp, log, sin
+from kreisel.kernels import adjoint, jax_numbers
+
+STEPS, PART = 3, 2
+Z, C = np.array([0.3, -0.2, 0.7]), np.array([0.4, 1.3])
+S = np.array([[0.2, 0.5], [-0.3, 0.9]])
+
+
+def stage(x: Any, *, c: Any, s: Any) -> tuple[Any]:
+    """Every operation of a tape; c, s of two numbers each."""
+    y0 = s[1] * x[0] - backend.sqrt(1 + x[1] * x[1]) / (2 + x[2] * x[2]) + 3
+    y1 = sin(x[1] * c[0]) + 0.1 * exp(-x[0]) - cos(s[0] * x[2])
+    y2 = log(2 + x[0] * x[0]) * x[1] - backend.maximum(x[2] * 0.5, x[0] * c[1]) + 0.3 / (c[1] + x[0] ** 2)
+    return (np.array([y0 / 3, y1 * 0.5, y2 * 0.5], dtype=object),)
+
+
+def close(x: Any, *, c: Any) -> tuple[Any]:
+    return (np.array([x[0] / (1 + x[1] * x[1]), x[1] - c[0] * x[2], x[2]], dtype=object),)
+
+
+def code() -> adjoint.Code:
+    known = {"c": np.array(["c0", "c1"], dtype=object), "s": np.array(["s0", "s1"], dtype=object)}
+    first = adjoint.recorded(stage, ["vector"], 3, known)
+    last = adjoint.recorded(close, ["vector"], 3, {"c": known["c"]})
+    assert first is not None and last is not None
+    return adjoint.Code(first, last, 2, 2)
+
+
+def end(made: adjoint.Code, x: np.ndarray) -> np.ndarray:
+    z, c, s = x[:3], x[3:5], x[5:].reshape(2, 2)
+    return made.marks(z[None], c[None], s[None], 1, STEPS, STEPS)[0, -1]
+
+
+def jacobians() -> tuple[np.ndarray, ...]:
+    """By differences, forwards and backwards, (3, 9), and by the state alone, (3, 3)."""
+    made, x, h = code(), np.concatenate([Z, C, S.ravel()]), 1e-3
+    units = h * np.eye(9)
+    near = [
+        (8 * (end(made, x + v) - end(made, x - v)) - end(made, x + 2 * v) + end(made, x - 2 * v)) / (12 * h)
+        for v in units
+    ]
+    lane = Z[None], C[None], S[None]
+    one = np.eye(9)[None]
+    columns = one[..., :3], one[..., 3:5], one[..., 5:].reshape(1, 9, 2, 2)
+    forwards = made.pushed(*lane, *map(np.ascontiguousarray, columns), 1, STEPS)[0, :, 0].T
+    marks = made.marks(*lane, 1, STEPS, PART)
+    slopes = made.pulled(*lane, marks, np.eye(3)[None, :, None], STEPS, PART, True)
+    backwards = np.concatenate([v[0].reshape(3, -1) for v in slopes], -1)
+    narrow = made.pulled(*lane, marks, np.eye(3)[None, :, None], STEPS, PART, False)[0][0]
+    empty = np.zeros((1, 3, 0)), np.zeros((1, 3, 2, 0))
+    short = made.pushed(*lane, np.eye(3)[None], *empty, 1, STEPS)[0, :, 0].T
+    return np.array(near).T, forwards, backwards, short, narrow
+
+
+def test_both_ways_are_the_derivative() -> None:
+    near, forwards, backwards, short, narrow = jacobians()
+    assert abs(short - forwards[:, :3]).max() < 1e-14 and abs(narrow - backwards[:, :3]).max() < 1e-14
+    assert abs(near).max() > 0.1 and (abs(near).max(0) > 1e-4).all()
+    assert abs(forwards - near).max() < 1e-8 and abs(backwards - near).max() < 1e-8
+    assert abs(forwards - backwards).max() < 1e-13
+
+
+def _wrong(name: str) -> Any:
+    """The operation with twice its slope."""
+    right = getattr(TracedNumber, name)
+
+    def mutant(self: Any, *other: Any) -> Any:
+        out = right(self, *other)
+        out.parents = tuple((x, 2 * slope) for x, slope in out.parents)
+        return out
+
+    return mutant
+
+
+@pytest.mark.parametrize("name", ["__mul__", "__truediv__", "__rtruediv__", "sqrt", "sin", "cos", "exp", "log"])
+def test_a_wrong_slope_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TracedNumber, name, _wrong(name))
+    near, forwards, backwards, _, _ = jacobians()
+    assert abs(forwards - near).max() > 1e-4 and abs(backwards - near).max() > 1e-4
+
+
+def test_what_cannot_be_recorded_goes_another_way() -> None:
+    assert adjoint.recorded(lambda x: (np.array([np.arctan(v) for v in x], dtype=object),), ["vector"], 3, {}) is None
+
+
+# -- by kr.differentiable -------------------------------------------------------------------------
+
+TOP = kr.LagrangeTop(p=(0, 0, 1))
+START = {"m": np.array([0.1, 0.2, 1.5]), "a": np.array([0.6, 0, 0.8])}
+
+
+def both(made: Any) -> tuple[Any, Any]:
+    """What is computed by kernels, and by XLA."""
+    with red.double(), pytest.MonkeyPatch.context() as patch:
+        compiled = made()
+        patch.setattr(jax_numbers, "compiled_orbit", lambda *_: None)
+        return np.asarray(compiled), np.asarray(made())
+
+
+def test_first_and_second_derivatives_are_those_by_xla() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+
+    def height(x: Any) -> Any:
+        rows = f({"m": x[:3], "a": x[3:]}, dt=0.1, steps=6, every=3)
+        return rows["a"][:, 2] @ jnp.array([1.0, 2, 3])
+
+    x = np.concatenate([START["m"], START["a"]])
+    found, expected = both(lambda: jax.jit(jax.grad(height))(x))
+    assert abs(expected).max() > 0.1 and abs(found - expected).max() < 1e-13
+    with red.double():
+        made, v = jax.jit(jax.grad(height)), np.arange(1.0, 7)
+        expected = along(lambda x: np.asarray(made(x)), x, v)
+        forwards = jax.jit(lambda x: jax.jvp(jax.grad(height), (x,), (v,))[1])(x)
+        backwards = jax.jit(jax.grad(lambda x: jax.grad(height)(x) @ v))(x)
+        inner = jax.jit(jax.grad(lambda x: jax.jvp(height, (x,), (v,))[1]))(x)
+    assert abs(expected).max() > 0.1
+    for second in (forwards, backwards, inner):
+        assert abs(np.asarray(second) - expected).max() < 1e-7
+
+
+def along(f: Any, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The derivative by differences of order 4."""
+    h = 1e-4
+    return (8 * (f(x + h * v) - f(x - h * v)) - f(x + 2 * h * v) + f(x - 2 * h * v)) / (12 * h)
+
+
+@pytest.mark.parametrize(("method", "order"), [("baecklund", 2), ("kahan", 2)])
+def test_slopes_by_step_and_parameter(method: str, order: int) -> None:
+    f = kr.differentiable(TOP, method=method, order=order)
+
+    def height(x: Any) -> Any:
+        return f(START, dt=x[0], steps=4, every=2, p=x[1:])["a"][:, 2] @ jnp.array([1.0, 2, 3])
+
+    x, v = np.array([0.1, 0.1, 0.2, 0.9]), np.array([0.3, 1, -1, 2])
+    with red.double():
+        expected = along(lambda x: np.asarray(jax.jit(height)(x)), x, v)
+        back, forth = jax.jit(jax.grad(height))(x) @ v, jax.jit(lambda x: jax.jvp(height, (x,), (v,))[1])(x)
+        back, forth = float(back), float(forth)
+    assert abs(expected) > 0.1 and abs(back - expected) < 1e-8 and abs(forth - back) < 1e-12
+
+
+def test_lanes_are_single_gradients_and_scan_goes_through() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+
+    def height(m: Any, p: Any) -> Any:
+        state, _ = jax.lax.scan(lambda s, _: (f(s, dt=0.1, steps=5, p=p), None), {**START, "m": m}, length=3)
+        return state["a"][2]
+
+    with red.double():
+        m = jnp.array([START["m"], 2 * START["m"], -START["m"]])
+        p = jnp.array([0.0, 0.1, 1])
+        made = jax.jit(jax.grad(height, (0, 1)))
+        many = jax.jit(jax.vmap(jax.grad(height, (0, 1)), (0, None)))(m, p)
+        over_p = jax.jit(jax.vmap(jax.grad(height, (0, 1)), (None, 0)))(m[0], jnp.stack([p, 2 * p]))
+        through = jax.jit(jax.grad(lambda p: jax.vmap(height, (0, None))(m, p).sum()))(p)
+        for i in range(3):
+            assert all(np.allclose(x[i], y, rtol=0, atol=1e-14) for x, y in zip(many, made(m[i], p), strict=True))
+        assert all(np.allclose(x[1], y, rtol=0, atol=1e-14) for x, y in zip(over_p, made(m[0], 2 * p), strict=True))
+        assert np.allclose(through, many[1].sum(0), rtol=0, atol=1e-14) and abs(through).max() > 0.1
+
+
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_the_tangent_is_poisson(n: int) -> None:
+    rng = np.random.default_rng(n)
+    model = kr.LagrangeTop(p=np.eye(n)[-1])
+    a = rng.normal(size=n)
+    start = {"m": algebra.skew(rng.normal(size=n * (n - 1) // 2), n) / 2, "a": a / np.sqrt(a @ a)}
+    run = kr.simulate(model, model.state(**start), dt=0.05, steps=40, every=40, method="suris", order=1)
+    J = kr.tangent(run)
+    m = run.m.values if n > 3 else algebra.hat(run.m.values)
+    T, there = (model.system.space.tensor(m[i], run.a.values[i]) for i in (0, -1))
+    size = abs(J).max() ** 2
+    assert size > 1.2 and abs(J @ T @ J.T - there).max() < 1e-13 * size
+    assert abs(1.001 * J @ T @ J.T - there).max() > 1e-5
+
+
+def test_many_lanes_and_large_arrays_come_through() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+    with red.double():
+        m = jnp.asarray(np.random.default_rng(1).normal(size=(4000, 3)))
+        made = jax.jit(jax.vmap(jax.grad(lambda m: f({**START, "m": m}, dt=0.1, steps=30)["a"][2])))
+        assert np.isfinite(made(m)).all() and abs(np.asarray(made(m))).max() > 0.1
