@@ -13,7 +13,8 @@ import kreisel as kr
 from kreisel.errors import InputError
 from kreisel.lab import exact
 from kreisel.method import METHODS, default_method, scheme
-from kreisel.record.contract import SPINS_SPACE, Map, System
+from kreisel.record.contract import Map, System
+from kreisel.record.spheres import SPINS_SPACE
 from kreisel.system import NAMED, REGISTRY
 from kreisel.viewer.record import MAP_CLAIMS
 

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel.kernels import layout
 from kreisel.lab import exact, laws
-from kreisel.record.contract import random_spins
+from kreisel.record.spheres import random_spins
 from kreisel.system import lattice_landau_lifshitz as lattice
 
 Spin = tuple[Any, ...]

@@ -85,8 +85,7 @@ def run(
     say(f"{record.title}: {model}")
     if summary["options"]:
         say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-    steps, rows = summary["steps"], summary["rows"]
-    say(f"{steps:,} steps of {record.dt:g} in {seconds:.2f} s -> {asked.path} ({rows:,} rows)")
+    say(f"{record.steps:,} steps of {record.dt:g} in {seconds:.2f} s -> {asked.path} ({summary['rows']:,} rows)")
     print_drift(table)
     if figure:
         save_figure(result, asked.figure)

@@ -8,7 +8,7 @@ integrals of the map are those of the flow.  A turn that commutes with the maps,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -78,21 +78,10 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
 
     def close(*z: Array, **consts: Array) -> State:
         own = turned_with_body(body.system.space.kinds, z[:2], consts) if spins else z[:2]
-        return (*own, *(turned(g, **consts) for g in z[2:]))
+        return (*own, *(_turned(g, SPINS if spins else (), **consts) for g in z[2:]))
 
-    def turned(g: Array, *, cos: Array, sin: Array, **consts: Array) -> Array:
-        turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
-        g = algebra.unit(algebra.quaternion_product(turn, g))
-        for half in SPINS if spins else ():
-            g = algebra.turn_right(g, consts[half])
-        return g
-
-    axes = {
-        **body.axes,
-        **dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0),
-        "sin": 1,
-        **dict.fromkeys(SPINS, 2),
-    }
+    numbers = dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0)
+    axes = {**body.axes, **numbers, "sin": 1, **dict.fromkeys(SPINS, 2)}
     return Scheme(
         name="exact",
         components=with_orientation(body, oriented),
@@ -107,6 +96,15 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         trajectory=trajectory,
         between=BETWEEN,
     )
+
+
+def _turned(g: Array, spins: Sequence[str], *, cos: Array, sin: Array, **consts: Array) -> Array:
+    """The orientation, turned in space by the quaternion (cos, sin), and in the body by the spin."""
+    turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
+    g = algebra.unit(algebra.quaternion_product(turn, g))
+    for half in spins:
+        g = algebra.turn_right(g, consts[half])
+    return g
 
 
 def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callable[[State], State]]:

@@ -19,7 +19,8 @@ from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, keywords
-from kreisel.record.model import Model, axes_of
+from kreisel.record.given import axes_of
+from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.system import REGISTRY
 
@@ -46,71 +47,79 @@ def perturbed(
 
         H = H_system + V + M.KP,   M' = {M, H} + tau - damping M,   P' = {P, H} + F
 
-    system     the integrable part with its parameters, such as `kr.LagrangeTop(p=(0, 0, 1))` or `kr.EulerTop(J=...)`;
-               or one with H = T(M) + V(P) and principal axes, such as `kr.Kirchhoff(C=..., B=...)`; or a list of
-               different ones that a potential couples: letters and parameters end in the number of the body, a1, a2
-    potential  V of what it names: letters of the state that the body carries (a, P; not the momentum), the orientation
-               g (a matrix, body to space), the time t; parameters after `*`.  Its force is derived from it
-    torque     tau of what it names, the momentum too: the rate of the momentum beside, in the frame of the state
-               (rest frame: in space, moving frame: in the body); for n = 3 an axial vector
-    force      F of the same: the rate of the momentum P beside, of a body in a fluid, a vector in the body frame
+    system     the integrable part, such as `kr.LagrangeTop(p=(0, 0, 1))`; or one with H = T(M) + V(P) and principal
+               axes, such as `kr.Kirchhoff(C=..., B=...)`; or a list of different ones that a potential couples, whose
+               letters and parameters end in the number of the body, a1, a2
+    potential  V of letters that the body carries (a, P; not the momentum), the orientation g (a matrix, body to
+               space), the time t; parameters after `*`.  Its force is derived from it
+    torque     tau of the same and the momentum, in the frame of the state; for n = 3 an axial vector
+    force      F of the same: the rate of the momentum P of a body in a fluid, a vector in the body frame
     damping    gamma in M' = -gamma M: a number, or one for each axis of the body (for a symmetric body in the rest
                frame the last is that of its axis).  Exact
-    inertia    the principal moments (I_1, I_2, I_3) of the body, where they are not those of the integrable part;
-               moving frame, n = 3
+    inertia    the principal moments of the body, if not those of the integrable part; moving frame, n = 3
     coupling   the symmetric matrix K (3, 3) of M.KP in H, of a body in a fluid, or its diagonal
-    pair_potential  V of two bodies that act on each other, of letters and g with 1 or 2 behind: a1, g1 of the first,
-               a2, g2 of the second, and t.  The lanes of a run are then the bodies, each with its parameters
+    pair_potential  V of two bodies, of letters and g with 1 or 2 behind: a1, g1 of the first, a2, g2 of the second,
+               and t.  The lanes of a run are then the bodies, each with its parameters
     pairs      which bodies: pairs (i, j), as [(0, 1), (1, 2)] for a chain of three
-    inner      the integrable motion in a splitting by the map of the system (`method="suris"`), composed to this order,
-               2, 4, 6 or 8; default: its closed form, where one step of it is known, else the map to order 8
-    params     the parameters that the functions name after `*`, by name: a number, a vector (n numbers), or either
-               with an axis of lanes in front, of `pair_potential` one of pairs; a number in just n lanes as (n, 1)
+    inner      the integrable motion in a splitting by the map of the system (`method="suris"`), of order 2, 4, 6 or 8;
+               default: its closed form, where one step of it is known, else the map to order 8
+    params     the parameters after `*`, by name: a number, a vector (n numbers), or either with an axis of lanes in
+               front, of `pair_potential` one of pairs; a number in just n lanes as (n, 1)
     name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
 
     Functions are run once, on numbers that record what is done to them: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
     branches.  Skew components come as axial vectors for n = 3.  Without any force the system itself comes back.
     Raises `InputError` for what is no such function, names what is not there, or does not suit the system.
     """
-    if isinstance(system, Sequence):
-        system = product(system)
-    if not isinstance(system, Model):
+    body = _base(system)
+    functions = {"potential": potential, "torque": torque, "force": force, "pair_potential": pair_potential}
+    given = {DAMPING: damping, INERTIA: inertia, COUPLING: coupling}
+    if all(value is None for value in (*functions.values(), *given.values(), pairs)) and not body.system.product:
+        return body
+    _require_base(body)
+    own = _parameters(body, params or {})
+    record = _record(body, functions, given, own, inner)
+    _require_suitable(body, record)
+    own |= _matrices(body, damping, inertia, coupling)
+    own |= parameters_of_pairs(record, pairs, own)
+    model = Model(_system(body, record, list(own.values()), name), {})
+    _try(model)
+    return Model(_with_own_casimirs(model), {})
+
+
+def _base(system: Any) -> Model:
+    """The integrable part, of several bodies their product.  Raises `InputError` for what is no system."""
+    body = product(system) if isinstance(system, Sequence) else system
+    if not isinstance(body, Model):
         raise InputError(
             f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
             f"{shown(system)}."
         )
-    given = {
-        "potential": potential,
-        "torque": torque,
-        "force": force,
-        DAMPING: damping,
-        INERTIA: inertia,
-        COUPLING: coupling,
-        PAIRS: pairs,
+    return body
+
+
+def _record(
+    model: Model, functions: Mapping[str, Any], given: Mapping[str, Any], own: Mapping[str, Parameter], inner: Any
+) -> Perturbation:
+    letters = (*model.system.space.letters, ORIENTATION)
+    of_two = tuple(letter + mark for letter in letters for mark in (FIRST, SECOND))
+    forces = {
+        what: None
+        if function is None
+        else _force(function, what, (*(of_two if what == "pair_potential" else letters), TIME), model, own)
+        for what, function in functions.items()
     }
-    if all(value is None for value in (*given.values(), pair_potential)) and not system.system.product:
-        return system
-    _require_base(system)
-    own = _parameters(system, params or {})
-    letters = (*system.system.space.letters, ORIENTATION)
-    of_two = (*(letter + mark for letter in letters for mark in (FIRST, SECOND)), TIME)
-    record = Perturbation(
-        base=system.system,
-        potential=None if potential is None else _force(potential, "potential", (*letters, TIME), system, own),
-        torque=None if torque is None else _force(torque, "torque", (*letters, TIME), system, own),
-        force=None if force is None else _force(force, "force", (*letters, TIME), system, own),
-        damping=damping is not None,
-        inertia=inertia is not None,
-        coupling=coupling is not None,
-        pair=None if pair_potential is None else _force(pair_potential, "pair_potential", of_two, system, own),
-        inner=_inner(system, inner),
+    return Perturbation(
+        base=model.system,
+        potential=forces["potential"],
+        torque=forces["torque"],
+        force=forces["force"],
+        damping=given[DAMPING] is not None,
+        inertia=given[INERTIA] is not None,
+        coupling=given[COUPLING] is not None,
+        pair=forces["pair_potential"],
+        inner=_inner(model, inner),
     )
-    _require_suitable(system, record)
-    own |= _matrices(system, damping, inertia, coupling)
-    own |= parameters_of_pairs(record, pairs, own)
-    model = Model(_system(system, record, list(own.values()), name), {})
-    _try(model)
-    return Model(_with_own_casimirs(model), {})
 
 
 def _require_base(model: Model) -> None:

@@ -14,7 +14,7 @@ from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.fields import Pole, fraction, random_residues, residues
-from kreisel.record.contract import call
+from kreisel.record.contract import Map, System, call
 from kreisel.record.model import Model
 
 ATTEMPTS = 5
@@ -173,11 +173,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def of_record(function: Any) -> Any:
         return None if function is None else lambda x, lam, **known: call(function, unpacked(x), {**known, "lam": lam})
 
-    by_lax = system.commuting if mapped.lax is not None else ()
-    keeps = mapped.conserves
-    extra = [f for name, f in system.integrals.items() if name not in by_lax and (keeps is None or name in keeps)]
-    if mapped.lax is None and system.energy is not None and (keeps is None or "energy" in keeps):
-        extra = [system.energy, *extra]
+    extra = _beyond_the_spectrum(system, mapped)
 
     def integrals(x: Array, **known: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), known)) for f in extra])
@@ -206,6 +202,16 @@ def _of_model(model: Model, eps: Any) -> Subject:
         implicit=implicit,
         model=model,
     )
+
+
+def _beyond_the_spectrum(system: System, mapped: Map) -> list[Callable[..., Any]]:
+    """The integrals of the map that are not among those of its Lax matrix."""
+    by_lax = system.commuting if mapped.lax is not None else ()
+    keeps = mapped.conserves
+    extra = [f for name, f in system.integrals.items() if name not in by_lax and (keeps is None or name in keeps)]
+    if mapped.lax is None and system.energy is not None and (keeps is None or "energy" in keeps):
+        return [system.energy, *extra]
+    return extra
 
 
 def _fractions(v: Any) -> Any:

@@ -28,8 +28,9 @@ from kreisel.method.kahan import is_euler_top, is_linear
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme, Steps
-from kreisel.record.contract import SPINS_SPACE, PhaseSpace, call
+from kreisel.record.contract import PhaseSpace, call
 from kreisel.record.model import Model
+from kreisel.record.spheres import SPINS_SPACE
 
 DEFECT = "defect"
 SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites

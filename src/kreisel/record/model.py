@@ -1,14 +1,9 @@
-"""A record with its parameters filled in, states of it, and the checks of what a user gives.
-
-Raises `InputError` with what was expected, what was given and the fix.
-"""
+"""A record with its parameters filled in, and states of it."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
-from datetime import timedelta
-from decimal import Decimal
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -18,19 +13,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
-from kreisel.record.contract import (
-    PARAMETER_AXES,
-    SKEW_TOLERANCE,
-    Function,
-    Map,
-    Parameter,
-    PhaseSpace,
-    System,
-    call,
-    check_dimension,
-    component_axes,
-    require_names,
-)
+from kreisel.record.contract import Function, Map, System, call, require_names
+from kreisel.record.given import axes_of, component, parameter, require_on_phase_space, whole_dimension
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -107,7 +91,7 @@ class Model:
                     f"{system.name} needs the parameter {p.letter} ({p.kind}): {p.meaning}, got none; "
                     f"give {p.letter}=..."
                 )
-            self.params[p.letter] = _parameter(p, value, system.name)
+            self.params[p.letter] = parameter(p, value, system.name)
         self.n = self._dimension()
         for p in system.parameters:
             if p.check is not None:
@@ -169,7 +153,7 @@ class Model:
             return self.system.n
         stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
         if stated:
-            return _whole_dimension(self.params[stated[0]], stated[0], self.system.name)
+            return whole_dimension(self.params[stated[0]], stated[0], self.system.name)
         sizes = {
             p.letter: self.params[p.letter].shape[-1]
             for p in self.system.parameters
@@ -231,9 +215,9 @@ class Model:
         for letter, kind in space.components:
             if letter not in components:
                 raise InputError(f"The state of {self.system.name} needs {letter} ({kind}), got none.")
-            parts[letter] = _component(letter, kind, components[letter], self.n, self._in_pairs)
+            parts[letter] = component(letter, kind, components[letter], self.n, self._in_pairs)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
-            _on_phase_space(space, parts)
+            require_on_phase_space(space, parts)
             if self.system.check_state is not None:
                 self.system.check_state(*parts.values())
         return State(parts, dict(space.components))
@@ -281,125 +265,3 @@ class Model:
                 "Use method='variational', or a system with a map (kreisel systems)."
             )
         return self.system.map
-
-
-def _whole_dimension(value: Array, letter: str, system: str) -> int:
-    found = np.unique(value)
-    n = int(found[0]) if len(found) == 1 else 0
-    if n < 3 or n != found[0]:
-        raise InputError(
-            f"{system}'s parameter {letter} is the dimension, a whole number from 3 on, got {value.tolist()}."
-        )
-    check_dimension(n, f"{system}'s parameter {letter}")
-    return n
-
-
-def _array(value: Any, name: str) -> Array:
-    try:
-        array = np.asarray(value)
-    except (ValueError, TypeError):
-        raise InputError(f"{name} must be an array of numbers, got a ragged list: {shown(value)}.") from None
-    if array.dtype == object and all(isinstance(v, int | float | Decimal) for v in array.flat):  # some beyond 64 bits
-        try:
-            array = array.astype(np.float64)
-        except OverflowError:
-            raise InputError(f"{name} must be numbers that a double can hold, got {shown(value)}.") from None
-    if array.dtype == object and all(
-        hasattr(v, "__mul__") and not isinstance(v, str | list | timedelta) for v in array.flat
-    ):
-        return array
-    if array.dtype.kind not in "iuf":
-        hint = (
-            " Units are left out here: `kreisel systems NAME` says which they are." if array.dtype.kind == "U" else ""
-        )
-        raise InputError(f"{name} must be real numbers, got {shown(value)}.{hint}")
-    array = array.astype(np.promote_types(array.dtype, np.float64))
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite, got {shown(value)}. Look for NaN or infinity in the input.")
-    return array
-
-
-def axes_of(p: Parameter, value: Array) -> int:
-    """The axes of a parameter, without those of lanes."""
-    return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
-
-
-def _parameter(p: Parameter, value: Any, system: str) -> Array:
-    name = f"{system}'s parameter {p.letter}"
-    array = _array(value, name)
-    if not array.size:
-        raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
-    axes = axes_of(p, array)
-    if p.kind in ("vector", "symmetric") and array.ndim:
-        check_dimension(array.shape[-1], name)
-    if p.kind == "symmetric" and array.ndim == 1:
-        array = array[..., None] * np.eye(array.shape[-1], dtype=np.int8)
-    if array.ndim < axes or array.ndim > axes + 1:
-        shapes = {
-            "scalar": "a number",
-            "dimension": "a whole number",
-            "vector": "n numbers",
-            "symmetric": "an n x n matrix or its diagonal",
-        }
-        raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front), got shape {array.shape}.")
-    if p.kind == "symmetric":
-        _check_symmetric(array, name)
-    return array
-
-
-def _check_symmetric(array: Array, name: str) -> None:
-    if array.shape[-1] != array.shape[-2]:
-        raise InputError(f"{name} must be square, got shape {array.shape}.")
-    worst = algebra.magnitude(array - array.mT)
-    if worst > SKEW_TOLERANCE * algebra.magnitude(array):
-        raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
-
-
-def _component(letter: str, kind: str, value: Any, n: int, of_bodies: bool) -> Array:
-    """A component of a state; `of_bodies`: with an axis of bodies, so that 3 x 3 numbers are three axial vectors."""
-    name = f"state component {letter}"
-    array = _array(value, name)
-    if of_bodies and kind == "skew" and array.shape in ((3,), (3, 3)):
-        return algebra.hat(np.atleast_2d(array))
-    if kind == "symmetric":
-        if array.ndim < 2 or array.shape[-2:] != (n, n):
-            raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}), got shape {array.shape}.")
-        _check_symmetric(array, name)
-        return array / 2 + array.mT / 2
-    if kind != "skew":
-        count, expected = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
-        if array.ndim < 1 or array.shape[-1] != count:
-            raise InputError(f"{name} must be {expected} numbers (..., {count}), got shape {array.shape}.")
-        return array
-    if array.ndim >= 2 and array.shape[-2:] == (n, n):
-        off = algebra.magnitude(array + array.mT)
-        if off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1):
-            return array / 2 - array.mT / 2  # halved first: the difference may overflow
-        if n != 3 or array.ndim == 2:
-            raise InputError(
-                f"{name} must be skew ({letter}^T = -{letter}); {letter} + {letter}^T is up to {off:.3g}. "
-                f"Usual cause: a full matrix where its skew part ({letter} - {letter}^T)/2 was meant."
-            )
-    if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
-        X = algebra.hat(array)
-        return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix
-    axial = ", or an axial vector (..., 3)" if n == 3 else ""
-    raise InputError(
-        f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters, "
-        f"got shape {array.shape}."
-    )
-
-
-def _on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
-    batches = [v.shape[: v.ndim - component_axes(k)] for v, k in zip(parts.values(), space.kinds, strict=True)]
-    try:
-        np.broadcast_shapes(*batches)
-    except ValueError:
-        raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
-    for formula, constraint in space.constraints.items():
-        off = algebra.magnitude(constraint(*parts.values()))
-        if off > SKEW_TOLERANCE:
-            raise InputError(
-                f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
-                "Normalise x, then take the part of q orthogonal to x."
-            )

@@ -58,25 +58,20 @@ def simulate(
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less
-    times        of the rows, in order, in place of `steps` and `every`: a row between two steps is a shorter step away
-                 from the one before, and changes nothing of the steps
+    times        of the rows, in order, in place of `steps` and `every`; a row between two steps does not change them
     method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
                  bodies, n = 3, where neither an order nor an engine for maps is asked for
     order        one of those that the method has; of splittings a tuple, (8, 2).  "auto" (baecklund, splitting): the
-                 order and the number of steps between two saved states that reach `tol` at the least cost, chosen
-                 before the run (attributes dt, steps, options)
-    tol          with order="auto": the largest error at the end of the run, relative to the state's largest entry; with
-                 method="dop853" the relative tolerance
-    orientation  initial g, body to space: a rotation matrix, or a unit quaternion (w, x, y, z) for n = 3;
-                 it is then carried along as the variable g
+                 order and the step that reach `tol` at the least cost (attributes dt, steps, options)
+    tol          the largest error at the end relative to the largest entry (order="auto"); the relative one ("dop853")
+    orientation  initial g, body to space: a rotation matrix, or for n = 3 a quaternion (w, x, y, z); then a variable
     engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
                  Clebsch; both are chosen by n and method unless given), "cuda" (an NVIDIA GPU, float64) or
                  "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
     observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
-    impulses     what is added to a momentum at a time: {"time": 2.0, "m": (0, 0, 0.1)}, or a list of such; a row at
-                 that time is after it
+    impulses     what is added to a momentum at a time, before the row there: {"time": 2.0, "m": (0, 0, 0.1)}, or a list
     events       `kr.Event(quantity, action)` or a list: where a quantity changes its sign the run stops, or an action
                  changes the state; an attribute of the run, event_times, has when
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
@@ -91,8 +86,7 @@ def simulate(
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
-    plan = make_plan(system, x0, orientation=orientation, **when, **choices)
-    plan = replace(plan, events=checked_events(events))
+    plan = replace(make_plan(system, x0, orientation=orientation, **when, **choices), events=checked_events(events))
     found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
     return watched(found, loaded=path is None)
 

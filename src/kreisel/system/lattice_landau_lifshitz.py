@@ -22,7 +22,8 @@ from kreisel.algebra import log, sqrt, vec
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.spins import cross, inner, shifted
 from kreisel.errors import InputError
-from kreisel.record.contract import LATTICE_SPACE, Frame, Map, Parameter, System
+from kreisel.record.contract import Frame, Map, Parameter, System
+from kreisel.record.spheres import LATTICE_SPACE
 
 MOST_VALUES = 8  # of the spectral parameter
 

@@ -11,7 +11,8 @@ from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
-from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import Frame, Map, Parameter, Relation, System
+from kreisel.record.spheres import SPHERE_SPACE
 from kreisel.system import clebsch
 
 

@@ -15,7 +15,8 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import SPHERE_SPACE, Frame, Map, Parameter, System, random_on_sphere
+from kreisel.record.contract import Frame, Map, Parameter, System
+from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from kreisel.algebra import dot, vec
 from kreisel.algebra.spins import cross, shifted
-from kreisel.record.contract import SPINS_SPACE, Frame, Parameter, System
+from kreisel.record.contract import Frame, Parameter, System
+from kreisel.record.spheres import SPINS_SPACE
 
 
 def ends(*, n, closing):
