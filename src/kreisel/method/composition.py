@@ -6,10 +6,18 @@ Wanner, Geometric Numerical Integration, second edition, section V.3.2.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.method.observing import with_orientation
+from kreisel.method.scheme import Guard, Outcome, Scheme, Steps
+from kreisel.record.model import Model
 
+DEFECT = "defect"
 SUZUKI = 4 ** (1 / 3)
 FIRST_HALVES = {  # gamma_1 ... up to the middle one
     2: (1.0,),
@@ -44,3 +52,57 @@ def symmetric_composition(order: int) -> Array:
     """The fractions gamma_i of the stages."""
     half = FIRST_HALVES[order]
     return np.array(half + half[-2::-1])
+
+
+State = tuple[Array, ...]
+Stage = Callable[[State, State, Array, Mapping[str, Array]], tuple[State, Iterable[Array], Iterable[Array]]]
+
+
+def composed(
+    name: str,
+    model: Model,
+    dt: float,
+    order: int,
+    oriented: bool,
+    stage: Stage,
+    observed: tuple[Callable[..., dict[str, Array]], dict[str, Outcome]],
+    guard: Guard | None,
+    **more: Any,
+) -> Scheme:
+    """The scheme of a symmetric step of order 2, composed to the order.
+
+    stage(own, turned, eps, constants) -> own, turned, defects: state, orientations, and numbers, of which the largest
+    so far is carried along as the component "defect", for the guard; none without a guard.
+    """
+    space, (observe, outcomes) = model.system.space, observed
+    count, last = len(space.letters), None if guard is None else -1
+    components = with_orientation(model, oriented)
+
+    def step(*z: Array, eps: Array, **consts: Array) -> State:
+        own, turned, defects = stage(z[:count], z[count:last], eps, consts)
+        new = (*own, *turned)
+        if guard is None:
+            return new
+        defect = z[-1]
+        for other in defects:
+            defect = algebra.maximum(defect, other)
+        return (*new, defect)
+
+    def reopen(x: State) -> State:
+        return x if guard is None else (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
+
+    scheme: dict[str, Any] = {
+        "components": components if guard is None else (*components, (DEFECT, "scalar")),
+        "constants": dict(model.constants),
+        "axes": {**model.axes, "eps": 0},
+        "stages": {"eps": symmetric_composition(order) * dt},
+        "n": model.n,
+        "prepare": reopen,
+        "motion": Steps(step),
+        "observe": lambda z, /, **constants: observe(z[:last], **constants),
+        "reopen": reopen,
+        "outcomes": outcomes,
+        "options": {"order": order},
+        "guard": guard,
+    }
+    return Scheme(name, **(scheme | more))

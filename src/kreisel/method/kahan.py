@@ -24,16 +24,15 @@ from kreisel.algebra import Array
 from kreisel.algebra.gradient import value_and_jacobian
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
-from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
+from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Outcome, Scheme, Steps
+from kreisel.method.scheme import Guard, Outcome, Scheme
 from kreisel.record.contract import Frame, PhaseSpace, call
 from kreisel.record.model import Model
 
 MOST_COORDINATES = 15  # e(5); straight-line code of the elimination grows like their cube
 SMALLEST_PIVOT = 0.01
-DEFECT = "defect"
 POINTS = 3  # at which third differences are taken
 
 State = tuple[Array, ...]
@@ -44,8 +43,6 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     The largest 1 - (a pivot of the linear equation) is carried along as the component "defect" and guarded.
     """
-    space = model.system.space
-    count = len(space.letters)
     linear = tuple(name for name, function in model.system.integrals.items() if is_linear(model, function))
     energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
     observe_all, outcomes = observer(
@@ -53,19 +50,12 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     )
     integrals = _deformed_integrals(model) if order == 2 else None
 
-    def step(*z: Array, eps: Array, **consts: Array) -> State:
-        new, pivots = advance(model, z[:count], eps, consts)
-        follow = (_followed(model, z[:count], new, g, eps, consts) for g in z[count:-1])
-        defect = z[-1]
-        for pivot in pivots:
-            defect = algebra.maximum(defect, 1 - pivot)
-        return (*new, *follow, defect)
-
-    def reopen(x: State) -> State:
-        return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
+    def stage(old: State, turned: State, eps: Array, consts: Mapping[str, Array]) -> tuple[Any, Any, Any]:
+        new, pivots = advance(model, old, eps, consts)
+        return new, (_followed(model, old, new, g, eps, consts) for g in turned), (1 - pivot for pivot in pivots)
 
     def observe(z: State, /, **constants: Array) -> dict[str, Array]:
-        out = observe_all(z[:-1], **constants)
+        out = observe_all(z, **constants)
         return out | (integrals(model, out, dt, constants) if integrals is not None else {})
 
     if integrals is not None:
@@ -73,28 +63,14 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
             name + "_eps": Outcome("integral", f"deformed {name}, conserved exactly by the map", conserved=True)
             for name in ("casimir", "energy")
         }
-    components = (*with_orientation(model, oriented), (DEFECT, "scalar"))
-    return Scheme(
-        name="kahan",
-        components=components,
-        held=held_by_orientation(model, components, bound=False),
-        constants=dict(model.constants),
-        axes={**model.axes, "eps": 0},
-        stages={"eps": symmetric_composition(order) * dt},
-        n=model.n,
-        prepare=reopen,
-        motion=Steps(step),
-        observe=observe,
-        reopen=reopen,
-        outcomes=outcomes,
-        options={"order": order},
-        guard=Guard(
-            DEFECT,
-            1 - SMALLEST_PIVOT,
-            "The linear equation of Kahan's step is singular, or close to it",
-            "a step in which the state changes by more than itself. Use a smaller dt.",
-        ),
+    guard = Guard(
+        DEFECT,
+        1 - SMALLEST_PIVOT,
+        "The linear equation of Kahan's step is singular, or close to it",
+        "a step in which the state changes by more than itself. Use a smaller dt.",
     )
+    held = held_by_orientation(model, with_orientation(model, oriented), bound=False)
+    return composed("kahan", model, dt, order, oriented, stage, (observe, outcomes), guard, held=held)
 
 
 def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array]) -> tuple[State, list[Any]]:

@@ -16,6 +16,7 @@ energy of the Euler top, and with it every integral, is conserved.  [McLachlan, 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -23,16 +24,15 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.algebra.spins import Spins, cross, inner
-from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
+from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
 from kreisel.method.kahan import is_euler_top, is_linear
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Scheme, Steps
+from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.contract import PhaseSpace, call
 from kreisel.record.model import Model
 from kreisel.record.spheres import SPINS_SPACE
 
-DEFECT = "defect"
 SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites
 MOST = 100  # iterations; a step in which they do not settle is refused
 
@@ -44,45 +44,24 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     The largest square of the last change of a direction is carried along as the component "defect" and guarded.
     """
-    space = model.system.space
-    count = len(space.letters)
-    kept = ["casimir", *(name for name, function in model.system.integrals.items() if is_linear(model, function))]
+    conserved = ["casimir", *(name for name, function in model.system.integrals.items() if is_linear(model, function))]
     meanings = {"energy": f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"}
     if is_euler_top(model):
-        kept, meanings = [*kept, "energy"], {}
-    observe, outcomes = observer(model, None, None, kept, meanings, oriented)
+        conserved, meanings = [*conserved, "energy"], {}
+    watched = observer(model, None, None, conserved, meanings, oriented)
 
-    def step(*z: Array, eps: Array, **consts: Array) -> State:
-        new, centre, defect = advance(model, z[:count], eps, consts)
-        along = (_followed(model, centre, g, eps, consts) for g in z[count:-1])
-        return (*new, *along, algebra.maximum(z[-1], defect))
+    def stage(old: State, turned: State, eps: Array, consts: Mapping[str, Array]) -> tuple[Any, Any, Any]:
+        new, centre, defect = advance(model, old, eps, consts)
+        return new, (_followed(model, centre, g, eps, consts) for g in turned), [defect]
 
-    def reopen(x: State) -> State:
-        return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
-
-    components = (*with_orientation(model, oriented), (DEFECT, "scalar"))
-    return Scheme(
-        name="midpoint",
-        components=components,
-        held=held_by_orientation(model, components, bound=False),
-        constants=dict(model.constants),
-        axes={**model.axes, "eps": 0},
-        stages={"eps": symmetric_composition(order) * dt},
-        n=model.n,
-        prepare=reopen,
-        motion=Steps(step),
-        observe=lambda z, /, **constants: observe(z[:-1], **constants),
-        reopen=reopen,
-        outcomes=outcomes,
-        options={"order": order},
-        dt_in_constants=True,
-        guard=Guard(
-            DEFECT,
-            LIMIT**2,
-            "The implicit equation of the midpoint step was not solved to round-off",
-            "a step in which a spin turns too far: dt times the field must be below about 1. Use a smaller dt.",
-        ),
+    guard = Guard(
+        DEFECT,
+        LIMIT**2,
+        "The implicit equation of the midpoint step was not solved to round-off",
+        "a step in which a spin turns too far: dt times the field must be below about 1. Use a smaller dt.",
     )
+    held = held_by_orientation(model, with_orientation(model, oriented), bound=False)
+    return composed("midpoint", model, dt, order, oriented, stage, watched, guard, held=held, dt_in_constants=True)
 
 
 def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array]) -> tuple[State, State, Array]:

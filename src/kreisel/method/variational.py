@@ -26,10 +26,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
-from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import observer, turned, with_orientation
+from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
+from kreisel.method.observing import observer, turned
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Scheme, Steps
+from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.contract import System, call
 from kreisel.record.model import Model
 
@@ -37,7 +37,6 @@ NEWTON_STEPS = 4
 NEWTON_LIMIT = 1e-8  # of the last correction of X: what is left is of the order of its square
 MOST_SWEEPS = 100
 SWEEP_LIMIT = 1e-15
-DEFECT = "defect"
 
 State = tuple[Array, ...]
 Linear = Callable[[Array], Array]
@@ -50,40 +49,20 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     The implicit equation is solved in every stage; its largest last correction, an angle squared, is carried
     along as the component "defect" and guarded.
     """
-    system, space = model.system, model.system.space
-    fractions = symmetric_composition(order)
     energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
-    observe, outcomes = observer(model, None, None, ("casimir", "noether"), {"energy": energy}, oriented)
-    count = len(space.letters)
+    watched = observer(model, None, None, ("casimir", "noether"), {"energy": energy}, oriented)
 
-    def step(*z: Array, eps: Array, **consts: Array) -> State:
-        own, turned, defect = stage(system, z[:count], eps, consts, z[count:-1])
-        return (*own, *turned, algebra.maximum(z[-1], defect))
+    def taken(own: State, turned: State, eps: Array, consts: Constants) -> tuple[State, State, list[Array]]:
+        own, turned, defect = stage(model.system, own, eps, consts, turned)
+        return own, turned, [defect]
 
-    def reopen(x: State) -> State:
-        return (*x, 0 * x[0].sum(-1).sum(-1) if space.kinds[0] == "skew" else 0 * x[0].sum(-1))
-
-    return Scheme(
-        name="variational",
-        components=(*with_orientation(model, oriented), (DEFECT, "scalar")),
-        constants=dict(model.constants),
-        axes={**model.axes, "eps": 0},
-        stages={"eps": fractions * dt},
-        n=model.n,
-        prepare=reopen,
-        motion=Steps(step),
-        observe=lambda z, /, **constants: observe(z[:-1], **constants),
-        reopen=reopen,
-        outcomes=outcomes,
-        options={"order": order},
-        dt_in_constants=True,
-        guard=Guard(
-            DEFECT,
-            (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
-            "The implicit equation of the variational step was not solved to round-off",
-            "a step in which the body turns too far, or a singular kinetic energy. Use a smaller dt.",
-        ),
+    guard = Guard(
+        DEFECT,
+        (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
+        "The implicit equation of the variational step was not solved to round-off",
+        "a step in which the body turns too far, or a singular kinetic energy. Use a smaller dt.",
     )
+    return composed("variational", model, dt, order, oriented, taken, watched, guard, dt_in_constants=True)
 
 
 def stage(

@@ -6,16 +6,17 @@ steps, so that symmetric compositions of order 4, 6, 8 keep the same integrals.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.composition import COMPOSED, ORDERS, symmetric_composition
-from kreisel.method.observing import observer, turned, turned_by_map, with_orientation
+from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed, symmetric_composition
+from kreisel.method.observing import observer, turned, turned_by_map
 from kreisel.method.record import Method
-from kreisel.method.scheme import Guard, Scheme, Steps
-from kreisel.method.variational import DEFECT
+from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.contract import call, keywords
 from kreisel.record.model import Model
 
@@ -30,23 +31,17 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     Of an implicit map the largest error that its solution has left, as estimated, an angle squared, is carried along as
     the component "defect" and guarded.  Raises `InputError` for steps at which the map does not exist.
     """
-    phi, space = model.map, model.system.space
+    phi = model.map
     gamma = symmetric_composition(order)
-    observe, outcomes = observer(model, dt, None, oriented=oriented)
-    count, implicit = len(space.letters), phi.turn is not None
-    extra = ((DEFECT, "scalar"),) if implicit else ()
+    count, frame = len(model.system.space.letters), model.system.frame
 
-    def step(*z: Array, **consts: Array) -> State:
-        own = z[:count]
-        if implicit:
-            X, defect = call(phi.turn, own, consts)
-            along = (turned(model.system.frame, X, g) for g in z[count:-1])
-            return (*call(phi.move, (*own, X), consts), *along, algebra.maximum(z[-1], defect))
-        new = call(phi.step, own, consts)
-        return (*new, *(turned_by_map(phi, model.system.frame, own, new, consts, g) for g in z[count:]))
-
-    def reopen(x: State) -> State:
-        return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0]) if implicit else x
+    def stage(own: State, gs: State, eps: Array, consts: Mapping[str, Array]) -> tuple[Any, Any, Any]:
+        known = {**consts, "eps": eps}
+        if phi.turn is not None:
+            X, defect = call(phi.turn, own, known)
+            return call(phi.move, (*own, X), known), (turned(frame, X, g) for g in gs), [defect]
+        new = call(phi.step, own, known)
+        return new, (turned_by_map(phi, frame, own, new, known, g) for g in gs), ()
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         with np.errstate(all="ignore"):  # beyond the domain, which `prepare` tells
@@ -55,31 +50,28 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     def prepare(x0: State) -> State:
         _check_domain(model, x0[:count], dt * float(abs(gamma).max()), order)
-        return reopen(x0)
+        return scheme.reopen(x0)
 
-    return Scheme(
-        name="veselov",
-        components=(*with_orientation(model, oriented), *extra),
-        constants=dict(model.constants),
-        axes={**model.axes, **dict.fromkeys(keywords(phi.turn or phi.step) - {*model.axes}, 0)},
-        stages={"eps": gamma * dt},
-        n=model.n,
-        prepare=prepare,
-        motion=Steps(step),
-        observe=(lambda z, /, **constants: observe(z[:-1], **constants)) if implicit else observe,
-        reopen=reopen,
-        outcomes=outcomes,
-        options={"order": order},
-        trajectory=None if phi.trajectory is None else trajectory,
-        guard=Guard(
-            DEFECT,
-            LIMIT**2,
-            "The implicit equation of the map was not solved to round-off",
-            "a step close to the largest at which the map exists. Use a smaller dt.",
-        )
-        if implicit
-        else None,
+    guard = Guard(
+        DEFECT,
+        LIMIT**2,
+        "The implicit equation of the map was not solved to round-off",
+        "a step close to the largest at which the map exists. Use a smaller dt.",
     )
+    scheme = composed(
+        "veselov",
+        model,
+        dt,
+        order,
+        oriented,
+        stage,
+        observer(model, dt, None, oriented=oriented),
+        None if phi.turn is None else guard,
+        axes={**model.axes, **dict.fromkeys(keywords(phi.turn or phi.step) - {*model.axes}, 0)},
+        prepare=prepare,
+        trajectory=None if phi.trajectory is None else trajectory,
+    )
+    return scheme
 
 
 def _check_domain(model: Model, state: State, longest: float, order: int) -> None:
