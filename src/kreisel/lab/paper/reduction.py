@@ -20,6 +20,7 @@ from kreisel.algebra import (
     coordinates,
     dot,
     identity,
+    objects,
     pairing,
     project_out,
     resolvent,
@@ -144,12 +145,6 @@ def _units(s: Setting) -> Iterator[Array]:
         yield skew(unit, s.n)
 
 
-def _column(entries: list[Any]) -> Array:
-    out = np.empty(len(entries), dtype=object)
-    out[:] = entries
-    return out
-
-
 def euler_lagrange(s: Setting, left: bool) -> Sides:
     """Raw: d/dt dL/dX' - dL/dX along any curve with X(0) = 0, so xi = 2 X', xi' = 2 X''.  Reduced: twice M' - ..."""
     lagrangian = generic_lagrangian(s)
@@ -168,7 +163,7 @@ def euler_lagrange(s: Setting, left: bool) -> Sides:
     force = gradient(lambda x: lagrangian(xi + 0 * x[0], x), v)
     turning = bracket(M, xi) if left else bracket(xi, M)
     pull = wedge(v, force) if left else -wedge(v, force)
-    yield _column(raw), 2 * (_column(momentum_rate) - coordinates(turning + pull))
+    yield objects(raw), 2 * (objects(momentum_rate) - coordinates(turning + pull))
 
 
 @stated(
@@ -228,8 +223,8 @@ def legendre(s: Setting) -> Sides:
     t, h = generator(0, one), generator(1, one)
     moved = xi + d_xi * t, v + d_v * t
     momentum = [lagrangian(moved[0] + unit * h, moved[1]) for unit in _units(s)]
-    M = _column([coefficient(p, 0b10) for p in momentum])
-    dM = _column([coefficient(p, 0b11) for p in momentum])
+    M = objects([coefficient(p, 0b10) for p in momentum])
+    dM = objects([coefficient(p, 0b11) for p in momentum])
     dH = dM @ coordinates(xi) + M @ coordinates(d_xi) - coefficient(lagrangian(*moved), 0b01)
     force = gradient(lambda x: lagrangian(xi + 0 * x[0], x), v)
     yield dH, dM @ coordinates(xi) - dot(force, d_v)
@@ -342,7 +337,7 @@ def implicit_map(s: Setting, left: bool) -> Sides:
 
 def _times_h(entries: list[Any]) -> Array:
     """The coefficient of h of jets in t and h, as jets in t."""
-    return _column([Jet({0: coefficient(e, 0b10), 1: coefficient(e, 0b11)}) for e in entries])
+    return objects([Jet({0: coefficient(e, 0b10), 1: coefficient(e, 0b11)}) for e in entries])
 
 
 @stated(

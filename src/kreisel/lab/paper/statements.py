@@ -155,6 +155,12 @@ def stated_law(name: str, place: str, text: str, system: System, *names: str, **
     stated(name, place, text, by_laws=names, **more)(by_law(system, *names))
 
 
+def printed_law(name: str, system: System, law: str, **printed_functions: Any) -> None:
+    """The printed form of a statement that is a law of the map of a system, with other functions for some of the map's."""
+    assert system.map is not None
+    printed(name)(by_law(replace(system, map=replace(system.map, **printed_functions)), law))
+
+
 # -- derivatives on the group and its algebra -------------------------------------------------------
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from kreisel.lab.paper.statements import (
     gradient,
     left_derivative,
     printed,
+    printed_law,
     right_derivative,
     stated,
     stated_law,
@@ -221,10 +221,7 @@ def unnormalised(g: Array, h: Array, A: Array, *, p: Array, alpha: Any, eps: Any
     return -kinetic - 2 * (1 - alpha) / eps * log(1 + dot(a, a1)) - eps * dot(p, a)
 
 
-@printed("length-of-a")
-def length_of_a_printed(s: Setting) -> Sides:
-    assert TOP.map is not None
-    yield from by_law(replace(TOP, map=replace(TOP.map, lagrangian=unnormalised)), "discrete-euler-lagrange")(s)
+printed_law("length-of-a", TOP, "discrete-euler-lagrange", lagrangian=unnormalised)
 
 
 @stated("pairing-identity", "Section 6.1, proof of (dLT rest H)", "<ma, p> = <m, p ^ a>")
@@ -268,10 +265,7 @@ def printed_lax(m: Array, a: Array, *, p: Array, lam: Any, eps: Any) -> Array:
     return border(m, lam * printed_b(m, a, p=p, eps=eps) - p / lam)
 
 
-@printed("theorem-6.2")
-def theorem_6_2_printed(s: Setting) -> Sides:
-    assert TOP.map is not None
-    yield from by_law(replace(TOP, map=replace(TOP.map, lax=printed_lax)), "discrete-lax-equation")(s)
+printed_law("theorem-6.2", TOP, "discrete-lax-equation", lax=printed_lax)
 
 
 @stated(
