@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,14 @@ def is_exact(x: Array) -> bool:
 def holds_objects(x: Array) -> bool:
     """True for a NumPy object array."""
     return hasattr(x, "dtype") and x.dtype.kind == "O"
+
+
+def objects(numbers: Iterable[Any], shape: tuple[int, ...] | None = None) -> Array:
+    """Numbers of any kind as an array of objects, in this shape."""
+    entries = list(numbers)
+    out = np.empty(len(entries), dtype=object)
+    out[:] = entries
+    return out if shape is None else out.reshape(shape)
 
 
 def identity(n: int) -> Array:
@@ -91,10 +100,8 @@ def parts(z: Array) -> tuple[Array, Array]:
     if holds_objects(z):
         if not any(isinstance(v, Complex) for v in z.flat):
             return z, None
-        re, im = np.empty(z.shape, dtype=object), np.empty(z.shape, dtype=object)
-        for place in np.ndindex(z.shape):
-            re[place], im[place] = as_complex(z[place]).re, as_complex(z[place]).im
-        return re, im
+        pairs = [as_complex(v) for v in z.flat]
+        return objects((v.re for v in pairs), z.shape), objects((v.im for v in pairs), z.shape)
     if hasattr(z, "record_parts"):
         return z.record_parts()
     return (np.real(z), np.imag(z)) if np.iscomplexobj(z) else (z, None)
@@ -108,12 +115,11 @@ def conjugate(z: Any) -> Any:
 def together(re: Array, im: Array) -> Array:
     """The complex vectors re + i im; re and im may be complex too."""
     if holds_objects(re) or holds_objects(im):
-        out = np.empty(re.shape, dtype=object)
-        for place in np.ndindex(re.shape):
-            x, y = re[place], im[place]
-            both = isinstance(x, Complex) or isinstance(y, Complex)
-            out[place] = x + Complex(0, 1) * y if both else Complex(x, y)
-        return out
+
+        def both(x: Any, y: Any) -> Any:
+            return x + Complex(0, 1) * y if isinstance(x, Complex) or isinstance(y, Complex) else Complex(x, y)
+
+        return objects(map(both, re.flat, im.flat), re.shape)
     return complex_number(re, im)
 
 
@@ -132,10 +138,7 @@ def log(x: Array) -> Array:
 def sqrt(x: Array) -> Array:
     """Square root of a scalar or a batch; recording scalars bring their own."""
     if holds_objects(x):  # plain numbers may stand among others
-        roots = [v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat]
-        out = np.empty(len(roots), dtype=object)
-        out[:] = roots
-        return out.reshape(x.shape)
+        return objects((v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat), x.shape)
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 

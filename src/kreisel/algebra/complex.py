@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
+from kreisel.algebra.ring import Ring, is_array
 
 
-class Complex:
+class Complex(Ring):
     """re + i im over any kind of real number that brings no complex numbers of its own (recorded, rational, dual)."""
 
     __slots__ = ("im", "re")
@@ -21,32 +21,22 @@ class Complex:
         return any(isinstance(v, float) or getattr(v, "inexact", False) for v in (self.re, self.im))
 
     def __add__(self, other: Any) -> Complex:
-        if _is_array(other):
+        if is_array(other):
             return NotImplemented
         other = as_complex(other)
         return Complex(self.re + other.re, self.im + other.im)
 
-    __radd__ = __add__
-
     def __neg__(self) -> Complex:
         return Complex(-self.re, -self.im)
 
-    def __sub__(self, other: Any) -> Complex:
-        return NotImplemented if _is_array(other) else self + (-as_complex(other))
-
-    def __rsub__(self, other: Any) -> Complex:
-        return (-self) + other
-
     def __mul__(self, other: Any) -> Complex:
-        if _is_array(other):
+        if is_array(other):
             return NotImplemented
         other = as_complex(other)
         return Complex(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: Any) -> Complex:
-        if _is_array(other):
+        if is_array(other):
             return NotImplemented
         if not isinstance(other, Complex):  # in the field of the parts: 1/2 of integers would be a float
             return Complex(self.re / other, self.im / other)
@@ -55,10 +45,6 @@ class Complex:
     def __rtruediv__(self, other: Any) -> Complex:
         scale = 1 / (self.re * self.re + self.im * self.im)
         return other * Complex(self.re * scale, -self.im * scale)
-
-
-def _is_array(x: Any) -> bool:
-    return isinstance(x, np.ndarray) or bool(getattr(x, "shape", ()))
 
 
 def as_complex(x: Any) -> Complex:

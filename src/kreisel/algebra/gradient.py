@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from kreisel.algebra.backend import Array, holds_objects, sqrt
+from kreisel.algebra.backend import Array, holds_objects, objects, sqrt
 from kreisel.errors import InputError
 
 
@@ -169,10 +169,7 @@ def traced(tape: list[TracedNumber], x: Array, axes: int) -> Any:
     if axes == 0:
         return TracedNumber(tape, x)
     shape = np.shape(x)[np.ndim(x) - axes :]
-    out = np.empty(shape, dtype=object)
-    for place in np.ndindex(*shape):
-        out[place] = TracedNumber(tape, x[(..., *place)])
-    return out
+    return objects((TracedNumber(tape, x[(..., *place)]) for place in np.ndindex(*shape)), shape)
 
 
 def value_and_gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]]) -> tuple[Any, list[Any]]:
@@ -199,9 +196,7 @@ def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
         return found[0]
     shape = np.shape(x)[np.ndim(x) - axes :]
     if holds_objects(x):
-        out = np.empty(len(found), dtype=object)
-        out[:] = found
-        return out.reshape(shape)
+        return objects(found, shape)
     batch = np.shape(x)[: np.ndim(x) - axes]
     kind = np.result_type(x.dtype, *(np.asarray(v).dtype for v in found))
     columns = [np.broadcast_to(np.asarray(v, dtype=kind), np.broadcast_shapes(batch, np.shape(v))) for v in found]

@@ -177,9 +177,7 @@ def _values(found: Array, body: Body) -> Array:
     """The values of traced numbers, in the kind of number of the state."""
     flat = [getattr(v, "value", v) for v in found.flat]
     if algebra.holds_objects(body.state[0]):
-        out = np.empty(len(flat), dtype=object)
-        out[:] = flat
-        return out.reshape(found.shape)
+        return algebra.objects(flat, found.shape)
     columns = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in flat))
     return np.stack(columns, -1).reshape((*columns[0].shape, *found.shape))
 

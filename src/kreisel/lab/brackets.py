@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.errors import InputError
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, Mod, Pole, random_residues, require_flint
@@ -85,9 +85,7 @@ def preserves(what: Subject, tensor: Callable[[Array], Array], seed: int = 0, po
 
 
 def _tensor_at(tensor: Callable[[Array], Array], x: Array, p: int) -> Array:
-    numbers = np.empty(x.shape[1], dtype=object)
-    for i in range(x.shape[1]):
-        numbers[i] = Mod(x[:, i], p)
+    numbers = objects(Mod(column, p) for column in x.T)
     return _residues_at_points(np.asarray(tensor(numbers), dtype=object), len(x), p)
 
 

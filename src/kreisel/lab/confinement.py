@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
 from kreisel.lab.darboux import jacobian_factors
 from kreisel.lab.fields import PRIMES, fraction, reconstructed, require_flint, residue
@@ -24,7 +25,7 @@ LARGEST = 1000  # numerator and denominator of a limit that is shown
 INFINITY, FREE, OTHER = "oo", "*", "c"
 
 
-class Series:
+class Series(Ring):
     """s^v (c_0 + c_1 s + ...) modulo p, c_0 not 0 unless it is 0 as far as it is known."""
 
     __slots__ = ("c", "p", "v")
@@ -49,16 +50,8 @@ class Series:
                 total[part.v - v + i] = (total[part.v - v + i] + x) % self.p
         return Series(v, total, self.p)
 
-    __radd__ = __add__
-
     def __neg__(self) -> Series:
         return Series(self.v, [-x % self.p for x in self.c], self.p)
-
-    def __sub__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self + (-self._other(other))
-
-    def __rsub__(self, other: Any) -> Any:
-        return (-self) + other
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -68,8 +61,6 @@ class Series:
         flint = require_flint()
         product = flint.nmod_poly(self.c[:count], self.p) * flint.nmod_poly(b.c[:count], self.p)
         return Series(self.v + b.v, [int(product[i]) for i in range(count)], self.p)
-
-    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
         return NotImplemented if isinstance(other, np.ndarray) else self * self._other(other)._inverse()

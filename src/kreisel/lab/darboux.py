@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
 from kreisel.lab.exact import independent, rational, slopes
 from kreisel.lab.fields import PRIMES, Pole, fraction, random_residues, reconstructed, require_flint
@@ -31,7 +32,7 @@ Powers = tuple[int, ...]
 Cofactor = tuple[Fraction, Powers]
 
 
-class Ratio:
+class Ratio(Ring):
     """A quotient of polynomials over Q, without common factors."""
 
     __slots__ = ("d", "n")
@@ -52,24 +53,14 @@ class Ratio:
         o = self._other(other)
         return Ratio(self.n * o.d + o.n * self.d, self.d * o.d)
 
-    __radd__ = __add__
-
     def __neg__(self) -> Ratio:
         return Ratio(-self.n, self.d)
-
-    def __sub__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self + (-other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return (-self) + other
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
             return NotImplemented
         o = self._other(other)
         return Ratio(self.n * o.n, self.d * o.d)
-
-    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
         return NotImplemented if isinstance(other, np.ndarray) else self * (1 / self._other(other))

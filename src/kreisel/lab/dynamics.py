@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
@@ -144,14 +144,8 @@ def _pushed(what: Subject) -> Callable[..., tuple[Array, ...]]:
     def step(x: Array, v: Array | None = None, /, **constants: Array) -> tuple[Array, ...]:
         if v is None:
             return (_called(what, x, constants),)
-        duals = np.empty(what.dim, dtype=object)
-        for i in range(what.dim):
-            duals[i] = Dual(x[i], v[i : i + 1])
-        new = _called(what, duals, constants)
-        values = np.empty(what.dim, dtype=object)
-        for i, y in enumerate(new):
-            values[i] = y.value if isinstance(y, Dual) else y
-        return values, exact.slopes(new, 1)[:, 0]
+        new = _called(what, objects(Dual(x[i], v[i : i + 1]) for i in range(what.dim)), constants)
+        return objects(y.value if isinstance(y, Dual) else y for y in new), exact.slopes(new, 1)[:, 0]
 
     return step
 

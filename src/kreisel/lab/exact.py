@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
 from kreisel.kernels import layout
 from kreisel.record.contract import Parameter, PhaseSpace, System
@@ -26,7 +27,7 @@ except ImportError:  # the extra "exact" is not installed: the same numbers, mor
 Random = Callable[[tuple[int, ...]], Array]
 
 
-class Dual:
+class Dual(Ring):
     """value + sum_i slope_i d_i with d_i d_j = 0: exact derivatives in any field.
 
     The logarithm of an exact number is not in its field; its value is then given as 0 and only its
@@ -49,16 +50,8 @@ class Dual:
             return Dual(self.value + other.value, self.slope + other.slope)
         return Dual(self.value + other, self.slope)
 
-    __radd__ = __add__
-
     def __neg__(self) -> Dual:
         return Dual(-self.value, -self.slope)
-
-    def __sub__(self, other: Any) -> Dual:
-        return NotImplemented if isinstance(other, np.ndarray) else self + (-other)
-
-    def __rsub__(self, other: Any) -> Dual:
-        return (-self) + other
 
     def __mul__(self, other: Any) -> Dual:
         if isinstance(other, np.ndarray):
@@ -66,8 +59,6 @@ class Dual:
         if isinstance(other, Dual):
             return Dual(self.value * other.value, self.slope * other.value + other.slope * self.value)
         return Dual(self.value * other, self.slope * other)
-
-    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Dual:
         if isinstance(other, np.ndarray):
@@ -107,22 +98,14 @@ def slopes(outputs: Array, count: int) -> Array:
 
 def along(values: Array, direction: Array) -> Array:
     """values + direction * d with one infinitesimal d."""
-    out = np.empty(values.shape, dtype=object)
-    for place in np.ndindex(values.shape):
-        slope = np.empty(1, dtype=object)
-        slope[0] = direction[place]
-        out[place] = Dual(values[place], slope)
-    return out
+    pairs = zip(values.flat, direction.flat, strict=True)
+    return algebra.objects((Dual(value, algebra.objects([slope])) for value, slope in pairs), values.shape)
 
 
 def independent(values: Array) -> Array:
     """A flat array as dual numbers, each with an infinitesimal of its own."""
-    out = np.empty(len(values), dtype=object)
-    for i, value in enumerate(values):
-        unit = np.empty(len(values), dtype=object)
-        unit[:] = [0 * value + (i == j) for j in range(len(values))]
-        out[i] = Dual(value, unit)
-    return out
+    units = (algebra.objects(0 * v + (i == j) for j in range(len(values))) for i, v in enumerate(values))
+    return algebra.objects(map(Dual, values, units))
 
 
 def jacobian(
@@ -143,11 +126,11 @@ def rational_random(rng: np.random.Generator) -> Random:
     """Random rationals with small numerators and denominators, none of them 0."""
 
     def draw(shape: tuple[int, ...]) -> Array:
-        out = np.empty(shape, dtype=object)
-        for place in np.ndindex(shape):
+        def number() -> Any:
             sign = 1 if rng.integers(2) else -1
-            out[place] = rational(sign * int(rng.integers(1, 12)), int(rng.integers(3, 9)))
-        return out
+            return rational(sign * int(rng.integers(1, 12)), int(rng.integers(3, 9)))
+
+        return algebra.objects((number() for _ in range(math.prod(shape))), shape)
 
     return draw
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -9,7 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError, shown
 
 # p = k 2^e + 1 below 2^30, with 3 as a primitive root: products of residues fit 64 bits, and 2^e-th roots of 1 exist
@@ -35,7 +37,7 @@ def poles_marked(lanes: int) -> Iterator[Any]:
         _MARKS.pop()
 
 
-class Mod:
+class Mod(Ring):
     """An array of residues modulo p that behaves as one number: the same arithmetic at many points."""
 
     __slots__ = ("p", "v")
@@ -48,8 +50,6 @@ class Mod:
         n = _operand(other, self.p)
         return n if n is NotImplemented else Mod((self.v + n) % self.p, self.p)
 
-    __radd__ = __add__
-
     def __neg__(self) -> Mod:
         return Mod(-self.v % self.p, self.p)
 
@@ -57,14 +57,9 @@ class Mod:
         n = _operand(other, self.p)
         return n if n is NotImplemented else Mod((self.v - n) % self.p, self.p)
 
-    def __rsub__(self, other: Any) -> Any:
-        return (-self) + other
-
     def __mul__(self, other: Any) -> Any:
         n = _operand(other, self.p)
         return n if n is NotImplemented else Mod(self.v * n % self.p, self.p)
-
-    __rmul__ = __mul__
 
     def __pow__(self, exponent: int) -> Mod:
         return Mod(_power_modulo(self.v, exponent, self.p), self.p)
@@ -135,20 +130,14 @@ def residue(x: Any, p: int) -> int:
 
 def residues(x: Array, p: int) -> Array:
     """An array of rational numbers as residues, each one number."""
-    out = np.empty(np.shape(x), dtype=object)
-    for place in np.ndindex(out.shape):
-        out[place] = Mod(np.int64(residue(np.asarray(x)[place], p)), p)
-    return out
+    return objects((Mod(np.int64(residue(v, p)), p) for v in np.asarray(x).flat), np.shape(x))
 
 
 def random_residues(rng: np.random.Generator, p: int, points: int) -> Callable[[tuple[int, ...]], Array]:
     """draw(shape): arrays of numbers, each at `points` points."""
 
     def draw(shape: tuple[int, ...]) -> Array:
-        out = np.empty(shape, dtype=object)
-        for place in np.ndindex(shape):
-            out[place] = Mod(rng.integers(1, p, points), p)
-        return out
+        return objects((Mod(rng.integers(1, p, points), p) for _ in range(math.prod(shape))), shape)
 
     return draw
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.errors import InputError
 from kreisel.lab.fields import PRIMES, ROOT, Mod, Pole, require_flint
 from kreisel.lab.subject import Subject
@@ -108,11 +108,8 @@ def _degrees(what: Subject, iterates: int, seed: list[int], p: int) -> tuple[int
         t = coset * _powers(pow(ROOT, (p - 1) // points, p), points, p) % p
 
         def draw(shape: tuple[int, ...], rng: Any = rng, t: Array = t) -> Array:
-            out = np.empty(shape, dtype=object)
-            for place in np.ndindex(shape):
-                a, b = (int(v) for v in rng.integers(1, p, 2))
-                out[place] = Mod((a + b * t) % p, p)
-            return out
+            lines = (rng.integers(1, p, 2).tolist() for _ in range(math.prod(shape)))
+            return objects((Mod((a + b * t) % p, p) for a, b in lines), shape)
 
         x, step, found = what.point(draw), what.over(p), list[int]()
         for k in range(iterates + 1):

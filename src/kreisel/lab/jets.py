@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
+from kreisel.algebra.ring import Ring
 
 
-class Jet:
+class Jet(Ring):
     """The coefficients by sets of generators, written as bit masks."""
 
     __slots__ = ("terms",)
@@ -40,16 +41,8 @@ class Jet:
             out[mask] = out[mask] + term if mask in out else term
         return Jet(out)
 
-    __radd__ = __add__
-
     def __neg__(self) -> Jet:
         return Jet({mask: -term for mask, term in self.terms.items()})
-
-    def __sub__(self, other: Any) -> Jet:
-        return NotImplemented if isinstance(other, np.ndarray) else self + (-other)
-
-    def __rsub__(self, other: Any) -> Jet:
-        return (-self) + other
 
     def __mul__(self, other: Any) -> Jet:
         if isinstance(other, np.ndarray):
@@ -62,8 +55,6 @@ class Jet:
                     product = term * factor
                     out[mask | more] = out[mask | more] + product if mask | more in out else product
         return Jet(out)
-
-    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Jet:
         if isinstance(other, np.ndarray):
@@ -115,8 +106,5 @@ def generator(i: int, one: Any) -> Jet:
 def coefficient(x: Array, mask: int) -> Array:
     """The coefficient of a set of generators in a number or an array."""
     if isinstance(x, np.ndarray):
-        out = np.empty(x.shape, dtype=object)
-        for place in np.ndindex(x.shape):
-            out[place] = _terms(x[place]).get(mask, 0)
-        return out
+        return objects((_terms(v).get(mask, 0) for v in x.flat), x.shape)
     return _terms(x).get(mask, 0)

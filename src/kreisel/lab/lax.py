@@ -11,6 +11,7 @@ those of the coefficients.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError
 from kreisel.lab.exact import independent, slopes
@@ -182,11 +183,8 @@ def _without_complex(out: Array, p: int) -> Array:
     """Complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities."""
     if not p or not any(isinstance(v, Complex) for v in out.flat):
         return out
-    root, plain = pow(ROOT, (p - 1) // 4, p), np.empty(out.shape, dtype=object)
-    for place in np.ndindex(out.shape):
-        v = out[place]
-        plain[place] = v.re + root * v.im if isinstance(v, Complex) else v
-    return plain
+    root = pow(ROOT, (p - 1) // 4, p)
+    return objects((v.re + root * v.im if isinstance(v, Complex) else v for v in out.flat), out.shape)
 
 
 def _vanishes(v: Any) -> bool:
@@ -211,10 +209,8 @@ def _residual_over_q(what: Subject, seed: list[int]) -> bool:
     rng = np.random.default_rng(seed)
 
     def draw(shape: tuple[int, ...]) -> Array:
-        out = np.empty(shape, dtype=object)
-        for place in np.ndindex(shape):
-            out[place] = Fraction(int(rng.integers(1, 12)), int(rng.integers(1, 9)))
-        return out
+        draws = range(math.prod(shape))
+        return objects((Fraction(int(rng.integers(1, 12)), int(rng.integers(1, 9))) for _ in draws), shape)
 
     x, lam = what.point(draw), Fraction(int(rng.integers(2, 9)), 7)
     known = {k: np.vectorize(fraction, otypes=[object])(v)[()] for k, v in what.constants.items()}
@@ -248,13 +244,9 @@ def _spectral_gradients(what: Subject, x: Array, p: int, seed: list[int]) -> Arr
     size = _matrix(what, what.lax, x, Mod(one, p), known).shape[0]
     lanes = size + LAMBDAS
     lam = Mod(np.random.default_rng([*seed, p, 1]).integers(1, p, lanes), p)
-    wide = np.empty(what.dim, dtype=object)
-    for i, v in enumerate(x):
-        wide[i] = Mod(np.broadcast_to(v.v, lanes), p)
+    wide = objects(Mod(np.broadcast_to(v.v, lanes), p) for v in x)
     L = _matrix(what, what.lax, independent(wide), lam, known)
-    values = np.empty(L.shape, dtype=object)
-    for place in np.ndindex(L.shape):
-        values[place] = getattr(L[place], "value", L[place])
+    values = objects((getattr(v, "value", v) for v in L.flat), L.shape)
     at, along = _whole_residues(values, lanes, p), _whole_residues(slopes(L, what.dim), lanes, p)
     power, rows = np.broadcast_to(algebra.identity(size).astype(object), at.shape), []
     for _ in range(size):

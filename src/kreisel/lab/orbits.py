@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.errors import InputError
 from kreisel.lab.exact import rational
 from kreisel.lab.fields import Mod, fraction, poles_marked
@@ -143,7 +143,4 @@ def cycles(what: Subject, p: int, starts: int = 200, limit: int | None = None, s
 
 
 def _residues(rng: np.random.Generator, p: int, starts: int, shape: tuple[int, ...]) -> Array:
-    out = np.empty(shape, dtype=object)
-    for place in np.ndindex(shape):
-        out[place] = Mod(rng.integers(0, p, starts), p)
-    return out
+    return objects((Mod(rng.integers(0, p, starts), p) for _ in range(math.prod(shape))), shape)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -112,7 +113,7 @@ def _degree_chart(degrees: tuple[int, ...]) -> str:
     )
 
 
-def save(investigation: Investigation, path: Any) -> None:
+def save(investigation: Investigation, path: str | os.PathLike[str]) -> None:
     """Write the page; a page that Kreisel wrote is replaced.
 
     Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.

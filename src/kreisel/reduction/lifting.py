@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.errors import InputError, RunError
 from kreisel.record.contract import Function
 from kreisel.reduction.double import double, is_jax, jax, require_double
@@ -136,7 +136,5 @@ def _plain_number(number: Any) -> float:
 
 
 def _dual_array(kind: Any, value: Array, rates: Array) -> Any:
-    out = np.empty(value.shape, dtype=object)
-    for place in np.ndindex(value.shape):
-        out[place] = kind(float(value[place]), rates[place].astype(object))
-    return out[()]
+    duals = (kind(float(value[place]), rates[place].astype(object)) for place in np.ndindex(value.shape))
+    return objects(duals, value.shape)[()]
