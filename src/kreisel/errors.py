@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import errno
 import signal
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 LONGEST = 1500  # characters of a message: what was expected stands at its head, the fix at its end
 SHOWN = 100  # characters of a value in it
@@ -90,6 +91,15 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
         errno.ENAMETOOLONG: "Choose a shorter name.",
     }.get(error.errno or 0, "Check the path and the disk.")
     return RunError(f"{path} could not {what}: {error.strerror or error}. {fix}{kept}")
+
+
+@contextlib.contextmanager
+def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[None]:
+    """Inside, what the file system says becomes a `RunError` with the fix; `kept` says what is not lost."""
+    try:
+        yield
+    except OSError as error:
+        raise disk_trouble(error, path, what, kept()) from error
 
 
 def hint(word: object, known: Iterable[str]) -> str:

@@ -139,7 +139,7 @@ def test_what_comes_to_stand_there_during_a_run_is_left(
             thesis(path)
             original(*args)
 
-        monkeypatch.setattr("kreisel.storage.archive.take_name", late)
+        monkeypatch.setattr("kreisel.storage.part.take_name", late)
         with pytest.raises(kr.RunError, match="left as it is"):
             kr.simulate(top, x0, path=path, overwrite=overwrite, **OPTIONS)
         monkeypatch.undo()

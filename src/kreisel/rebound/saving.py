@@ -7,11 +7,10 @@ import tempfile
 import warnings
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from kreisel.errors import InputError, RunError, disk_trouble, shown
+from kreisel.errors import InputError, RunError, on_disk, shown
 from kreisel.rebound.compiled import COLUMNS
 from kreisel.rebound.library import rebound
 from kreisel.rebound.spins import Spins
@@ -20,46 +19,37 @@ FORMAT = 1
 SHAPES = {"z": 7, "c": COLUMNS}
 
 
-def save(spins: Spins, path: Any) -> None:
+def save(spins: Spins, path: str | os.PathLike[str]) -> None:
     """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
     target = Path(path)
     names = [("#" if isinstance(name, str) else "") + str(name) for name in spins.names]
     kick = np.nan if spins._kick is None else spins._kick
-    try:
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".kreisel-") as folder:
-            part = Path(folder, "simulation")
-            spins.sim.save_to_file(str(part))
-            data = np.frombuffer(part.read_bytes(), dtype=np.uint8)
-            whole = Path(folder, "whole.npz")
-            with whole.open("wb") as file:
-                parts = {
-                    "z": spins._z,
-                    "c": spins._c,
-                    "names": np.array(names),
-                    "dt": np.array(kick),
-                    "seen": spins._seen,
-                }
-                np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
-                file.flush()
-                os.fsync(file.fileno())
-            whole.replace(target)
-    except OSError as error:
-        raise disk_trouble(error, path, "be written", "") from error
+    parts = {"z": spins._z, "c": spins._c, "names": np.array(names), "dt": np.array(kick), "seen": spins._seen}
+    with (
+        on_disk(path, "be written"),
+        tempfile.TemporaryDirectory(dir=target.parent, prefix=".kreisel-") as folder,
+    ):
+        part, whole = Path(folder, "simulation"), Path(folder, "whole.npz")
+        spins.sim.save_to_file(str(part))
+        data = np.frombuffer(part.read_bytes(), dtype=np.uint8)
+        with whole.open("wb") as file:
+            np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
+            file.flush()
+            os.fsync(file.fileno())
+        whole.replace(target)
 
 
-def load(path: Any) -> Spins:
+def load(path: str | os.PathLike[str]) -> Spins:
     """The simulation and its bodies as they were saved; they go on bit for bit.
 
     Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
     for a file that is no such file, `RunError` where it cannot be read.
     """
     try:
-        with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        with on_disk(path, "be read"), Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
-    except OSError as error:
-        raise disk_trouble(error, path, "be read", "") from error
     z, c = found["z"], found["c"]
     fits = all(found[name].shape == (len(found["names"]), width) for name, width in SHAPES.items())
     if int(found["format"]) != FORMAT or not fits or found["dt"].shape != ():

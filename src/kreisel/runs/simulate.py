@@ -16,8 +16,8 @@ from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import flag, whole_number
-from kreisel.storage.checkpoint import Lock, signals_wait
-from kreisel.storage.replacing import settle
+from kreisel.storage.checkpoint import signals_wait
+from kreisel.storage.part import one_writer
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,8 +104,7 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
     from kreisel.storage.opening import target
 
     where, integration = target(path), Integration(plan)  # compiled before anything is made there
-    with Lock(where):
-        settle(where)
+    with one_writer(where):
         return _write(Archive(where, plan, overwrite), integration, progress)
 
 
@@ -134,8 +133,8 @@ def resume(
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
-    with Lock(where):
-        if settle(where) and extend is None:  # all that was left to do
+    with one_writer(where) as settled:
+        if settled and extend is None:  # all that was left to do
             return open_archive(where)
         archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system, events)
         return watched(_write(archive, integration, progress))

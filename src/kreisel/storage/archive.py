@@ -11,7 +11,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, Stopped, disk_trouble
+from kreisel.errors import InputError, RunError, Stopped, on_disk
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
 from kreisel.runs.breaks import Event, checked_events
@@ -47,15 +48,8 @@ from kreisel.storage.opening import (
     archive_record,
     require_sound,
 )
-from kreisel.storage.replacing import (
-    agree,
-    agreed,
-    part_of,
-    remove,
-    require_replaceable,
-    stands,
-    take_name,
-)
+from kreisel.storage.part import Part
+from kreisel.storage.replacing import agreed, part_of, remove, stands
 
 
 class Archive:
@@ -67,7 +61,8 @@ class Archive:
     def __init__(
         self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False, rows_in_block: int | None = None
     ):
-        self.path, self.part, self.plan = path, part_of(path), plan
+        self._store = Part(path)
+        self.path, self.part, self.plan = path, self._store.part, plan
         self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
         self._start: dict[str, Floats] = dict(plan.start)
         self._rows_in_block = rows_in_block or block_rows(plan)
@@ -79,11 +74,7 @@ class Archive:
         with _disk(self.path, "be opened again" if self._begun else "be created"):
             if not self._begun:
                 self._make_room()
-                attrs = replace(describe(self.plan), complete=False).to_attrs()
-                group = zarr.create_group(str(self.part), zarr_format=3, attributes=attrs)
-                group.create_group(checkpoint.NAME.split("/")[0])
-                if self._overwrite:
-                    agree(self.path)
+                self._store.create(replace(describe(self.plan), complete=False).to_attrs(), self._overwrite)
                 manifest.begin(self.part)
             try:
                 self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
@@ -95,20 +86,17 @@ class Archive:
         return self
 
     def _make_room(self) -> None:
-        require_replaceable(self.path)
+        self._store.require_room()
         if stands(self.path) and not self._overwrite:
             raise InputError(
                 f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
                 "(overwrite=True)."
             )
-        require_replaceable(self.part)
-        if stands(self.part):
-            if not self._overwrite and (self.part / checkpoint.NAME).exists():
-                raise InputError(
-                    f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
-                    f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
-                )
-            remove(self.part)
+        if not self._overwrite and (self.part / checkpoint.NAME).exists():
+            raise InputError(
+                f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
+                f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
+            )
 
     def _require_there(self) -> None:
         """Raises `RunError` where the store is no longer the folder that it was: Zarr would make a new one."""
@@ -184,17 +172,14 @@ class Archive:
 
     def finish(self) -> None:
         """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
-        from kreisel.storage.verified import consolidated
-
         with _disk(self.path, "be finished"):
             self._require_there()
             of_variables = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
             if self.plan.timetable.end is not None:
                 _resize(self._group, self.plan.rows)
-            consolidated(self.part, of_variables, **at_the_end(self.plan))
-            manifest.seal(self.part, [checkpoint.NAME])
+            self._store.seal([checkpoint.NAME], of_variables, **at_the_end(self.plan))
             self._require_there()
-            take_name(self.path)
+            self._store.take_name()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -245,11 +230,7 @@ def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
     from kreisel.storage.verified import edited, note_versions
 
     manifest.unseal(part, snapshot.flushed // block)
-    known = manifest.listed(part)
-    for path in [path for path in part.rglob("*") if not path.is_dir()]:
-        name = path.relative_to(part).as_posix()
-        if manifest.is_scratch(name) or (manifest.is_chunk(name) and name not in known):
-            path.unlink()  # what a kill left, half written or not yet listed
+    manifest.remove_scratch(part, unlisted=True)
     with edited(part) as group:
         group.attrs.update({"complete": False, "steps": plan.steps, "rows_in_block": block})
         note_versions(group, versions())
@@ -276,12 +257,9 @@ def _same_events(record: RunRecord, events: Any) -> tuple[Event, ...]:
     return found
 
 
-@contextlib.contextmanager
-def _disk(path: Path, what: str) -> Iterator[None]:
-    """Turns what the file system says into one message with the fix."""
-    try:
-        yield
-    except OSError as error:
+def _disk(path: Path, what: str) -> AbstractContextManager[None]:
+    def kept() -> str:
         there = (part_of(path) / checkpoint.NAME).exists()
-        kept = f" What was done until the last checkpoint is kept: `kreisel resume {path}` goes on." if there else ""
-        raise disk_trouble(error, path, what, kept) from error
+        return f" What was done until the last checkpoint is kept: `kreisel resume {path}` goes on." if there else ""
+
+    return on_disk(path, what, kept)

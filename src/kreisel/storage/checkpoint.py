@@ -19,7 +19,7 @@ import stat
 import threading
 import tokenize
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -182,22 +182,29 @@ class Stop:
 
 
 @contextlib.contextmanager
+def signals_to(handler: Callable[[int, FrameType | None], None]) -> Iterator[dict[int, Any]]:
+    """Inside, Ctrl-C and SIGTERM go to a handler; gives those from before.  Main thread only."""
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, handler)
+    try:
+        yield before
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+@contextlib.contextmanager
 def signals_wait() -> Iterator[Stop]:
     """Inside, the first Ctrl-C or SIGTERM only sets a flag; a second one acts as usual.  Main thread only."""
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
-    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def note(number: int, frame: FrameType | None) -> None:
         stop.signal = number
         signal.signal(number, before[number])
 
-    for number in before:
-        signal.signal(number, note)
-    try:
+    with signals_to(note) as before:
         yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

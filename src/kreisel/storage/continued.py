@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from xarray import Variable
 from xarray.backends import BackendArray
-from xarray.core import indexing
+from xarray.core import indexing  # where the guide of xarray for new backends finds these functions
 
 from kreisel.algebra import Array
 

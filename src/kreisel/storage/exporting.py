@@ -26,7 +26,7 @@ TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
 ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has its rows
 
 
-def export(run: Any, out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet, or text in .csv.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns

@@ -160,6 +160,15 @@ def seal(store: Path, others: Iterable[str]) -> None:
     clear(store)
 
 
+def remove_scratch(store: Path, unlisted: bool = False) -> None:
+    """Remove what a kill left half written, and with `unlisted` chunks that are not listed yet."""
+    known = listed(store) if unlisted else {}
+    for path in [path for path in store.rglob("*") if not path.is_dir()]:
+        name = path.relative_to(store).as_posix()
+        if is_scratch(name) or (unlisted and is_chunk(name) and name not in known):
+            path.unlink(missing_ok=True)
+
+
 def whole(store: Path) -> bool:
     """Whether a store has the manifest of a whole archive."""
     return os.path.lexists(store / NAME)

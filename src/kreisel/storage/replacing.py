@@ -19,7 +19,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.errors import InputError, RunError, on_disk
 from kreisel.storage.manifest import BLOCKS, REPLACES, digest, is_plain, listed, replace_file
 from kreisel.storage.manifest import NAME as CHECKSUMS
 
@@ -263,17 +263,16 @@ def written(path: Path, overwrite: bool = True) -> Iterator[Path]:
     """
     scratch: Path | None = None
     try:
-        require_file(path, overwrite)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        name = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(8)}{path.suffix}")
-        name.open("x").close()
-        scratch = name
-        yield scratch
-        require_file(path, overwrite)
-        os.replace(scratch, path)
-        scratch = None
-    except OSError as error:
-        raise disk_trouble(error, path, "be written", "") from error
+        with on_disk(path, "be written"):
+            require_file(path, overwrite)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            name = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(8)}{path.suffix}")
+            name.open("x").close()
+            scratch = name
+            yield scratch
+            require_file(path, overwrite)
+            os.replace(scratch, path)
+            scratch = None
     finally:
         if scratch is not None:
             with contextlib.suppress(OSError):

@@ -20,7 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.errors import InputError, RunError, on_disk
 from kreisel.kernels.layout import Floats
 from kreisel.method.auto import Choice
 from kreisel.record.contract import System
@@ -238,7 +238,7 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
     """
     begun = time.perf_counter()
     store = Path(part)
-    try:
+    with on_disk(store, "be written", lambda: " The blocks that were done are kept: the same command goes on."):
         sweep, group, width = _opened_sweep(part, file, digest)
         first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
         lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
@@ -250,9 +250,6 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
         _sync(store, names)
         _require_there(store)
         manifest.add_block(store, block, names, durable=True)
-    except OSError as error:
-        kept = " The blocks that were done are kept: the same command goes on."
-        raise disk_trouble(error, store, "be written", kept) from error
     unit = 1 if sys.platform == "darwin" else 1 << 10  # bytes of ru_maxrss
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / (1 << 20)
     return {

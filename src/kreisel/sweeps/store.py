@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, disk_trouble
+from kreisel.errors import InputError, RunError, on_disk
 from kreisel.runs.describing import TIME, dimensions, saved_times, versions
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
 from kreisel.storage.opening import require_sound
+from kreisel.storage.part import Part
 from kreisel.storage.reading import parsed
-from kreisel.storage.replacing import agree, agreed, part_of, remove, require_replaceable, settle, stands, take_name
+from kreisel.storage.replacing import agreed, stands
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
 from kreisel.sweeps.design import Varied, as_json
@@ -39,7 +40,8 @@ class Store:
     """The Zarr store of a sweep: NAME.part until every block is there, then NAME."""
 
     def __init__(self, path: Path, sweep: Sweep):
-        self.path, self.part, self.sweep = path, part_of(path), sweep
+        self._store = Part(path)
+        self.path, self.part, self.sweep = path, self._store.part, sweep
         self._text = as_json(sweep.description)
         self.digest = hashlib.sha256(self._text.encode()).hexdigest()
         self._plans = list(_templates(sweep))
@@ -64,23 +66,17 @@ class Store:
 
     def open(self, overwrite: bool) -> list[int]:
         """Make the store or go on with it; the blocks to do.  Raises `InputError` where another one is in the way."""
-        try:
-            settle(self.path)
+        with on_disk(self.path, "be created"):
             going_on = agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
             if stands(self.path) and not (overwrite or going_on):
                 self._same(self.path)
                 return []
-            require_replaceable(self.path)
-            require_replaceable(self.part)
-            if stands(self.part):
-                if going_on or (not overwrite and manifest.begun(self.part)):
-                    self._same(self.part)
-                    self._fit()
-                    return self.missing()
-                remove(self.part)
-            self._create(overwrite)
-        except OSError as error:
-            raise disk_trouble(error, self.path, "be created", "") from error
+            self._store.require_room()
+            if stands(self.part) and (going_on or (not overwrite and manifest.begun(self.part))):
+                self._same(self.part)
+                self._fit()
+            else:
+                self._create(overwrite)
         return self.missing()
 
     def _is_same(self, where: Path) -> bool:
@@ -108,7 +104,7 @@ class Store:
         store = Verified(self.part, manifest.read(self.part))
         for name in ("zarr.json", *(f"{name}/zarr.json" for name in self._arrays())):
             store.verify(name)
-        _sweep_up(self.part)
+        manifest.remove_scratch(self.part)
         with edited(self.part) as group:
             note_versions(group, versions())
 
@@ -143,8 +139,6 @@ class Store:
         return out
 
     def _create(self, overwrite: bool) -> None:
-        import zarr
-
         from kreisel.storage.verified import made_array
 
         plan, system = self._plans[0], self.sweep.system
@@ -162,37 +156,28 @@ class Store:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             versions=json.dumps(versions()),
         )
-        self.part.parent.mkdir(parents=True, exist_ok=True)
-        group = zarr.create_group(str(self.part), zarr_format=3, attributes=record.to_attrs())
+        group = self._store.create(record.to_attrs(), overwrite)
         if TRAJECTORIES in self.sweep.save:
             times = saved_times(plan)
             made_array(group, "time", data=times, chunks=times.shape, dimension_names=("time",), attributes=TIME)
         for name, layout in self._arrays().items():
             made_array(group, name, **layout)
-        group.create_group("engine")
         (self.part / manifest.BLOCKS).mkdir()
-        if overwrite:
-            agree(self.path)
         if TRAJECTORIES in self.sweep.save:
             manifest.add_block(self.part, "before", ["time/c/0"])
         manifest.begin(self.part)
 
     def finish(self) -> None:
         """Mark the store as whole and give it its name."""
-        from kreisel.storage.verified import consolidated
-
         missing = self.missing()
         if missing:
             raise RunError(f"{self.part} lacks {len(missing):,} blocks although they were reported as done. {LOST}")
-        try:
+        with on_disk(self.path, "be finished", lambda: f" {LOST}"):
             if not manifest.whole(self.part):
-                _sweep_up(self.part)
-                consolidated(self.part, failed_lanes=self._failed(), complete=True)
-                manifest.seal(self.part, [])
+                manifest.remove_scratch(self.part)
+                self._store.seal(failed_lanes=self._failed(), complete=True)
             manifest.clear(self.part)
-            take_name(self.path)
-        except OSError as error:
-            raise disk_trouble(error, self.path, "be finished", f" {LOST}") from error
+            self._store.take_name()
 
     def _failed(self) -> int:
         import zarr
@@ -205,12 +190,6 @@ class Store:
     def failed_lanes(self) -> int:
         """How many lanes failed, of a store that is whole."""
         return SweepRecord.of_store(self.path).failed_lanes or 0
-
-
-def _sweep_up(store: Path) -> None:
-    for pattern in ("*.partial", ".new-*"):
-        for scratch in store.rglob(pattern):
-            scratch.unlink(missing_ok=True)
 
 
 def _difference(theirs: str, mine: str) -> str:

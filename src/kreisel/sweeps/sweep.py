@@ -15,8 +15,9 @@ from kreisel.record.model import Model
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage import manifest
-from kreisel.storage.checkpoint import Lock, signals_wait
+from kreisel.storage.checkpoint import signals_wait
 from kreisel.storage.opening import dataset, require_sound, target
+from kreisel.storage.part import one_writer
 from kreisel.storage.reading import shallow
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
@@ -135,7 +136,7 @@ def carry_out(
     plain = _checked_description(described(shallow(description, "The description of the sweep")), file)
     check_workers(workers, scheduler)
     store = Store(path, Sweep(plain, file))
-    with Lock(path):
+    with one_writer(path):
         todo = store.open(overwrite)
         report = Report(path, store.sweep.lanes.total, store.blocks, store.blocks - len(todo))
         if todo:

@@ -16,7 +16,7 @@ from types import FrameType
 from typing import Any
 
 from kreisel.errors import InputError, RunError, shown
-from kreisel.storage.checkpoint import Stop
+from kreisel.storage.checkpoint import Stop, signals_to
 from kreisel.sweeps.blocks import compute
 
 LOSSES = 5  # workers that a block may lose before it is blamed
@@ -50,7 +50,6 @@ def _at_once(stop: Stop) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     inside = False
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -58,20 +57,16 @@ def _at_once(stop: Stop) -> Iterator[None]:
         if inside:
             raise KeyboardInterrupt
 
-    for number in before:
-        signal.signal(number, end)
-    try:
+    with signals_to(end):
         try:
-            inside = True
-            yield
-        finally:
-            inside = False  # a signal that comes while the handlers are put back
-    except KeyboardInterrupt:
-        if stop.signal is None:
-            raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+            try:
+                inside = True
+                yield
+            finally:
+                inside = False  # a signal that comes while the handlers are put back
+        except KeyboardInterrupt:
+            if stop.signal is None:
+                raise
 
 
 class Here:
