@@ -9,7 +9,7 @@ grows like lambda t/2 for chaotic ones, lambda Lyapunov's exponent.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def megno(
     every: int = 10,
     orientation: OrientationLike | None = None,
     method: str | None = None,
-    order: Any = None,
+    order: int | None = None,
     seed: int = 0,
 ) -> xr.Dataset:
     """MEGNO and Lyapunov's exponent of the motion from a state, of each lane, against time.

@@ -20,6 +20,7 @@ from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import xarray as xr
+    from numpy.typing import ArrayLike
 
 BODY, SPACE = "body", "space"
 ROWS_AT_ONCE = 20_000
@@ -53,7 +54,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning})
 
 
-def path(run: xr.Dataset, system: Model | None = None, *, start: Any = None) -> xr.DataArray:
+def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | None = None) -> xr.DataArray:
     """The position x of a body in space at every row, (time, axis) or (time, lane, axis): x' = g U, U = dH/dP.
 
     system   the model, for a system of your own

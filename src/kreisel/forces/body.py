@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.system import REGISTRY
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 INNER = (2, 4, 6, 8)  # orders
 
@@ -34,11 +37,11 @@ def perturbed(
     potential: Callable[..., Any] | None = None,
     torque: Callable[..., Any] | None = None,
     force: Callable[..., Any] | None = None,
-    damping: Any = None,
-    inertia: Any = None,
-    coupling: Any = None,
+    damping: ArrayLike | None = None,
+    inertia: ArrayLike | None = None,
+    coupling: ArrayLike | None = None,
     pair_potential: Callable[..., Any] | None = None,
-    pairs: Any = None,
+    pairs: ArrayLike | None = None,
     inner: int | None = None,
     params: Mapping[str, Any] | None = None,
     name: str | None = None,

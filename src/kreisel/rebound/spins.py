@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NoReturn
 
@@ -154,7 +155,7 @@ class Spins:
                     total += masses[j] * potential(b, M * known[:3], **given)
         return float(total)
 
-    def save(self, path: Any) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """One file with the simulation, as REBOUND's own data, and the bodies; `kreisel.rebound.load` reads it."""
         from kreisel.rebound.saving import save
 

@@ -23,6 +23,7 @@ from kreisel.runs.settings import (
 
 if TYPE_CHECKING:
     import xarray as xr
+    from numpy.typing import ArrayLike
 
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.record.model import Model, OrientationLike, StateLike
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 def at(
     system: Model,
     x0: StateLike,
-    times: Any,
+    times: ArrayLike,
     *,
     method: str = "exact",
     dt: float | None = None,

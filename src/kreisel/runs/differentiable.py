@@ -49,7 +49,9 @@ class Step(NamedTuple):
     arrays: bool = False
 
 
-def differentiable(system: Model, *, method: str | None = None, order: Any = None) -> Callable[..., dict[str, Array]]:
+def differentiable(
+    system: Model, *, method: str | None = None, order: int | tuple[int, ...] | None = None
+) -> Callable[..., dict[str, Array]]:
     """The motion as a function of JAX: f(state, dt=, steps=, every=None, **parameters) -> state.
 
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
