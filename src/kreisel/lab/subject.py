@@ -30,9 +30,9 @@ class Subject:
     tensor(x)              the brackets {x_i, x_j} (d, d) that it is claimed to preserve
     casimirs(x)            of that bracket, whose common values are its leaves
     lax(x, lam, **constants), conjugator(x, lam, **constants)   L and V with V_k L_(k+1) = L_k V_k
-    integrals(x, **constants)   functions that it is claimed to keep, beyond the spectrum of L
+    integrals(x, **constants)   functions that it is claimed to conserve, beyond the spectrum of L
     involution(x, **constants)  R with R step R = step^-1
-    energy(x, **constants)   the one that the map keeps
+    energy(x, **constants)   the one that the map conserves
     flow(x, **constants)   the right-hand side that it discretizes with the constant eps as its step
     allowed(x, **constants)   whether the step exists at x in floats
     implicit               why the step cannot be made in exact numbers; "" where it can

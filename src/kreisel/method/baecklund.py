@@ -1,4 +1,4 @@
-"""method="baecklund": products of commuting Bäcklund transformations, which keep all integrals of the flow.
+"""method="baecklund": products of commuting Bäcklund transformations, which conserve all integrals of the flow.
 
 log D_eps is an odd series in eps with commuting coefficients, so K maps with sum eps_i = dt and
 sum eps_i^k = 0 for k = 3, 5, ..., 2K - 1 make a step of order 2K.  With eps_i = 2 dt/zeta_i these say that

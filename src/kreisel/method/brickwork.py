@@ -1,6 +1,6 @@
 """method="brickwork": a lattice in discrete time.  A step is the two-site maps of all odd bonds, then of all even ones.
 
-The map is Poisson and keeps the traces of the monodromy matrix in which its step stands.  Its order as a
+The map is Poisson and conserves the traces of the monodromy matrix in which its step stands.  Its order as a
 discretization of the flow is 1.  [Krajnik, Prosen 2020; Krajnik, Ilievski, Prosen, Pasquier 2021]
 """
 

@@ -201,7 +201,7 @@ class Scheme:
     reopen(x)               -> z         from an observed state back to the method's own variables
     trajectory(x0)          -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
                                their axes stand in `axes`.  `on(x0)` puts them in
-    conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what the form does not keep itself
+    conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what it does not conserve itself
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
     coupling                             what lanes do to each other; None for lanes on their own

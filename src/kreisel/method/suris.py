@@ -15,7 +15,7 @@ from kreisel.record.model import Model
 def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """The system's map phi with step eps = dt; with order = 2 chi phi chi^-1, chi half a kick.
 
-    Both are Poisson and keep the deformed integrals.  The conjugate runs phi and changes variables once
+    Both are Poisson and conserve the deformed integrals.  The conjugate runs phi and changes variables once
     at the start and at every saved state.  Raises `InputError` for steps at which the map may be singular.
     """
     phi = model.map

@@ -1,7 +1,7 @@
-"""method="veselov": symmetric maps of order 2 that keep the integrals of the flow as they are, and compositions.
+"""method="veselov": symmetric maps of order 2 that conserve the integrals of the flow as they are, and compositions.
 
 Maps of Veselov, of Moser and Veselov, and of Suris (2000).  They commute with the flow and with each other at other
-steps, so that symmetric compositions of order 4, 6, 8 keep the same integrals.
+steps, so that symmetric compositions of order 4, 6, 8 conserve the same integrals.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ class Ellipsoid:
     def model(self, units: Units = SI) -> Model:
         """`Kirchhoff`: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass)).
 
-        For a = b it is `KirchhoffRevolution`, which moves alike and has maps that keep all integrals.
+        For a = b it is `KirchhoffRevolution`, which moves alike and has maps that conserve all integrals.
         """
         x, y, z = units.mass * units.length**2 / self._inertia
         inverse_masses = units.mass / (self.mass + self.added_masses)

@@ -173,7 +173,7 @@ class Map:
                              `enough` may return a shorter one beyond that
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
     commutes                 whether it commutes with itself at other steps and with the flow
-    conserves                 names of the integrals that the map keeps; None: all of the record
+    conserves                 names of the integrals that the map conserves; None: all of the record
     darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
                              D_eps at the point (2/eps, rho) of the spectral curve of the flow
     rational                 whether the step is a rational function; else it takes no exact numbers
@@ -210,7 +210,7 @@ class Map:
 
 @dataclass(frozen=True)
 class Baecklund:
-    """Maps D_eps, eps = 2/mu, that keep all integrals of the flow and commute with it and with each other.
+    """Maps D_eps, eps = 2/mu, that conserve all integrals of the flow and commute with it and with each other.
 
     (mu, rho) is a point of the spectral curve, rho a constant of the trajectory; e is the eigenvector there of
     the Lax matrix.  Re mu > 0; mu, rho and e are real, or complex with e = u + i w.

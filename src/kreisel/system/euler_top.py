@@ -4,7 +4,7 @@ M = J Omega + Omega J with J = diag(J_i) > 0, the mass tensor sum m x x^T.  Plus
 
     W J - J W^T = eps M,   M_(k+1) = W^T M W,   g_(k+1) = g_k W,
 
-keeps all integrals of the flow as they are.  With W = cay(X) its equation is 2 (X J + J X) = eps (1 - X) M (1 + X).
+conserves all integrals of the flow as they are.  With W = cay(X) its equation is 2 (X J + J X) = eps (1 - X) M (1 + X).
 [Veselov 1988; Moser, Veselov, Comm. Math. Phys. 139 (1991); named in Suris 2001, Introduction]
 """
 

@@ -66,5 +66,5 @@ SYSTEM = System(
     inverse_inertia=inverse_inertia,
     derive=principal,
     scaling="Any consistent units: <P, A> is the potential energy, so |A| |P| = M g l.",
-    notes="Not integrable for general J and A: no map keeps more than the energy and the Casimirs.",
+    notes="Not integrable for general J and A: no map conserves more than the energy and the Casimirs.",
 )

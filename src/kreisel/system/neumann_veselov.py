@@ -1,4 +1,4 @@
-"""Neumann's system with Veselov's discretization, which keeps the flow's integrals.  State (x, q) as in `neumann`.
+"""Neumann's system with Veselov's discretization, which conserves the flow's integrals.  State (x, q) as in `neumann`.
 
 With J = (1 - eps^2 B)^(1/2), the discrete Lagrangian is -<x_k, J x_(k+1)>/eps: J (x_(k+1) + x_(k-1)) = nu_k x_k.
 q_k is the tangential part of J x_(k+1)/eps at x_k.  Of the two maps that are roots of |x_(k+1)| = 1 the one with

@@ -5,7 +5,7 @@ J = diag(J_i) > 0 the mass tensor.  Plus bracket, F' = {H, F}.  The map, with Q 
 
     Q W J - J W^T Q = eps M,   P_(k+1) = W^T P W,   M_(k+1) = W^T (M + eps [R, W J + J W^T]) W,   R = (1 - Q)/eps^2,
 
-keeps all integrals of the flow as they are.  For P = p p^T it is the map of `clebsch_body`.
+conserves all integrals of the flow as they are.  For P = p p^T it is the map of `clebsch_body`.
 [Suris 2000, "The motion of a rigid body in a quadratic potential: an integrable discretization", Intern. Math. Res.
 Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 2001, Introduction]
 """
