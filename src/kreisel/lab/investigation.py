@@ -67,11 +67,11 @@ RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10*
 
 
 def investigate(
-    what: Any,
+    what: Model | System | str | Subject | Callable[..., Any],
     *,
     n: int | None = None,
     frame: str = "moving",
-    eps: Any = None,
+    eps: int | float | str | Fraction | None = None,
     names: tuple[str, ...] | None = None,
     degree: int | None = None,
     iterates: int | None = None,

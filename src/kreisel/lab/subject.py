@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -126,7 +127,13 @@ def _stacked(x: Array, lanes: int) -> Array:
     return np.stack([np.broadcast_to(number.v, lanes) for number in x])
 
 
-def subject(what: Any, *, eps: Any = None, names: tuple[str, ...] | None = None, **constants: Any) -> Subject:
+def subject(
+    what: Model | Subject | Callable[..., Any],
+    *,
+    eps: int | float | str | Fraction | None = None,
+    names: tuple[str, ...] | None = None,
+    **constants: Any,
+) -> Subject:
     """A subject from a model with a map and its step `eps`, or from a function step(x, **constants) and the names.
 
     Floats count as the rational numbers that they are; prefer whole numbers and fractions.
