@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from fractions import Fraction
 from typing import Any
 
@@ -14,11 +13,10 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.kernels import layout
 from kreisel.lab import exact
-from kreisel.method import METHODS, composition, default_method, scheme
+from kreisel.method import METHODS, composition, default_method, kahan_integrals, kahan_step, scheme
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
 
-kahan = sys.modules["kreisel.method.kahan"]
 CUBIC = {"lattice-landau-lifshitz", "neumann", "neumann-veselov", "rosochatius"}  # and what is not polynomial
 QUADRATIC = sorted(set(REGISTRY) - CUBIC)
 WITH_NOETHER = {
@@ -40,7 +38,7 @@ def start(name: str, n: int = 3, numbers: str = "exact") -> tuple[Model, State]:
 
 
 def step(model: Model, z: State, eps: Any) -> State:
-    return kahan.advance(model, z, eps, model.constants)[0]
+    return kahan_step.advance(model, z, eps, model.constants)[0]
 
 
 def flat(model: Model, z: State) -> np.ndarray:
@@ -83,11 +81,11 @@ def change_of_euler(share: int = 12, name: str = "euler-top") -> list[Any]:
         x = algebra.axial(z[0])
         own = {"M": z[0], "casimir": algebra.dot(x, x), "energy": model.call(model.system.energy, *z)}
         eps2 = EPS * EPS * 12 / share
-        a = kahan._alphas(model, model.constants)
+        a = kahan_integrals._alphas(model, model.constants)
         if share == 12:
-            out = kahan.euler_integrals(model, own, EPS, model.constants)
+            out = kahan_integrals.euler_integrals(model, own, EPS, model.constants)
             return [out["casimir_eps"], out["energy_eps"]]
-        D = 1 - eps2 / 12 * (kahan._others(a) * x * x).sum()
+        D = 1 - eps2 / 12 * (kahan_integrals._others(a) * x * x).sum()
         return [own["casimir"] / D, own["energy"] / D]
 
     return [x - y for x, y in zip(seen(step(model, z, EPS)), seen(z), strict=True)]
@@ -104,7 +102,7 @@ def off_density(share: int = 4) -> Any:
     """det(dx'/dx) - phi(x')/phi(x), phi = product over two i of (1 - dt^2/4 alpha_j alpha_k x_i^2)."""
     model, z = start("euler-top")
     new, slopes = exact.jacobian(lambda *z: step(model, z, EPS), z, ("skew",), 3)
-    a = kahan._others(kahan._alphas(model, model.constants))
+    a = kahan_integrals._others(kahan_integrals._alphas(model, model.constants))
 
     def phi(x: np.ndarray) -> Any:
         numbers = 1 - EPS * EPS / share * a * x * x
@@ -134,7 +132,7 @@ def linear_integrals(model: Model) -> set[str]:
 def test_linear_integrals_are_conserved_over_q(name: str) -> None:
     n = REGISTRY[name].n or 3
     model, z = start(name, n)
-    linear = linear_integrals(start(name, n, numbers="float")[0]) - {"casimir_eps", "energy_eps"}
+    linear = linear_integrals(start(name, n, numbers="float")[0]) - {"casimir_eps", "energy_eps", "clebsch_eps"}
     new = step(model, z, EPS)
     for integral in linear:
         function = model.system.integrals[integral]
@@ -228,7 +226,7 @@ def test_a_step_near_a_singular_one_ends_the_run(lanes: int) -> None:
 
 def test_elimination_over_q_and_its_pivots() -> None:
     rows = [[Fraction(2), Fraction(1)], [Fraction(1), Fraction(1, 4)]]
-    found, pivots = kahan.eliminate(rows, [Fraction(5), Fraction(1)])
+    found, pivots = kahan_step.eliminate(rows, [Fraction(5), Fraction(1)])
     assert found == [Fraction(-1, 2), Fraction(6)]
     assert pivots == [2, Fraction(-1, 4)]
 
@@ -237,11 +235,11 @@ def test_elimination_over_q_and_its_pivots() -> None:
 def test_deformed_integrals_of_lagranges_top(name: str) -> None:
     """Exactly over Q; with another denominator, or undeformed, none is conserved."""
     model, z = start(name)
-    assert kahan.is_lagrange_top(start(name, numbers="float")[0])
+    assert kahan_integrals.is_lagrange_top(start(name, numbers="float")[0])
 
     def values(state: State, eps: Any = EPS) -> list[Any]:
         seen = dict(zip(model.system.space.letters, state, strict=True))
-        found = kahan.lagrange_integrals(model, seen, eps, model.constants)
+        found = kahan_integrals.lagrange_integrals(model, seen, eps, model.constants)
         return [*found["casimir_eps"], found["energy_eps"]]
 
     new = step(model, z, EPS)
@@ -252,9 +250,29 @@ def test_deformed_integrals_of_lagranges_top(name: str) -> None:
     assert values(z, 0 * EPS) == undeformed
 
 
+def test_deformed_integrals_of_clebschs_case() -> None:
+    """Exactly over Q: four, independent, at dt = 0 those of the flow; with any other dt none is conserved."""
+    model, z = start("clebsch")
+    b, (M, P) = model.constants["b"], z
+    assert kahan_integrals.is_clebsch(start("clebsch", numbers="float")[0])
+
+    def values(state: State, eps: Any = EPS) -> list[Any]:
+        seen = dict(zip("MP", state, strict=True))
+        found = kahan_integrals.clebsch_integrals(model, seen, eps, model.constants)
+        return [*found["casimir_eps"], found["energy_eps"], found["clebsch_eps"]]
+
+    new = step(model, z, EPS)
+    assert values(new) == values(z)
+    for eps in (0 * EPS, 2 * EPS):
+        assert all(x != y for x, y in zip(values(new, eps), values(z, eps), strict=True))
+    adjugate = np.array([b[1] * b[2], b[2] * b[0], b[0] * b[1], None], dtype=object)[:-1]
+    second = algebra.dot(algebra.axial(M), b * algebra.axial(M)) + algebra.dot(P, adjugate * P)
+    assert values(z, 0 * EPS) == [*model.system.space.casimirs(*z), model.call(model.system.energy, *z), second]
+
+
 def test_lagranges_top_with_other_moments_is_not_taken_for_it() -> None:
     for name in ("lagrange-top-moving", "clebsch", "heavy-top", "kirchhoff-revolution"):
-        assert not kahan.is_lagrange_top(start(name, numbers="float")[0])
+        assert not kahan_integrals.is_lagrange_top(start(name, numbers="float")[0])
 
 
 def test_a_run_of_lagranges_top_conserves_them() -> None:
