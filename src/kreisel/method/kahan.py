@@ -6,8 +6,9 @@ For x' = f(x) = Q(x, x) + B x + c, Q symmetric and bilinear, the step is
 
 one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals
 of the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the numbers
-1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too; for Lagrange's top with equal moments there are three beside <m, p>
-(`lagrange_integrals`).  The orientation turns by the Cayley transform of dt/2 Omega((x + x')/2).
+1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too; `kahan_integrals` has them, and those of Lagrange's top with equal
+moments, of Clebsch's case, of the Euler top in so(4) and of gyrostats.  The orientation turns by the Cayley transform
+of dt/2 Omega((x + x')/2).
 [Kahan, unpublished notes, 1993; Hirota, Kimura 2000; Petrera, Pfadler, Suris 2011]
 """
 
@@ -63,6 +64,11 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     def reopen(x: State) -> State:
         return (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
 
+    def prepare(x: State) -> State:
+        if integrals is not None:
+            integrals.check(model, x)
+        return reopen(x)
+
     def observe(z: State, /, **constants: Array) -> dict[str, Array]:
         out = observe_all(z[:-1], **constants)
         return out | (integrals.values(model, out, dt, constants) if integrals is not None else {})
@@ -81,7 +87,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         axes={**model.axes, "eps": 0},
         stages={"eps": symmetric_composition(order) * dt},
         n=model.n,
-        prepare=reopen,
+        prepare=prepare,
         motion=Steps(step),
         observe=observe,
         reopen=reopen,
@@ -162,7 +168,8 @@ METHOD = Method(
     orders=ORDERS,
     default=2,
     poisson="no",
-    conserves="linear integrals; deformed integrals of the Euler top, and of Lagrange's of equal moments (order 2)",
+    conserves="linear integrals; at order 2 deformed integrals of the Euler top (n = 3, 4), of Lagrange's of equal "
+    "moments, of Clebsch's case, and of a gyrostat whose wheel is across a principal axis",
     sources=("kahan1993", "hirota2000", "petrera2011"),
     make=kahan,
     composed=COMPOSED,

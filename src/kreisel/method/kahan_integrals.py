@@ -13,6 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.skew import cross
+from kreisel.errors import InputError
 from kreisel.method.kahan_step import advance
 from kreisel.record.contract import Frame, call
 from kreisel.record.model import Model
@@ -169,6 +170,89 @@ def _fourth(m: Array, p: Array, b: Array, k: Any, J: Array, J1: Array, pitch: Ar
     return algebra.dot(C, terms) / 2 + J * (pairs + (pitch * pitch - trace) * trace / 4)
 
 
+# -- the Euler top in so(4) ------------------------------------------------------------------------------
+
+
+def is_euler_top_of_four(model: Model) -> bool:
+    """Whether it is the Euler top with n = 4, M = J Omega + Omega J."""
+    return model.n == 4 and model.system.name == "euler-top"
+
+
+def so4_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]) -> dict[str, Array]:
+    """I = Z_p(M, M)/(1 + k Z_q(M, M)) and (I - I')/(4 k), I' = Z_p(M, M')/(1 - k Z_q(M, M')), M' the next state.
+
+    k = dt^2/4.  Over the three ways to part 1, 2, 3, 4 into ij and l4: s = J_i + J_j, t = J_l + J_4,
+    p = J_i J_j - J_l J_4, q the product of the other two p by that of all s t, and
+    Z_c(x, y) = sum c (t/s x_ij y_ij - s/t x_l4 y_l4).
+    """
+    M = seen[model.system.space.letters[0]]
+    own = {name: value for name, value in known.items() if name in model.axes}
+    (new,) = advance(model, (M,), dt, own)[0]
+    J, k = known["J"], dt * dt / 4
+    s, t, p = _partings(J)
+    q = (
+        p[..., algebra.SECOND]
+        * p[..., algebra.THIRD]
+        / algebra.vec((s * t)[..., 0] * (s * t)[..., 1] * (s * t)[..., 2])
+    )
+
+    def form(c: Array, x: Array, y: Array) -> Array:
+        (a, d), (e, g) = _halves(x), _halves(y)
+        return algebra.dot(c, t / s * a * e - s / t * d * g)
+
+    def polar(x: Array, y: Array) -> Array:  # 2 Q(x, y) of the flow Q(x, x)
+        both, one, other = (call(model.system.flow, (z,), own)[0] for z in (x + y, x, y))
+        return both - one - other
+
+    rate = polar(M, new) / 2
+    here, ahead = form(p, M, M), form(p, M, new)
+    D, across = 1 + k * form(q, M, M), form(q, M, new)
+    change = -form(p, M, polar(M, rate)) / 2 - (here * across + form(q, M, M) * ahead) / 4
+    return {"integral_eps": stack([here / D, change / (D * (1 - k * across))])}
+
+
+def _halves(M: Array) -> tuple[Array, Array]:
+    """M_23, M_31, M_12, each but for its sign, and M_14, M_24, M_34."""
+    return algebra.axial(M[..., :3, :3]), M[..., :3, 3]
+
+
+def _partings(J: Array) -> tuple[Array, Array, Array]:
+    a, last = J[..., :3], J[..., 3:]
+    b, c = a[..., algebra.SECOND], a[..., algebra.THIRD]
+    return b + c, a + last, b * c - a * last
+
+
+# -- gyrostats -------------------------------------------------------------------------------------------
+
+
+def is_gyrostat_in_a_plane(model: Model) -> bool:
+    """Whether it is a gyrostat whose wheel is across some principal axis, the same in all lanes."""
+    return model.system.gyrostat is not None and bool(_across(model.constants["h"]).any())
+
+
+def _across(h: Array) -> Array:
+    return (h == 0).reshape(-1, 3).all(0)
+
+
+def gyrostat_integrals(
+    model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]
+) -> dict[str, Array]:
+    """For each axis i with h_i = 0: w_i |M|^2 - 2 H + <h, w h>, deformed; w = 1/I, b = w h, d = w_i - w, k = dt^2/4.
+
+    (d_j x_j^2 + d_k x_k^2 + 2 b_j x_j + 2 b_k x_k - k x_i^2 (d_k b_j^2 + d_j b_k^2))/(1 + k d_j d_k x_i^2), x = M.
+    """
+    x, w = algebra.axial(seen["M"]), known["w"]
+    b, k, out = w * known["h"], dt * dt / 4, []
+    for i in np.flatnonzero(_across(model.constants["h"])):
+        square = x[..., i] * x[..., i]
+        d = algebra.vec(w[..., i]) - w
+        second, third = ((i + 1) % 3, (i + 2) % 3)
+        lost = d[..., third] * b[..., second] ** 2 + d[..., second] * b[..., third] ** 2
+        above = algebra.dot(d, x * x) + 2 * algebra.dot(b, x) - k * square * lost
+        out.append(above / (1 + k * d[..., second] * d[..., third] * square))
+    return {"gyrostat_eps": stack(out)}
+
+
 # -- which of them ---------------------------------------------------------------------------------------
 
 
@@ -179,13 +263,27 @@ class Deformed:
     applies: Callable[[Model], bool]
     values: Callable[[Model, Mapping[str, Array], Any, Mapping[str, Array]], dict[str, Array]]
     meanings: Mapping[str, str]
+    divides_by: str = ""
+
+    def check(self, model: Model, state: tuple[Array, ...]) -> None:
+        """Raises `InputError` for states at which they divide by 0."""
+        for letter, x in zip(model.system.space.letters, state, strict=True):
+            if letter == self.divides_by and (algebra.dot(x, x) == 0).any():
+                raise InputError(
+                    f"method='kahan' of {model.system.name}: expected {letter} != 0, got 0. Its integrals divide by "
+                    f"|{letter}|, and nothing moves without it. Use another method, or leave this state out."
+                )
 
 
 BOTH = {"casimir_eps": "Casimirs", "energy_eps": "energy"}
 KNOWN = (
     Deformed(is_euler_top, euler_integrals, BOTH),
     Deformed(is_lagrange_top, lagrange_integrals, BOTH),
-    Deformed(is_clebsch, clebsch_integrals, BOTH | {"clebsch_eps": "<M, BM> + <P, adj(B) P>"}),
+    Deformed(is_euler_top_of_four, so4_integrals, {"integral_eps": "quadratic integral, and one more"}),
+    Deformed(
+        is_gyrostat_in_a_plane, gyrostat_integrals, {"gyrostat_eps": "w_i |M|^2 - 2 H of each axis i across the wheel"}
+    ),
+    Deformed(is_clebsch, clebsch_integrals, BOTH | {"clebsch_eps": "<M, BM> + <P, adj(B) P>"}, "P"),
 )
 
 
