@@ -323,6 +323,29 @@ def test_deformed_integrals_of_clebschs_case() -> None:
     assert values(z, 0 * EPS) == [*model.system.space.casimirs(*z), model.call(model.system.energy, *z), second]
 
 
+def test_orbits_of_clebschs_case_lie_on_four_quadrics() -> None:
+    """Those of the page, with constants from the first state; the last with another sign is not constant."""
+    model, z = start("clebsch")
+    b, k, new = model.constants["b"], EPS * EPS / 4, step(model, z, EPS)
+    J = z[1] @ z[1] / (1 + k * (z[1] @ (b * z[1])))
+    J1 = z[1] @ new[1] / (1 - k * (z[1] @ (b * new[1])))
+    C, D = 1 - k * J * b, 1 + k * J1 * b
+    slope = algebra.axial(z[0]) @ (D * z[1]) / (z[1] @ z[1])
+    v, r, far = J * slope / (J + J1), D / C, J * product(C) / (k * (J + J1) * (J + J1))
+
+    def quadrics(z: State, sign: int = 1) -> list[Any]:
+        m, p = algebra.axial(z[0]), z[1]
+        n, w = m - v * p, product(r) / r
+        third = C @ (n * n - far * r * r * p * p)
+        fourth = C @ (r * r * (n * n + v * v * p * p) - 2 * v * w * n * p + sign * far * w * w * p * p)
+        return [p @ (C * p) - J, m @ (D * p) - slope * (p @ p), third, fourth]
+
+    assert quadrics(z)[:2] == [0, 0]
+    for other in (new, step(model, new, EPS)):
+        assert quadrics(other) == quadrics(z)
+        assert quadrics(other, -1)[3] != quadrics(z, -1)[3]
+
+
 def changes(values: Any, model: Model, z: State, eps: Any = EPS) -> np.ndarray:
     """Of deformed integrals with eps, in a step with EPS."""
     states = (dict(zip(model.system.space.letters, state, strict=True)) for state in (z, step(model, z, EPS)))
