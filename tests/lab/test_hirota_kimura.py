@@ -37,6 +37,14 @@ def test_bases_of_degree_2(make: Any, combinations: int, count: int) -> None:
     assert f"{count} independent integrals" in str(found)
 
 
+def test_investigations_count_them_where_others_are_too_few() -> None:
+    """Four in six dimensions do not decide; two in three, with a volume, do."""
+    page = kr.lab.investigate(families.kahan_map(kr.Clebsch(b=(1, 2, 4))), iterates=6, steps=1000)
+    assert page.verdict == "undecided" and "4 as coefficients of Hirota-Kimura bases" in page.reason
+    page = kr.lab.investigate(families.kahan_map(kr.ZhukovskyVolterra(J=(1, 2, 4), h=(0, 1, 0))), steps=1000)
+    assert page.verdict == "integrable"
+
+
 def test_integrals_of_a_polynomial_and_none_of_a_spoiled_map() -> None:
     """McMillan's map has one integral of degree 4; Euler's method of the Euler top has no combination of degree 2."""
     found = bases(subject(lambda x: np.array([x[1], 2 * x[1] / (1 - x[1] * x[1]) - x[0]]), names=("x", "y")), 4)

@@ -16,7 +16,7 @@ from kreisel.kernels import layout
 from kreisel.lab.fields import fraction
 from kreisel.lab.search import exact_constants, explicit, model_of
 from kreisel.lab.subject import Subject, coordinate_names, subject
-from kreisel.method.kahan import advance, eliminate
+from kreisel.method.kahan_step import advance, eliminate
 from kreisel.record.contract import TWO_FIELDS_SPACE, Map
 from kreisel.record.model import Model
 

@@ -17,11 +17,12 @@ from kreisel.lab.confinement import singularities
 from kreisel.lab.darboux import Darboux, darboux
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.fields import PRIMES, Mod, Pole, random_residues
+from kreisel.lab.hirota_kimura import Bases
 from kreisel.lab.lax import Lax, lax
 from kreisel.lab.numerical import Numerical, integrals_in_floats
 from kreisel.lab.stated import Stated, stated
 from kreisel.lab.subject import Subject
-from kreisel.lab.verdicts import enough, filled, rank_on_leaves
+from kreisel.lab.verdicts import coefficients, enough, filled, rank_on_leaves
 
 MONOMIALS = 400  # of the integral finder, as a rule
 UNKNOWNS = 150  # of the search for brackets and volumes
@@ -61,6 +62,7 @@ class Clues:
         self.leaves = False  # the Casimirs that the record states are conserved
         self.growth: growth.Growth | None = None
         self.found: list[Any] = []
+        self.bases: Bases | None = None  # where they give more integrals
         self.volume = ""  # an invariant one
         self.period = 0
         self._darboux: dict[int, Darboux | None] = {}
@@ -331,16 +333,20 @@ def _integrals(c: Clues) -> Finding:
         others = integrals.integrals(what, QUOTIENTS[what.dim], quotients=True, seed=c.seed)
         c.found = integrals.independent(what, [*c.found, *others], c.seed)
         rank_on_leaves(c)
+    coefficients(c)
     ranks = c.ranks
     own = sum(isinstance(f, Stated) for f in c.found)
     count = f"{len(c.found) - own} of degree {c.degree} or less" + (f", {own} stated" if own else "")
     if ranks is not None:
         count += f"; {ranks.with_more} on leaves of dimension {ranks.leaf}, "
         count += "in involution" if ranks.involution else "not all in involution"
-    shown = "; ".join(_truncated(str(f)) for f in c.found) or f"none of degree {c.degree} or less"
-    return Finding(
-        "integrals", count if c.found else "none found", shown, 1 if ranks is not None and enough(ranks) else 0
-    )
+    answers = [count] if c.found else []
+    shown = ["; ".join(_truncated(str(f)) for f in c.found) or f"none of degree {c.degree} or less"]
+    if c.bases is not None and c.bases.integrals:
+        answers.append(f"{c.bases.integrals} as coefficients")
+        shown.append(f"Hirota-Kimura bases, {c.bases}")
+    good = ranks is not None and enough(ranks)
+    return Finding("integrals", "; ".join(answers) or "none found", "; ".join(shown), 1 if good else 0)
 
 
 def _truncated(text: str) -> str:

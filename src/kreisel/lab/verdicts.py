@@ -8,7 +8,8 @@ The rule.
                      independent functions in involution as a leaf has dimensions are conserved (Liouville), or so many
                      more that the leaf is filled: rank + dimension of the tori = dimension of the leaf
                      (superintegrable); or d - 1 integrals and a volume of d dimensions are conserved, which are a
-                     bracket with d - 2 Casimirs, and one integral.  Exact identities at random points; of implicit
+                     bracket with d - 2 Casimirs, and one integral; the coefficients of Hirota-Kimura bases are
+                     integrals.  Exact identities at random points; of implicit
                      maps in floats, where they must be conserved to round-off, with a gap in the singular values.
     not integrable   the degrees of the iterates grow exponentially, by a recurrence or by an estimate beyond its
                      uncertainty; or an orbit is chaotic (a float experiment, not a proof).
@@ -24,12 +25,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.lab import hirota_kimura
 from kreisel.lab.fields import PRIMES, random_residues
 from kreisel.lab.lax import Lax, counted
 from kreisel.lab.subject import Subject
 
 if TYPE_CHECKING:
     from kreisel.lab.questions import Clues
+
+LARGEST = 8  # coordinates of maps of which Hirota-Kimura bases are looked for
 
 
 def liouville(what: Subject, tensor: Callable[[Array], Array], found: list[Any], seed: int) -> Lax:
@@ -61,7 +66,19 @@ def rank_on_leaves(c: Clues) -> None:
 
 def by_volume(c: Clues) -> bool:
     """Whether all integrals but one and a volume are conserved: {x_i, x_j} = minors of the gradients / rho."""
-    return bool(c.volume) and 1 < c.what.dim <= len(c.found) + 1
+    return bool(c.volume) and 1 < c.what.dim <= max(len(c.found), c.bases.integrals if c.bases else 0) + 1
+
+
+def coefficients(c: Clues) -> None:
+    """Looks for Hirota-Kimura bases: where integrals are too few, and the degrees may not grow."""
+    if filled(c) or (c.growth is not None and c.growth.exponential) or c.what.dim > LARGEST:
+        return
+    try:
+        bases = hirota_kimura.bases(c.what, 2, c.seed)
+    except InputError:
+        return
+    if bases.integrals > len(c.found):
+        c.bases = bases
 
 
 def filled(c: Clues) -> bool:
@@ -103,7 +120,7 @@ def verdict(c: Clues) -> tuple[str, str]:
             count = _counted(c.numeric.on_leaf, "integral")
             for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} conserved in floats")
     if not for_it and by_volume(c):
-        count = _counted(len(c.found), "independent integral")
+        count = _counted(max(len(c.found), c.bases.integrals if c.bases else 0), "independent integral")
         for_it.append(f"{count} and {c.volume} in {c.what.dim} dimensions, found exactly")
     if c.growth is not None and c.growth.exponential:
         against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
@@ -127,4 +144,5 @@ def verdict(c: Clues) -> tuple[str, str]:
         return "undecided", (
             "the Casimirs of the bracket that was found are not all among the integrals: the map may permute its leaves"
         )
-    return "undecided", "neither enough integrals, nor exponential growth, nor a chaotic orbit was found"
+    few = f" ({c.bases.integrals} as coefficients of Hirota-Kimura bases)" if c.bases else ""
+    return "undecided", f"neither enough integrals{few}, nor exponential growth, nor a chaotic orbit was found"

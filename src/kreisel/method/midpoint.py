@@ -25,7 +25,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.algebra.spins import Spins, cross, inner
 from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
-from kreisel.method.kahan import is_euler_top, is_linear
+from kreisel.method.kahan import is_linear
+from kreisel.method.kahan_integrals import is_euler_top
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
