@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import Identity, reused
 from kreisel.analysis.observations import Observations, Unknown, observed, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError
 from kreisel.record.model import Model, State
@@ -43,6 +44,7 @@ class Fit:
     residuals     observed - predicted, a Dataset; NaN where nothing was observed
     chi2, dof     sum ((observed - predicted)/sigma)^2, and numbers observed less unknowns
     sigma         the error of an observation that the residuals have, where none was given; else None
+    at_bound      names of those at one of their bounds
     converged     whether the search ended at a minimum; `message` says how, after so many `evaluations`
     """
 
@@ -54,6 +56,7 @@ class Fit:
     chi2: float
     dof: int
     sigma: float | None
+    at_bound: tuple[str, ...]
     converged: bool
     message: str
     evaluations: int
@@ -86,8 +89,7 @@ class Fit:
     @property
     def _summary(self) -> str:
         error = "" if self.sigma is None else f"; sigma = {self.sigma:.4g} from the residuals"
-        bound = [str(k) for k, row in self.table.iterrows() if row["value"] in (row["low"], row["high"])]
-        at = f"; at a bound: {', '.join(bound)}, whose errors mean little" if bound else ""
+        at = f"; at a bound: {', '.join(self.at_bound)}, whose errors mean little" if self.at_bound else ""
         end = "" if self.converged else f"; NOT CONVERGED: {self.message}"
         return f"chi^2 = {self.chi2:.6g} for {self.dof} degrees of freedom{error}{at}{end}"
 
@@ -150,7 +152,9 @@ def fit(
             f"{', '.join(u.name for u in unknown)}."
         )
     f = differentiable(system, method=method, order=order)
-    predicted = _predictions(f, system, unknown, starts, seen)
+    kind = system.key, method, order, (*(u.name for u in unknown),), (*seen.names,), dt, seen.time.tobytes()
+    key = *kind, tuple((name, Identity(function)) for name, function in own.items())
+    predicted = _predictions(f, system, unknown, starts, seen, key)
     found = _least_squares(predicted, seen, unknown, evaluations, system)
     if not found.success:
         text = f"fit: the search did not converge: {found.message} Begin nearer, or raise evaluations."
@@ -179,9 +183,14 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
 
 
 def _predictions(
-    f: Callable[..., Any], model: Model, unknown: list[Unknown], starts: Mapping[str, Array], seen: Observations
-) -> Callable[[Array], tuple[list[Array], list[Array]]]:
-    """The variables of x (k,), and their Jacobians (..., k)."""
+    f: Callable[..., Any],
+    model: Model,
+    unknown: list[Unknown],
+    starts: Mapping[str, Array],
+    seen: Observations,
+    key: Any,
+) -> Callable[[bytes], tuple[list[Array], list[Array]]]:
+    """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`."""
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
 
@@ -189,30 +198,31 @@ def _predictions(
     letters = model.system.space.letters
     parameters = [p for p in dict.fromkeys(u.letter for u in unknown) if p in model.params]
 
-    def filled(x: Any, letter: str) -> Any:
-        out = jnp.asarray(starts[letter], dtype=np.float64)
+    def filled(x: Any, starts: Any, letter: str) -> Any:
+        out = starts[letter]
         for i, u in enumerate(unknown):
             if u.letter == letter:
                 out = jnp.where(u.place != 0, u.place * x[i], out)
         return out
 
-    def predicted(x: Any) -> tuple[Any, Any]:
-        own = {k: filled(x, k) for k in letters}
-        given = {k: filled(x, k) for k in starts if k not in letters}
+    def predicted(x: Any, starts: Any) -> tuple[Any, Any]:
+        own = {k: filled(x, starts, k) for k in letters}
+        given = {k: filled(x, starts, k) for k in starts if k not in letters}
         moving = {k: given[k] for k in parameters}
         rows = _at_times(jax, f, own, seen, moving)
         known = constants_of(by, model, moving)
         out = [jax.vmap(lambda row, show=show: show(by, row, known, given))(rows) for show in seen.shows]
         return out, out
 
-    made = jax.jit(jax.jacfwd(predicted, has_aux=True))
+    made = reused(("fit", *key), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
+    begin = {k: np.asarray(v, dtype=np.float64) for k, v in starts.items()}
 
-    def at(x: Array) -> tuple[list[Array], list[Array]]:
+    def at(x: bytes) -> tuple[list[Array], list[Array]]:
         with double():
-            slopes, values = made(jnp.asarray(x))
+            slopes, values = made(np.frombuffer(x), begin)
             return [np.asarray(v) for v in values], [np.asarray(v) for v in slopes]
 
-    return lru_cache(1)(lambda x: at(np.frombuffer(x)))
+    return lru_cache(1)(at)
 
 
 def _at_times(jax: Any, f: Any, own: Any, seen: Observations, given: Any) -> Any:
@@ -317,6 +327,7 @@ def _as_fit(
         chi2=chi2,
         dof=dof,
         sigma=sigma,
+        at_bound=tuple(n for n, active in zip(names, found.active_mask, strict=True) if active),
         converged=bool(found.success),
         message=str(found.message),
         evaluations=int(found.nfev),

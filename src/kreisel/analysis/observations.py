@@ -332,7 +332,7 @@ def _size(kind: str, n: int, axial: bool) -> tuple[int, ...]:
 def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
     """What a variable is in a state.  Raises `InputError` for unknown names."""
     if name in observables:
-        return _of_user(name, observables[name])
+        return _of_user(name, observables[name], model.system.space.letters)
     letter, index = parse_quantity(name)
     space = model.system.space
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
@@ -349,7 +349,7 @@ def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
 
     def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
         axial = [k == "skew" and model.n == 3 for k in space.kinds]
-        parts = [by.numbers(x) for x in own.values()]
+        parts = [by.numbers(own[k]) for k in space.letters]  # JAX sorts the keys of a dict
         state = [algebra.hat(x) if short else x for x, short in zip(parts, axial, strict=True)]
         value: Any = table[letter](*state, **known)
         value = algebra.axial(value) if np.shape(value) == (3, 3) else value
@@ -358,13 +358,13 @@ def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
     return show
 
 
-def _of_user(name: str, function: Any) -> Show:
+def _of_user(name: str, function: Any, letters: Sequence[str]) -> Show:
     if not callable(function):
         raise InputError(f"observables: expected a function for {name}, got {shown(function)}.")
 
     def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
         try:
-            return by.jnp.asarray(call(function, tuple(own.values()), given))
+            return by.jnp.asarray(call(function, tuple(own[k] for k in letters), given))
         except (TypeError, AttributeError, IndexError, ValueError) as error:
             raise InputError(
                 f"observables: {name} cannot be computed and differentiated by JAX: {str(error).splitlines()[0]} Write "
