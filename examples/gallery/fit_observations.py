@@ -2,8 +2,8 @@
 
 A telephone tied to the strings of a tennis racquet measured its angular velocity in six tosses. `kr.fit` finds the
 moments (as ratios: a gyroscope does not weigh), the drag of the air about each axis and how far the telephone is
-turned, to a residual of 0.03 rad/s at rates of 13 rad/s. The moments of the six tosses scatter by more than one error bar,
-which knows of noise alone; drag, for one, is not exactly linear. Their mean agrees with the pendulums of the
+turned, to a residual of 0.03 rad/s at rates of 13 rad/s. The moments of the six tosses scatter by more than an error
+bar, which knows of noise alone; drag, for one, is not exactly linear. Their mean agrees with the pendulums of the
 authors, is ten times as precise, and shows that a racquet is flat: the largest moment is the sum of the others. With
 motions made by another integrator, with noise, the true values lie within the error bars as often as they should.
 
