@@ -31,6 +31,7 @@ _LAZY = {
     "Design": "kreisel.sweeps.design",
     "differentiable": "kreisel.runs.differentiable",
     "tangent": "kreisel.runs.tangent",
+    "fit": "kreisel.analysis.fit",
     "nutation": "kreisel.runs.figures",
     "at": "kreisel.runs.at",
     "cite": "kreisel.runs.citing",

@@ -22,6 +22,7 @@ from kreisel.runs.differentiable import differentiable as differentiable
 from kreisel.runs.drift import drift as drift
 from kreisel.storage.exporting import export as export
 from kreisel.sweeps.sweep import failures as failures
+from kreisel.analysis.fit import fit as fit
 from kreisel.runs.figures import nutation as nutation
 from kreisel.storage.opening import open_run as open_run
 from kreisel.forces.body import perturbed as perturbed

@@ -60,7 +60,21 @@ def test_it_runs_without_a_network(page: Path) -> None:
         window.run("document.getElementById('pause').click()")
         steps = window.run("now.steps")
         assert window.run("new Promise(done => setTimeout(() => done(now.steps), 300))") == steps
-        assert window.run("document.body.scrollWidth <= window.innerWidth")
+        for width in (390, 1200):  # a telephone, and a desk
+            window.ask(
+                "Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=2, mobile=width < 400
+            )
+            window.wait(f"window.innerWidth === {width}")
+            assert window.run("document.body.scrollWidth <= window.innerWidth")
+            beside = window.run(
+                "['sphere', 'chart'].map(id => document.getElementById(id).getBoundingClientRect().top).join(' ')"
+            ).split()
+            assert (beside[0] == beside[1]) is (width > 400)
+        window.run("const s = document.getElementById('pace'); s.value = 3; s.dispatchEvent(new Event('input'))")
+        window.run("document.getElementById('pause').click()")
+        window.wait(f"now.steps >= {steps} + 3000 && now.steps % 1000 === {steps % 1000}")
+        assert window.run("Math.max(...now.paths.map(p => p.length)) <= 3000")
+        assert float(window.run("document.getElementById('map').textContent")) < 1e-12
         assert window.complaints == []
         assert window.requests == [page.as_uri()]
     finally:

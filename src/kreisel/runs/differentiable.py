@@ -231,7 +231,7 @@ def _of_baecklund(model: Model, order: int) -> Callable[[State, Known, Any], tup
 # -- constants and states --------------------------------------------------------------------------
 
 
-def _known(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
+def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     """The constants of the model, with other parameters.  Raises `InputError` for unknown ones and wrong shapes."""
     known = dict(model.constants)
     if not parameters:
@@ -282,7 +282,7 @@ def _rows(
     by: Any, model: Model, step: Step, state: Mapping[str, Any], dt: Any, rows: int, every: int, parameters: Known
 ) -> dict[str, Array]:
     """The components at the saved steps."""
-    space, known = model.system.space, _known(by, model, parameters)
+    space, known = model.system.space, constants_of(by, model, parameters)
     own = _own(by, model, state)
     more, stages = step.constants(own, known, dt)
     known |= {k: by.mixed(v) for k, v in more.items()}

@@ -1,0 +1,344 @@
+"""kr.fit: parameters and an initial state from observations, by least squares on the derivatives of the motion.
+
+    minimise  sum ((observed - predicted(x)) / sigma)^2  over x;   covariance (J^T J)^(-1), J by `kr.differentiable`
+
+Without errors sigma all numbers have the same one, s, with s^2 = sum (observed - predicted)^2 / (numbers - unknowns).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.algebra.reuse import Identity, reused
+from kreisel.analysis.observations import Observations, Unknown, observed, unknowns
+from kreisel.errors import AccuracyWarning, InputError, RunError
+from kreisel.record.model import Model, State
+from kreisel.runs.differentiable import constants_of, differentiable
+from kreisel.runs.settings import check_model, checked_state, positive_number, within
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from kreisel.record.model import StateLike
+
+SINGULAR = 1e-10  # least singular value over the largest, of a Jacobian with columns of length 1
+NAMED = 0.05  # share in a combination below which a coordinate is not named
+PRECISION = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What observations say of a motion.
+
+    table         value, standard error, start, low and high of each unknown, by name
+    covariance    of the values, a table
+    model, state  the system and the state at time 0 with these values
+    residuals     observed - predicted, a Dataset; NaN where nothing was observed
+    chi2, dof     sum ((observed - predicted)/sigma)^2, and numbers observed less unknowns
+    sigma         the error of an observation that the residuals have, where none was given; else None
+    at_bound      names of those at one of their bounds
+    converged     whether the search ended at a minimum; `message` says how, after so many `evaluations`
+    """
+
+    table: pd.DataFrame
+    covariance: pd.DataFrame
+    model: Model
+    state: State
+    residuals: xr.Dataset
+    chi2: float
+    dof: int
+    sigma: float | None
+    at_bound: tuple[str, ...]
+    converged: bool
+    message: str
+    evaluations: int
+    settings: Mapping[str, Any]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values by name."""
+        return {str(k): float(v) for k, v in self.table["value"].items()}
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """The standard errors by name."""
+        return {str(k): float(v) for k, v in self.table["error"].items()}
+
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """The covariance over the products of the standard errors."""
+        error = self.table["error"].to_numpy()
+        return self.covariance.div(error, axis=0).div(error, axis=1)
+
+    @cached_property
+    def run(self) -> xr.Dataset:
+        """The fitted motion at the times of the observations, by `kr.simulate`."""
+        from kreisel.runs.simulate import simulate
+
+        times = np.unique(self.residuals["time"].values.astype(np.float64))
+        return simulate(self.model, self.state, times=[float(t) for t in times], **self.settings)
+
+    @property
+    def _summary(self) -> str:
+        error = "" if self.sigma is None else f"; sigma = {self.sigma:.4g} from the residuals"
+        at = f"; at a bound: {', '.join(self.at_bound)}, whose errors mean little" if self.at_bound else ""
+        end = "" if self.converged else f"; NOT CONVERGED: {self.message}"
+        return f"chi^2 = {self.chi2:.6g} for {self.dof} degrees of freedom{error}{at}{end}"
+
+    def __repr__(self) -> str:
+        return f"Fit of {self.model.system.name}: {self._summary}\n{self.table.to_string(float_format='{:.6g}'.format)}"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        title = f"Fit of {escape(self.model.system.title)}"
+        return f"<div><strong>{title}</strong><p>{escape(self._summary)}</p>{self.table.to_html()}</div>"
+
+
+def fit(
+    system: Model,
+    observations: xr.Dataset,
+    *,
+    free: Sequence[str] | Mapping[str, Any],
+    x0: StateLike | None = None,
+    dt: float | None = None,
+    observables: Mapping[str, Callable[..., Any]] | None = None,
+    bounds: Mapping[str, tuple[Any, Any]] | None = None,
+    method: str | None = None,
+    order: Any = None,
+    evaluations: int = 200,
+) -> Fit:
+    """Parameters of a system and components of its state at time 0, from observations, with their errors.
+
+    system         with parameters: those that are not free, and where the search begins
+    observations   a Dataset with the coordinate `time`, from 0 on, in any order, and variables (time, ...): components
+                   of the state (n = 3: axial vectors), "Omega" (the angular velocity in the frame of the system),
+                   "energy" and other integrals, one number of them such as "a[2]", or names of `observables`; NaN
+                   where nothing was observed.  A variable sigma_NAME, which has the shape of NAME or is spread over
+                   it, is the standard error of NAME.  Or a run, of which the state is taken.
+    free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]"; a mapping
+                   also says where the search begins, None for what the system and x0 have
+    x0             the state at time 0, or where its search begins; without it the first row of `observations`
+    dt             the step; times between two steps are reached by a shorter one.  Of a run its own, if not given
+    observables    name -> f(*components, *, ...) in jax.numpy, of one state; after the star parameters by letter, and
+                   numbers of the instrument by names of your own, for which `free` says where they begin
+    bounds         name -> (low, high)
+    method, order  as for `kr.differentiable`, whose function is fitted: without projections
+
+    Least squares by `scipy.optimize.least_squares` (trust region reflective), which finds the minimum next to the
+    start: where phases may be off by half a turn, fit a short time first.  The covariance is that of the linear
+    problem at the minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for names, shapes and times that
+    do not fit, and where the observations leave a combination of the unknowns undetermined, which it names; `RunError`
+    where the motion is lost at the start.  Warns with `AccuracyWarning` where the search did not converge.
+    """
+    check_model(system)
+    within(evaluations, "evaluations", 1, 10**6)
+    dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
+    state = checked_state(system, _first(system, observations) if x0 is None else x0)
+    own = dict(observables or {})
+    unknown, starts = unknowns(system, state, free, bounds or {}, own)
+    seen = observed(system, observations, dt, own, starts)
+    if seen.size < len(unknown):
+        raise InputError(
+            f"observations: expected at least as many numbers as unknowns, got {seen.size} for {len(unknown)}: "
+            f"{', '.join(u.name for u in unknown)}."
+        )
+    f = differentiable(system, method=method, order=order)
+    kind = system.key, method, order, (*(u.name for u in unknown),), (*seen.names,), dt, seen.time.tobytes()
+    key = *kind, tuple((name, Identity(function)) for name, function in own.items())
+    predicted = _predictions(f, system, unknown, starts, seen, key)
+    found = _least_squares(predicted, seen, unknown, evaluations, system)
+    if not found.success:
+        text = f"fit: the search did not converge: {found.message} Begin nearer, or raise evaluations."
+        warnings.warn(text, AccuracyWarning, stacklevel=2)
+    settings = {"dt": dt, "method": method, "order": order}
+    return _as_fit(found, unknown, system, state, seen, predicted(found.x.tobytes())[0], settings)
+
+
+def _step_of(observations: Any) -> float:
+    attrs = getattr(observations, "attrs", {})
+    if "dt" not in attrs:
+        raise InputError("dt: expected the step of the motion, such as dt=0.01, got none, and no run that has one.")
+    return float(attrs["dt"])
+
+
+def _first(model: Model, observations: Any) -> dict[str, Any]:
+    """The first row, as a state.  Raises `InputError`."""
+    letters = model.system.space.letters
+    missing = [k for k in letters if k not in observations]
+    if missing or not len(observations[letters[0]]) or float(observations["time"][0]) != 0:
+        raise InputError(
+            f"x0: expected the state at time 0, where the search begins, got none, and no observation of "
+            f"{', '.join(missing or letters)} at time 0. Give x0=system.state(...)."
+        )
+    return {k: np.asarray(observations[k][0].values) for k in letters}
+
+
+def _predictions(
+    f: Callable[..., Any],
+    model: Model,
+    unknown: list[Unknown],
+    starts: Mapping[str, Array],
+    seen: Observations,
+    key: Any,
+) -> Callable[[bytes], tuple[list[Array], list[Array]]]:
+    """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`."""
+    from kreisel.kernels import jax_numbers as by
+    from kreisel.reduction.double import double, jax
+
+    jnp = jax.numpy
+    letters = model.system.space.letters
+    parameters = [p for p in dict.fromkeys(u.letter for u in unknown) if p in model.params]
+
+    def filled(x: Any, starts: Any, letter: str) -> Any:
+        out = starts[letter]
+        for i, u in enumerate(unknown):
+            if u.letter == letter:
+                out = jnp.where(u.place != 0, u.place * x[i], out)
+        return out
+
+    def predicted(x: Any, starts: Any) -> tuple[Any, Any]:
+        own = {k: filled(x, starts, k) for k in letters}
+        given = {k: filled(x, starts, k) for k in starts if k not in letters}
+        moving = {k: given[k] for k in parameters}
+        rows = _at_times(jax, f, own, seen, moving)
+        known = constants_of(by, model, moving)
+        out = [jax.vmap(lambda row, show=show: show(by, row, known, given))(rows) for show in seen.shows]
+        return out, out
+
+    made = reused(("fit", *key), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
+    begin = {k: np.asarray(v, dtype=np.float64) for k, v in starts.items()}
+
+    def at(x: bytes) -> tuple[list[Array], list[Array]]:
+        with double():
+            slopes, values = made(np.frombuffer(x), begin)
+            return [np.asarray(v) for v in values], [np.asarray(v) for v in slopes]
+
+    return lru_cache(1)(at)
+
+
+def _at_times(jax: Any, f: Any, own: Any, seen: Observations, given: Any) -> Any:
+    """The states at the times of the observations."""
+    rows = f(own, dt=seen.dt, steps=seen.steps, every=seen.every, **given)
+    at = jax.tree.map(lambda v: v[seen.rows], rows)
+    if not len(seen.between):
+        return at
+    begin = jax.tree.map(lambda v: v[seen.between], at)
+    rest = jax.vmap(lambda row, h: f(row, dt=h, steps=1, **given))(begin, seen.rest[seen.between])
+    return jax.tree.map(lambda v, w: v.at[seen.between].set(w), at, rest)
+
+
+def _least_squares(
+    predicted: Callable[..., Any], seen: Observations, unknown: list[Unknown], evaluations: int, model: Model
+) -> Any:
+    from scipy.optimize import least_squares
+
+    start = np.array([u.start for u in unknown])
+
+    def value(x: Array) -> Array:
+        return -seen.flat([v - p for v, p in zip(seen.values, predicted(x.tobytes())[0], strict=True)])
+
+    def slope(x: Array) -> Array:
+        return seen.flat(predicted(x.tobytes())[1])
+
+    if not np.isfinite(value(start)).all():
+        raise RunError(
+            f"fit: the motion of {model.system.name} is not finite where the search begins, at "
+            f"{', '.join(f'{u.name} = {u.start:g}' for u in unknown)}. Usual cause: dt too long, or an observable that "
+            "is no number there."
+        )
+    return least_squares(
+        value,
+        start,
+        slope,
+        bounds=([u.low for u in unknown], [u.high for u in unknown]),
+        x_scale="jac",
+        ftol=PRECISION,
+        xtol=PRECISION,
+        gtol=PRECISION,
+        max_nfev=evaluations,
+    )
+
+
+def covariance_of(J: Array, names: Sequence[str]) -> Array:
+    """(J^T J)^(-1) of J (m, k).  Raises `InputError` where J has no full rank, and names what is undetermined."""
+    size = np.sqrt((J * J).sum(0))
+    scaled = J / np.where(size > 0, size, 1)
+    _, s, turned = np.linalg.svd(scaled, full_matrices=False)
+    least = s[-1] <= SINGULAR * s[0]
+    if size.min() == 0 or least:
+        along = (size == 0).astype(float) if size.min() == 0 else turned[-1] / size
+        share = abs(along) if size.min() == 0 else abs(turned[-1])
+        along = along / along[np.argmax(abs(along))]
+        terms = [f"{n} by {v:.3g}" for n, v, w in zip(names, along, share, strict=True) if w > NAMED]
+        together = "together " if len(terms) > 1 else ""
+        raise InputError(
+            f"fit: expected observations that determine {', '.join(names)}, got some that do not change with "
+            f"{', '.join(terms)} {together}(singular Jacobian). Usual cause: a scale that nothing observed fixes. "
+            "Leave one of them out of free, or observe more."
+        )
+    back = turned.T / s / size[:, None]
+    return back @ back.T
+
+
+def _as_fit(
+    found: Any,
+    unknown: list[Unknown],
+    model: Model,
+    state: State,
+    seen: Observations,
+    predicted: list[Array],
+    settings: Mapping[str, Any],
+) -> Fit:
+    import pandas as pd
+
+    names = [u.name for u in unknown]
+    covariance = covariance_of(np.asarray(found.jac), names)
+    chi2, dof = 2 * float(found.cost), seen.size - len(unknown)
+    sigma = None
+    if not seen.weighted:
+        sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan
+        covariance = covariance * sigma**2
+    try:
+        fitted, x = _model_at(model, state, unknown, found.x)
+    except InputError as error:
+        raise RunError(f"fit: the values found are none of {model.system.name}. {error} Use bounds=... .") from error
+    columns = {
+        "value": found.x,
+        "error": np.sqrt(np.diag(covariance)),
+        "start": [u.start for u in unknown],
+        "low": [u.low for u in unknown],
+        "high": [u.high for u in unknown],
+    }
+    return Fit(
+        table=pd.DataFrame(columns, index=names),
+        covariance=pd.DataFrame(covariance, index=names, columns=names),
+        model=fitted,
+        state=x,
+        residuals=seen.residuals(predicted),
+        chi2=chi2,
+        dof=dof,
+        sigma=sigma,
+        at_bound=tuple(n for n, active in zip(names, found.active_mask, strict=True) if active),
+        converged=bool(found.success),
+        message=str(found.message),
+        evaluations=int(found.nfev),
+        settings=settings,
+    )
+
+
+def _model_at(model: Model, state: State, unknown: list[Unknown], x: Array) -> tuple[Model, State]:
+    values: dict[str, Array] = {**model.params, **state.axial}
+    for u, value in zip(unknown, x, strict=True):
+        if u.letter in values:  # else a number of the instrument
+            values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
+    fitted = model.system(**{k: values[k] for k in model.params})
+    return fitted, fitted.state(**{k: values[k] for k in model.system.space.letters})

@@ -1,0 +1,375 @@
+"""What kr.fit is given: unknowns by name, and observations with their times, errors and gaps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.analysis.quantities import parse_quantity
+from kreisel.errors import InputError, hint, shown
+from kreisel.method.observing import functions
+from kreisel.record.contract import call, keywords
+from kreisel.record.model import Model, State
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SIGMA = "sigma_"
+VELOCITY = "Omega"
+ON_STEP = 1e-9  # of a step: times so close to it are its own
+MOST_NUMBERS = 10**8  # of rows and their derivatives
+Show = Callable[[Any, Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]], Any]
+
+
+# -- unknowns --------------------------------------------------------------------------------------
+
+
+class Unknown(NamedTuple):
+    """One number: where it stands in the array of its letter (1, or -1 opposite in a skew matrix), and its bounds."""
+
+    name: str
+    letter: str
+    place: Array
+    start: float
+    low: float
+    high: float
+
+
+def unknowns(
+    model: Model, state: State, free: Any, bounds: Any, observables: Mapping[str, Any]
+) -> tuple[list[Unknown], dict[str, Array]]:
+    """The unknowns, number by number, and arrays of parameters, components and the instrument.  Raises `InputError`."""
+    asked = _by_name(free)
+    parameters = {p.letter: p.kind for p in model.system.parameters if p.kind != "dimension"}
+    kinds = {**parameters, **dict(model.system.space.components)}
+    starts: dict[str, Array] = {**model.params, **state.axial}
+    for name in _of_instrument(model, observables):
+        if asked.get(name) is None:
+            raise InputError(f"free: expected a start of {name}, which observables take, such as {{{name!r}: 0.0}}.")
+        kinds[name], starts[name] = "array", _array(asked[name], name)
+    out: dict[str, Unknown] = {}
+    for name, start in asked.items():
+        letter, index = parse_quantity(name)
+        if letter not in kinds:
+            raise InputError(
+                f"free: expected parameters or components of {model.system.name}, {', '.join(kinds)}, got "
+                f"{shown(name)}.{hint(letter, kinds)}"
+            )
+        if letter in model.system.space.letters and model.system.space.constraints:
+            raise InputError(
+                f"free: {letter} lies on {model.system.space.name}, where its numbers cannot move by themselves. Fit "
+                "parameters, from a state that is known."
+            )
+        array = np.asarray(starts[letter], dtype=np.float64)
+        entries = [e for e in _entries(kinds[letter], array) if not index or e[0] == index]
+        if not entries:
+            known = ", ".join(_named(letter, i) for i, _ in _entries(kinds[letter], array))
+            raise InputError(f"free: {letter} has the numbers {known}, got {shown(name)}.")
+        begin = _spread(start, array.shape, name) if start is not None else array
+        for place, pattern in entries:
+            own = _named(letter, place)
+            if own in out:
+                raise InputError(f"free: expected each number once, got {own} twice.")
+            at = float(begin if np.ndim(begin) == 0 else begin[place])
+            out[own] = Unknown(own, letter, pattern, at, -np.inf, np.inf)
+    if not out:
+        raise InputError("free: expected names of what is unknown, such as ['p', 'm[2]'], got none.")
+    return [_bounded(u, bounds, out) for u in out.values()], starts
+
+
+def _of_instrument(model: Model, observables: Mapping[str, Any]) -> list[str]:
+    """What observables take by name that the model has not."""
+    names = [n for f in observables.values() if callable(f) for n in sorted(keywords(f))]
+    return [n for n in dict.fromkeys(names) if n not in model.params]
+
+
+def _by_name(free: Any) -> dict[str, Any]:
+    if isinstance(free, Mapping):
+        found = dict(free)
+    elif isinstance(free, Sequence) and not isinstance(free, str):
+        found = dict.fromkeys(free)
+    else:
+        found = {None: None}
+    if not all(isinstance(name, str) for name in found):
+        raise InputError(
+            f"free: expected a list of names such as ['p', 'm[2]'], or a dict of starts, got {shown(free)}."
+        )
+    return found
+
+
+def _entries(kind: str, array: Array) -> list[tuple[tuple[int, ...], Array]]:
+    """Indices of the independent numbers, and the array that is 1 there (and at what goes with it)."""
+    out = []
+    diagonal = kind == "symmetric" and not (array - np.diag(np.diag(array))).any()
+    for index in np.ndindex(array.shape):
+        pattern = np.zeros(array.shape)
+        pattern[index] = 1
+        if array.ndim == 2 and kind in ("skew", "symmetric"):
+            i, j = index
+            if i > j or (kind == "skew" and i == j) or (diagonal and i != j):
+                continue
+            if i != j:
+                pattern[j, i] = -1 if kind == "skew" else 1
+        out.append((index, pattern))
+    return out
+
+
+def _named(letter: str, index: tuple[int, ...]) -> str:
+    return f"{letter}[{', '.join(map(str, index))}]" if index else letter
+
+
+def _array(value: Any, name: str) -> Array:
+    try:
+        found = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.full(1, np.nan)
+    if not np.isfinite(found).all():
+        raise InputError(f"free: expected finite numbers to begin {name} with, got {shown(value)}.")
+    return found
+
+
+def _spread(value: Any, shape: tuple[int, ...], name: str) -> Array:
+    found = _array(value, name)
+    if len(shape) == 2 and found.shape == shape[:1] and shape[0] == shape[1]:
+        found = np.diag(found)
+    if found.shape not in ((), shape):
+        raise InputError(f"free: expected numbers of shape {shape} to begin {name} with, got {shown(value)}.")
+    return found
+
+
+def _bounded(u: Unknown, bounds: Any, known: Mapping[str, Any]) -> Unknown:
+    letters = {v.letter for v in known.values()}
+    unmatched = [name for name in bounds if name not in known and name not in letters]
+    if unmatched:
+        raise InputError(f"bounds: expected names of free numbers, {', '.join(known)}, got {shown(unmatched[0])}.")
+    given = bounds.get(u.name, bounds.get(u.letter))
+    if given is None:
+        return u
+    try:
+        low, high = (float(v) for v in given)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not low < high or not low <= u.start <= high:
+        raise InputError(f"bounds: expected (low, high) around the start {u.start:g} of {u.name}, got {shown(given)}.")
+    return u._replace(low=low, high=high)
+
+
+# -- observations ----------------------------------------------------------------------------------
+
+
+class Observations(NamedTuple):
+    """Variables (time, ...) with errors, which numbers of them there are, and how each follows from a state.
+
+    Rows at every `every`-th of `steps` steps of dt; observation i is row rows[i], and for i in `between` a shorter
+    step rest[i] after it.
+    """
+
+    names: list[str]
+    values: list[Array]
+    sigmas: list[Array]
+    masks: list[Array]
+    shows: list[Show]
+    weighted: bool
+    time: Array
+    dims: list[tuple[str, ...]]
+    dt: float
+    steps: int
+    every: int
+    rows: Array
+    rest: Array
+    between: Array
+
+    @property
+    def size(self) -> int:
+        """How many numbers were observed."""
+        return int(sum(mask.sum() for mask in self.masks))
+
+    def flat(self, arrays: list[Array]) -> Array:
+        """Arrays like the variables, over sigma, those numbers that were observed (size, ...)."""
+        pieces = zip(arrays, self.sigmas, self.masks, strict=True)
+        return np.concatenate([a[m] / s[m].reshape(-1, *(1,) * (a.ndim - m.ndim)) for a, s, m in pieces])
+
+    def residuals(self, predicted: list[Array]) -> xr.Dataset:
+        """Observed - predicted."""
+        import xarray as xr
+
+        pieces = zip(self.names, self.dims, self.values, predicted, self.masks, strict=True)
+        found = {n: (d, np.where(m, v - p, np.nan)) for n, d, v, p, m in pieces}
+        return xr.Dataset(found, {"time": self.time})
+
+
+def observed(
+    model: Model, data: Any, dt: float, observables: dict[str, Any], starts: Mapping[str, Array]
+) -> Observations:
+    """The observations.  Raises `InputError` for names, shapes and times that do not fit."""
+    import xarray as xr
+
+    if not isinstance(data, xr.Dataset) or "time" not in data.coords or data["time"].dims != ("time",):
+        raise InputError(
+            f"observations: expected an xarray.Dataset with the coordinate time, or a run, got "
+            f"{shown(type(data).__name__)}{' without it' if isinstance(data, xr.Dataset) else ''}."
+        )
+    letters = model.system.space.letters
+    names = [str(n) for n in data.data_vars if not str(n).startswith(SIGMA)]
+    if "kreisel_format" in data.attrs:
+        names = [n for n in names if n in letters or n in observables]
+    stray = [str(n) for n in data.data_vars if str(n).startswith(SIGMA) and str(n).removeprefix(SIGMA) not in names]
+    if stray or not names:
+        raise InputError(
+            f"observations: expected variables, and sigma_NAME for some NAME of them, got {shown(stray or names)}."
+        )
+    shows = [_show(model, name, observables) for name in names]
+    values = [_numbers(data, name) for name in names]
+    time = _times(data)
+    _check_shapes(model, names, values, shows, starts)
+    given = [SIGMA + name in data for name in names]
+    if any(given) and not all(given):
+        raise InputError(
+            f"observations: expected sigma_NAME for each of {', '.join(names)} or for none, got it for "
+            f"{', '.join(n for n, has in zip(names, given, strict=True) if has)} alone."
+        )
+    sigmas = [_sigma(data, n, v) if has else np.ones(v.shape) for n, v, has in zip(names, values, given, strict=True)]
+    dims = [tuple(map(str, data[name].dims)) for name in names]
+    masks = [np.isfinite(v) for v in values]
+    return Observations(names, values, sigmas, masks, shows, any(given), time, dims, dt, *_grid(time, dt))
+
+
+def _numbers(data: Any, name: str) -> Array:
+    variable = data[name]
+    if not variable.dims or variable.dims[0] != "time" or "lane" in variable.dims or variable.dtype.kind not in "iuf":
+        raise InputError(
+            f"observations: expected numbers {name} (time, ...) of one body, got the dimensions {variable.dims} of "
+            f"{variable.dtype}. Use .isel(lane=0) for a lane."
+        )
+    if np.isinf(variable.values).any():
+        raise InputError(f"observations: expected finite numbers, or NaN for missing ones, got infinity in {name}.")
+    return variable.values.astype(np.float64)
+
+
+def _times(data: Any) -> Array:
+    time = data["time"].values
+    if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
+        raise InputError(
+            f"observations: expected times as finite numbers in the unit of the system, got {time.dtype} "
+            f"{shown(time[:3])}. "
+            "For dates take (time - time[0]) / np.timedelta64(1, 's')."
+        )
+    if time.min() < 0:
+        raise InputError(
+            f"observations: expected times from 0 on, when the state is x0, got {float(time.min()):g} before the "
+            "start. Use data.assign_coords(time=data.time - data.time[0])."
+        )
+    return np.asarray(time, dtype=np.float64)
+
+
+def _sigma(data: Any, name: str, values: Array) -> Array:
+    given = data[SIGMA + name]
+    try:
+        sigma = given.broadcast_like(data[name]).transpose(*data[name].dims).values.astype(np.float64)
+    except (ValueError, TypeError):
+        sigma = np.zeros(0)
+    if sigma.shape != values.shape or not (sigma[np.isfinite(values)] > 0).all():
+        raise InputError(
+            f"observations: expected {SIGMA}{name} > 0, of the shape of {name}, {values.shape}, or spread over it, got "
+            f"the shape {given.shape}."
+        )
+    return np.where(np.isfinite(sigma), sigma, 1)
+
+
+def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
+    """steps, every, rows, rest, between."""
+    if time.max() / dt > MOST_NUMBERS:
+        raise InputError(
+            f"dt: expected at most {MOST_NUMBERS:,} steps to the last time {time.max():g}, got dt = {dt:g}."
+        )
+    number = np.floor(time / dt + ON_STEP).astype(np.int64)
+    rest = time - number * dt
+    rest = np.where(rest > ON_STEP * dt, rest, 0.0)
+    every = int(np.gcd.reduce(number)) or 1
+    steps = max(int(number.max()), 1)
+    if steps // every > MOST_NUMBERS // 100:
+        raise InputError(
+            f"dt: expected times at multiples of a number of steps, got {steps // every:,} states to keep. Choose a dt "
+            "so that times are multiples of many steps, or observe a shorter time."
+        )
+    return steps, every, number // every, rest, np.nonzero(rest)[0]
+
+
+def _check_shapes(
+    model: Model, names: list[str], values: list[Array], shows: list[Show], starts: Mapping[str, Array]
+) -> None:
+    """Raises `InputError` for variables of other shapes than they have by the model, and for observables that fail."""
+    from kreisel.kernels import jax_numbers as by
+    from kreisel.reduction.double import double, jax
+    from kreisel.runs.differentiable import constants_of
+
+    def row(*state: Any) -> list[Any]:
+        known = constants_of(by, model, {})
+        own = dict(zip(model.system.space.letters, state, strict=True))
+        return [show(by, own, known, starts) for show in shows]
+
+    axial = [kind == "skew" and model.n == 3 for kind in model.system.space.kinds]
+    sizes = [_size(kind, model.n, short) for kind, short in zip(model.system.space.kinds, axial, strict=True)]
+    with double():
+        shapes = jax.eval_shape(row, *(np.empty(s) for s in sizes))
+    for name, value, shape in zip(names, values, shapes, strict=True):
+        wanted = (len(value), *shape.shape)
+        if value.shape != wanted:
+            raise InputError(f"observations: expected {name} of the shape {wanted}, got {value.shape}.")
+
+
+def _size(kind: str, n: int, axial: bool) -> tuple[int, ...]:
+    if kind.startswith("R^"):
+        return (int(kind[2:]),)
+    return (n,) if axial or kind == "vector" else (n, n)
+
+
+def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
+    """What a variable is in a state.  Raises `InputError` for unknown names."""
+    if name in observables:
+        return _of_user(name, observables[name], model.system.space.letters)
+    letter, index = parse_quantity(name)
+    space = model.system.space
+    table = {k: f for k, (_, f, _) in functions(model, None).items()}
+    if model.system.velocity is not None:
+        table[VELOCITY] = lambda *state, **known: call(model.system.velocity, state, known)
+    if letter in space.letters:
+        return lambda by, own, known, given: own[letter][index]
+    if letter not in table:
+        known_names = [*space.letters, *table, *observables]
+        raise InputError(
+            f"observations: expected variables among {', '.join(known_names)}, got {shown(name)}."
+            f"{hint(letter, known_names)} For another quantity give observables={'NAME': function}."
+        )
+
+    def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
+        axial = [k == "skew" and model.n == 3 for k in space.kinds]
+        parts = [by.numbers(own[k]) for k in space.letters]  # JAX sorts the keys of a dict
+        state = [algebra.hat(x) if short else x for x, short in zip(parts, axial, strict=True)]
+        value: Any = table[letter](*state, **known)
+        value = algebra.axial(value) if np.shape(value) == (3, 3) else value
+        return by.values(value)[index]
+
+    return show
+
+
+def _of_user(name: str, function: Any, letters: Sequence[str]) -> Show:
+    if not callable(function):
+        raise InputError(f"observables: expected a function for {name}, got {shown(function)}.")
+
+    def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
+        try:
+            return by.jnp.asarray(call(function, tuple(own[k] for k in letters), given))
+        except (TypeError, AttributeError, IndexError, ValueError) as error:
+            raise InputError(
+                f"observables: {name} cannot be computed and differentiated by JAX: {str(error).splitlines()[0]} Write "
+                "it with jax.numpy in place of numpy and math, of the components of one state, in order, and "
+                "parameters by name."
+            ) from error
+
+    return show
