@@ -135,7 +135,7 @@ def _sources() -> str:
     root = DOCS.resolve().parent
     folders = ("src/kreisel", "docs/tools", "docs/gallery", "docs/static", "benchmarks/results", "examples/gallery")
     files = sorted(p for folder in folders for p in (root / folder).rglob("*") if p.is_file() and p.suffix != ".pyc")
-    files.append(root / "benchmarks" / "tables.py")
+    files += [root / "benchmarks" / name for name in ("tables.py", "history.py", "history.jsonl")]
     versions = sorted(f"{each.name} {each.version}" for each in importlib.metadata.distributions())
     found = hashlib.sha256(repr((sys.version, versions)).encode())
     for file in files:

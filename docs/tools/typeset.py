@@ -281,6 +281,8 @@ def _dollars(run: str) -> str:
     while body and (body[-1] in ".,:;" and not body.endswith("...") or _unbalanced(body) < 0 and body[-1] == ")"):
         body, end = body[:-1], body[-1] + end
     start = ""
+    if re.fullmatch(r"\([^()]*\)", body):  # a remark
+        body, start, end = body[1:-1], "(", ")" + end
     while body[:1] == "(" and _unbalanced(body) > 0:
         body, start = body[1:], start + "("
     if not re.search(r"[A-Za-z]", body) or not body:
