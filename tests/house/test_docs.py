@@ -255,6 +255,7 @@ def test_every_method_stands_in_every_list_of_them(tools, tmp_path: Path) -> Non
         for text in (readme, table):
             assert re.search(rf"^\| \[?`{name}`", text, re.MULTILINE), name
         assert f'"{name}"' in toml, name
+    assert tools("methods").with_table(readme) == readme, "make stubs"
 
 
 def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
