@@ -162,12 +162,13 @@ def do(work: Iterable[str], done: dict[str, list]) -> bool:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(LIBRARIES))
     right = True
-    order = sorted(work, key=lambda name: -done.get(name, ["", 10.0])[1])
+    keys = {name: key(name) for name in work}  # before: a page may be edited while others run
+    order = sorted(keys, key=lambda name: -done.get(name, ["", 10.0])[1])
     with context.Pool(2, maxtasksperchild=1) as pool:
         for name, seconds, processor, complaints in pool.imap_unordered(task, order):
             print(f"{seconds:6.1f} s  {processor:6.1f} s of processor  {name}", flush=True)
             print("".join(complaints), end="", file=sys.stderr, flush=True)
-            done[name] = ["" if complaints else key(name), processor]
+            done[name] = ["" if complaints else keys[name], processor]
             right &= not complaints
     MADE.mkdir(exist_ok=True)
     DONE.write_text(json.dumps(done), encoding="utf-8")
