@@ -65,7 +65,9 @@ def figure() -> Any:
         rows = [row for row in found if what in row]
         for name in rows[-1][what]:
             axes.plot([row[what].get(name) for row in rows], marker="o", markersize=3, linewidth=1, label=name)
-        axes.set_xticks(range(len(rows)), [f"{row['date'][5:]}\n{row['kreisel']}" for row in rows], rotation=90, fontsize=7)
+        axes.set_xticks(
+            range(len(rows)), [f"{row['date'][5:]}\n{row['kreisel']}" for row in rows], rotation=90, fontsize=7
+        )
         axes.set(ylim=(0, None), title=what)
     axes.legend(fontsize=8)
     return picture

@@ -1,6 +1,6 @@
 """Tutorials and guides as notebooks: text, code, and what it prints and draws.
 
-Written after the pages are executed, whose code they have, block by block: so each notebook was run, from top to bottom.
+Written after the pages are executed, whose code they have, block by block: each notebook was run from top to bottom.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def _example(system: System) -> tuple[Any, Any, float]:
 def page(system: System, name: str, figures: Path) -> str:
     """The page of a system."""
     model, x0, dt = _example(system)
-    run = kr.simulate(model, x0, dt=dt, steps=20_000, every=2)
+    run = kr.simulate(model, x0, dt=dt, steps=10_000, every=2)
     kr.plot(run).savefig(figures / f"{system.name}.png", dpi=110)
     state = r",\ ".join(rf"{letter} \in {KINDS.get(kind, kind)}" for letter, kind in system.space.components)
     bracket = "plus" if system.space.sign > 0 else "minus"

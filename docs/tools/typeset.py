@@ -278,7 +278,7 @@ def _dollars(run: str) -> str:
         return ""
     body = run.rstrip()
     end = run[len(body) :]
-    while body and (body[-1] in ".,:;" and not body.endswith("...") or _unbalanced(body) < 0 and body[-1] == ")"):
+    while (body[-1:] in tuple(".,:;") and not body.endswith("...")) or (body[-1:] == ")" and _unbalanced(body) < 0):
         body, end = body[:-1], body[-1] + end
     start = ""
     if re.fullmatch(r"\([^()]*\)", body):  # a remark

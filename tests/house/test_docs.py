@@ -225,9 +225,8 @@ def test_every_page_is_in_a_part_of_the_site() -> None:
     """And the parts are those that a reader looks for."""
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     assert re.findall(r":caption: (.+)", index) == ["Tutorials", "How to", "Concepts", "Reference", "Notes"]
-    listed = "\n".join(
-        block for page in DOCS.glob("*.md") for block in re.findall(r"```\{toctree\}(.*?)```", page.read_text(), re.DOTALL)
-    )
+    texts = [page.read_text(encoding="utf-8") for page in DOCS.glob("*.md")]
+    listed = "\n".join(block for text in texts for block in re.findall(r"```\{toctree\}(.*?)```", text, re.DOTALL))
     entries = [re.sub(r".*<(.*)>", r"\1", line).strip() for line in listed.splitlines() if line and line[0] != ":"]
     for page in DOCS.glob("*.md"):
         assert page.stem == "index" or any(fnmatch.fnmatch(page.stem, entry) for entry in entries), page.name

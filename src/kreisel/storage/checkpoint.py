@@ -155,8 +155,9 @@ class Lock:
 
 
 NO_LOCKS = (
-    "{path}: expected a system with the locks of POSIX, by which one process at a time writes an archive; got one without (Windows). "
-    "Keep the run in memory (without path=) and save it by kr.export(run, 'run.nc'), or use Linux, macOS or WSL."
+    "{path}: expected a system with the locks of POSIX, by which one process at a time writes an archive; got one "
+    "without (Windows). Keep the run in memory (without path=) and save it by kr.export(run, 'run.nc'), or use Linux, "
+    "macOS or WSL."
 )
 LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
 
