@@ -7,6 +7,7 @@ import sys
 
 import dimension
 import ensemble
+import history
 import propagator
 import roundoff
 import saving
@@ -38,6 +39,7 @@ def main() -> None:
     if options.all:
         print("\n== roundoff: what rounding does to integrals and states (some minutes)")
         roundoff.main([])
+    history.append()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""The guides as notebooks: text, code, and what it prints and draws.
+"""Tutorials and guides as notebooks: text, code, and what it prints and draws.
 
-Written after the pages are executed, whose code they have.
+Written after the pages are executed, whose code they have, block by block: each notebook was run from top to bottom.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pages import FENCE, FIGURES
 PICTURE = re.compile(r"^!\[[^\]]*\]\(generated/figures/([\w-]+\.png)\)\n?", re.MULTILINE)
 LINK = re.compile(r"\[([^\]]+)\]\((?!http)[^)]*\)")  # to other pages, which a notebook does not have
 DOWNLOAD = re.compile(r"\s*<a href=\"notebooks/.*?</a>\.")
+KINDS = ("tutorial-*.md", "guide-*.md")
 KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
 
 
@@ -23,7 +24,7 @@ def notebook(text: str, figures: Path = FIGURES) -> nbformat.NotebookNode:
     """A page as a notebook: python blocks are cells of code, the text blocks after them what these print."""
     cells: list[nbformat.NotebookNode] = []
     place = 0
-    for fence in FENCE.finditer(text):
+    for fence in (found for found in FENCE.finditer(text) if found[1] in ("python", "text")):
         _words(cells, text[place : fence.start()], figures)
         place = fence.end()
         if fence[1] == "python":
@@ -47,9 +48,9 @@ def _words(cells: list[nbformat.NotebookNode], text: str, figures: Path) -> None
 
 
 def write(docs: Path) -> None:
-    """generated/extra/notebooks/guide-*.ipynb."""
+    """generated/extra/notebooks/*.ipynb."""
     folder = docs / "generated" / "extra" / "notebooks"
     folder.mkdir(parents=True, exist_ok=True)
-    for page in sorted(docs.glob("guide-*.md")):
+    for page in sorted(page for kind in KINDS for page in docs.glob(kind)):
         made = notebook(page.read_text(encoding="utf-8"))
         (folder / f"{page.stem}.ipynb").write_text(nbformat.writes(made), encoding="utf-8")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from typeset import from_text, typeset
+from typeset import from_text, prose, space, typeset
 
 import kreisel as kr
 from kreisel.errors import InputError
@@ -41,16 +41,14 @@ EXAMPLES: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {  # paramet
 }
 
 
-def write(docs: Path) -> None:
-    """generated/systems/*.md with figures."""
-    import matplotlib as mpl
-
-    mpl.use("agg")
+def write(docs: Path, one: str = "") -> None:
+    """generated/systems/index.md, or the page of one system with its figure."""
     folder = docs / "generated" / "systems"
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     names = {system.name: name for name, system in NAMED.items()}
-    for name, system in REGISTRY.items():
-        (folder / f"{name}.md").write_text(page(system, names[name], folder / "figures"), encoding="utf-8")
+    if one:
+        (folder / f"{one}.md").write_text(page(REGISTRY[one], names[one], folder / "figures"), encoding="utf-8")
+        return
     rows = "\n".join(_row(system, names[system.name]) for system in REGISTRY.values())
     head = "| system | equations | default method | Lax pair |\n|---|---|---|---|\n"
     entries = "\n".join(REGISTRY)
@@ -95,7 +93,7 @@ def _example(system: System) -> tuple[Any, Any, float]:
 def page(system: System, name: str, figures: Path) -> str:
     """The page of a system."""
     model, x0, dt = _example(system)
-    run = kr.simulate(model, x0, dt=dt, steps=20_000, every=2)
+    run = kr.simulate(model, x0, dt=dt, steps=10_000, every=2)
     kr.plot(run).savefig(figures / f"{system.name}.png", dpi=110)
     state = r",\ ".join(rf"{letter} \in {KINDS.get(kind, kind)}" for letter, kind in system.space.components)
     bracket = "plus" if system.space.sign > 0 else "minus"
@@ -103,13 +101,13 @@ def page(system: System, name: str, figures: Path) -> str:
         f"# {system.title}",
         f"`kr.{name}`, in TOML files `{system.name}`. {system.source}.",
         f"$$\n{from_text(system.equations)}\n$$",
-        f"State ${state}$, a point of ${_space(system.space.name)}$, in the {system.frame.value} frame. "
+        f"State ${state}$, a point of ${space(system.space.name)}$, in the {system.frame.value} frame. "
         f"{bracket.capitalize()} bracket, $F' = \\{{H, F\\}}$.",
         *(["## Parameters", _parameters(system)] if system.parameters else []),
-        system.scaling,
+        prose(system.scaling),
         "## Integrals",
         _integrals(model, dt),
-        *([system.notes] if system.notes else []),
+        *([prose(system.notes)] if system.notes else []),
         *_components(system),
         *_lax(system),
         *_map(system),
@@ -121,22 +119,19 @@ def page(system: System, name: str, figures: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _space(name: str) -> str:
-    return {"e*(n)": r"\mathfrak{e}(n)^*", "T*S^(n-1)": r"T^*S^{n-1}"}.get(name, rf"\text{{{name}}}")
-
-
 def _parameters(system: System) -> str:
     rows = ["| parameter | kind | meaning | default | range |", "|---|---|---|---|---|"]
     for p in system.parameters:
         default = "none" if p.default is None else f"{p.default:g}" if np.ndim(p.default) == 0 else str(p.default)
         condition = inspect.getdoc(p.check) if p.check is not None else None
         valid = condition or (f"{p.check.__name__.replace('_', ' ')}" if p.check is not None else "any")
-        rows.append(f"| `{p.letter}` | {p.kind} | {_cell(p.meaning)} | {default} | {_cell(valid)} |")
+        rows.append(f"| `{p.letter}` | {p.kind} | {_math(p.meaning)} | {default} | {_math(valid)} |")
     return "\n".join(rows)
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", r"\|").replace("_", r"\_").replace("*", r"\*").replace("<", "&lt;").replace("\n", " ")
+def _math(text: str) -> str:
+    """A cell with formulas."""
+    return prose(text.replace("\n", " ")).replace("|", r"\|")
 
 
 def _integrals(model: Any, dt: float) -> str:
@@ -151,10 +146,18 @@ def _integrals(model: Any, dt: float) -> str:
             if outcome.kind in ("casimir", "integral", "relation"):
                 variables.setdefault(name, (outcome.meaning, []))[1].extend([f"`{method}`"] * outcome.conserved)
     rows = [
-        f"| `{name}` | {_cell(meaning)} | {', '.join(kept) or 'no method'} |"
+        f"| `{name}` | {_meaning(meaning)} | {', '.join(kept) or 'no method'} |"
         for name, (meaning, kept) in variables.items()
     ]
     return "\n".join(["| variable | meaning | conserved by |", "|---|---|---|", *rows])
+
+
+def _meaning(text: str) -> str:
+    """What a variable of a run means; a phase space in it is typeset."""
+    if text.startswith("Casimirs of "):
+        name, comma, rest = text.removeprefix("Casimirs of ").partition(", ")
+        return f"Casimirs of ${space(name)}${comma}{prose(rest)}"
+    return prose(text)
 
 
 def _components(system: System) -> list[str]:
@@ -216,7 +219,7 @@ def _map(system: System) -> list[str]:
         f"```python\n{_source(phi.step)}\n```",
     ]
     if system.baecklund is not None:
-        out.append(f'`method="baecklund"`: {_cell(system.baecklund.source)}; see [its page](../../baecklund.md).')
+        out.append(f'`method="baecklund"`: {prose(system.baecklund.source)}; see [its page](../../baecklund.md).')
     return out
 
 
@@ -228,5 +231,5 @@ def _source(function: Any) -> str:
 
 
 def _relations(system: System) -> list[str]:
-    rows = [f"- [`{r.target}`]({r.target}.md): {_cell(r.meaning)}" for r in system.relations]
+    rows = [f"- [`{r.target}`]({r.target}.md): {prose(r.meaning)}" for r in system.relations]
     return ["## Related", "\n".join(rows)] if rows else []

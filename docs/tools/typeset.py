@@ -12,6 +12,7 @@ import sympy as sp
 from kreisel import algebra
 from kreisel.errors import InputError
 from kreisel.record.contract import Parameter, System, call, keywords
+from kreisel.system import REGISTRY
 
 
 def symbols(letter: str, count: int = 3) -> np.ndarray:
@@ -163,15 +164,135 @@ def latex(expression: Any) -> str:
     return sp.latex(expression, fold_short_frac=False)
 
 
-GREEK = {name: "\\" + name for name in ("Omega", "omega", "alpha", "gamma", "chi", "mu")}
+GREEK = "alpha gamma chi mu nu omega Omega eps pi Pi".split()
+NAMES = ("sqrt", "tr", "diag", "log", "det", "sum", "perp", "dots", *GREEK)
+WORD = re.compile(r"[A-Za-z][a-z][a-z'-]*|[a-z]+(?:-[a-z0-9]+)+")  # of prose, not of a formula
+OPERATORS = ("=", "+", "-", "^", "/", "x", ">", "<", ">=", "<=", "<x")
 
 
 def from_text(text: str) -> str:
-    """The one line of plain text of a record as LaTeX: m' = a ^ p, <x, Bx>, c_jk."""
-    tex = re.sub(r" \^ ", r" \\wedge ", text)
+    """A formula in plain text as LaTeX: m' = a ^ p, <x, Bx>, c_jk, sqrt(I1/(M g l)), M x Omega, sum of words."""
+    tex = re.sub(r"(?<=\S)  (?=[A-Za-z])", "@", text)  # between equations
+    tex = re.sub(r"(?:^| )over [a-z]+", lambda m: rf"\\ \\text{{{m[0].strip()}}}".replace("\\\\", "\\"), tex)
+    tex = _roots(tex)
+    tex = re.sub(r"((?:[A-Z]\w*|\)))(?:_\w)? x (?=\S)", lambda m: m[0][:-3] + r" \times ", tex)
+    tex = re.sub(r" <x ", r" \\ltimes ", tex).replace(" ^ ", r" \wedge ")
+    tex = re.sub(r"\bd([A-Z])/d([A-Z])\b", r"\\partial \1/\\partial \2", tex)
     tex = re.sub(r"<([^<>]*)>", r"\\langle \1 \\rangle", tex)
     tex = re.sub(r"\|([^|]+)\|", r"\\lvert \1\\rvert", tex)
+    tex = tex.replace(">=", r"\ge ").replace("...", r"\ldots ")
+    tex = re.sub(r"\bSz_(\w)", r"S^z_\1", tex)
+    tex = re.sub(r"\b([BJ])z\b", r"\1_z", tex)
+    tex = re.sub(r"(?<![\\A-Za-z])([A-Za-z]|chi)(\d+)\b", r"\1_{\2}", tex)
+    tex = re.sub(r"([_^])\(([^()]*)\)", r"\1{\2}", tex)
     tex = re.sub(r"_(\w\w+)", r"_{\1}", tex)
-    for word, symbol in GREEK.items():
-        tex = re.sub(rf"\b{word}(?![a-z])", lambda _, symbol=symbol: symbol, tex)
-    return tex.replace(",  ", r",\quad ")
+    for name in GREEK:
+        tex = re.sub(rf"(?<![\\A-Za-z]){name}(?![a-z])", "\\\\" + {"eps": "varepsilon"}.get(name, name), tex)
+    tex = re.sub(r"(?<![\\A-Za-z])(tr|diag)\b", r"\\operatorname{\1}", tex)
+    tex = re.sub(r"(?<![\\A-Za-z])(log|det|sum|perp)\b", r"\\\1", tex)
+    return tex.replace(",@", r",\quad ").replace("@", r"\quad ")
+
+
+def _roots(text: str) -> str:
+    """sqrt(...) and (...)^(1/2) with their brackets."""
+    text = re.sub(r"\(((?:[^()])*)\)\^\(1/2\)", r"sqrt(\1)", text)
+    while (start := text.find("sqrt(")) >= 0:
+        depth, end = 1, start + 5
+        while depth:
+            depth += {"(": 1, ")": -1}.get(text[end], 0)
+            end += 1
+        text = f"{text[:start]}\\sqrt{{{text[start + 5 : end - 1]}}}{text[end:]}"
+    return text
+
+
+def space(name: str) -> str:
+    """The name of a phase space as LaTeX: e*(n), (so(n) <x R^n)*, T*S^(n-1)."""
+    tex = re.sub(r"\b(so|e)(\*?)\((\w)\)", lambda m: rf"\mathfrak{{{m[1]}}}({m[3]})" + "^*" * bool(m[2]), name)
+    tex = tex.replace("<x", r"\ltimes").replace("R^n", r"\mathbb{R}^n").replace("T*S", "T^*S")
+    tex = tex.replace("Sym", r"\operatorname{Sym}").replace(")*", ")^*")
+    return re.sub(r"\^\(([^()]*)\)", r"^{\1}", tex)
+
+
+def prose(text: str) -> str:
+    """A sentence of a record as Markdown, its formulas between dollars."""
+    whole = r"(`[^`]+`|\[[A-Z][^\]]*\d{4}[^\]]*\]|\w+='\w+'|\([^()]+\) = \([^()]+\)"
+    pieces = re.split(rf"{whole}|\b(?:{'|'.join(map(re.escape, REGISTRY))})\b(?![-\w]))", text)
+    return "".join(_piece(piece) if at % 2 else _sentence(piece) for at, piece in enumerate(pieces))
+
+
+def _piece(text: str) -> str:
+    """What is no mixture: code, a reference, an argument, an equation of tuples, the name of a system."""
+    if text in REGISTRY:
+        return f"[`{text}`]({text}.md)"
+    if text[0] == "(":
+        return f"${from_text(text)}$"
+    return text if text[0] in "`[" else f"`{text}`"
+
+
+def _sentence(text: str) -> str:
+    tokens = re.findall(r"\s+|\S+", text)
+    out, run = "", ""
+    for at, token in enumerate(tokens):
+        if token.isspace():
+            if run:
+                run += token
+            else:
+                out += token
+        elif _is_formula(tokens, at) or _open(run):
+            if token[0] == "(" and tokens[at + 2 : at + 3] == ["="]:  # a remark begins
+                out, run = out + _dollars(run), ""
+            run += token
+            if re.search(r"(?<!\.\.)[.,:;]$", token) and not (token[-1] == "," and _open(run)):  # the end of a formula
+                out, run = out + _dollars(run), ""
+        else:
+            out, run = out + _dollars(run) + _escaped(token), ""
+    return out + _dollars(run)
+
+
+def _is_formula(tokens: list[str], at: int) -> bool:
+    """Whether a word of a sentence belongs to a formula."""
+    bare = tokens[at].strip("().,:;")
+    before, after = (tokens[i] if 0 <= i < len(tokens) else "" for i in (at - 2, at + 2))
+    near = before.lstrip("(") in OPERATORS or after in OPERATORS
+    if bare == "a" or bare.isdigit():  # an article, a number of a sentence
+        return near
+    if bare in ("A", "I"):
+        return near or (at > 0 and not (tokens[at][-1].isalpha() and WORD.fullmatch(after.strip("().,:;"))))
+    if bare in OPERATORS or bare in NAMES or re.fullmatch(r"[a-zA-Z]|(?!SI)[A-Z]{2}", bare):
+        return True
+    if WORD.fullmatch(bare) or re.fullmatch(r"[\w-]*[a-z]{3,}[\w-]*|[A-Z][a-z]+'s?", bare):
+        return False
+    return bool(re.search(r"[_^=<>|+*/()]|\d|'|\.\.\.", bare))
+
+
+def _open(run: str) -> bool:
+    """Whether a bracket is open in a formula; one around all of it belongs to the sentence."""
+    body = run.lstrip("(")
+    angles = len(re.findall(r"<(?=[^\s=])", body)) - len(re.findall(r"(?<=\S)>", body))
+    return angles > 0 or _unbalanced(body) > 0
+
+
+def _dollars(run: str) -> str:
+    """A formula between dollars; the brackets and stops around it are text."""
+    if not run:
+        return ""
+    body = run.rstrip()
+    end = run[len(body) :]
+    while (body[-1:] in tuple(".,:;") and not body.endswith("...")) or (body[-1:] == ")" and _unbalanced(body) < 0):
+        body, end = body[:-1], body[-1] + end
+    start = ""
+    if re.fullmatch(r"\([^()]*\)", body):  # a remark
+        body, start, end = body[1:-1], "(", ")" + end
+    while body[:1] == "(" and _unbalanced(body) > 0:
+        body, start = body[1:], start + "("
+    if not re.search(r"[A-Za-z]", body) or not body:
+        return start + body + end
+    return f"{start}${from_text(body)}${end}"
+
+
+def _unbalanced(text: str) -> int:
+    return text.count("(") - text.count(")")
+
+
+def _escaped(text: str) -> str:
+    return text.replace("_", r"\_").replace("*", r"\*").replace("<", "&lt;")

@@ -23,7 +23,7 @@ from kreisel.system import NAMED, REGISTRY
 if TYPE_CHECKING:
     from kreisel.method import Method
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _LAZY = {
     "perturbed": "kreisel.forces.body",

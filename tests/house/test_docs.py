@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fnmatch
 import importlib
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -41,7 +43,7 @@ Text.
 def tools(monkeypatch: pytest.MonkeyPatch) -> object:
     monkeypatch.syspath_prepend(str(DOCS / "tools"))
     yield importlib.import_module
-    for name in ("pages", "typeset", "methods", "notebooks"):
+    for name in ("pages", "typeset", "methods", "notebooks", "mathml", "commands"):
         sys.modules.pop(name, None)
 
 
@@ -89,8 +91,15 @@ def test_hidden_and_skipped_blocks(tools) -> None:
     assert [block.code for block in tools("pages").blocks(text)] == ["x = 1\n", "print(x)\n"]
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.glob("guide-*.md")), ids=lambda page: page.stem)
-def test_guides_are_notebooks(tools, page: Path, tmp_path: Path) -> None:
+NOTEBOOKS = sorted(page for kind in ("tutorial-*.md", "guide-*.md") for page in DOCS.glob(kind))
+
+
+def test_there_are_six_notebooks_and_more() -> None:
+    assert len(NOTEBOOKS) >= 6 and len({page.stem.split("-")[0] for page in NOTEBOOKS}) == 2
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+def test_tutorials_and_guides_are_notebooks(tools, page: Path, tmp_path: Path) -> None:
     """The code of the page, which is executed; its picture, what it prints; no link to a page."""
     pytest.importorskip("nbformat")
     text = page.read_text(encoding="utf-8")
@@ -144,6 +153,97 @@ def test_the_plain_equations_become_latex(tools) -> None:
     assert from_text("Omega_jk = c_jk M_jk") == r"\Omega_{jk} = c_{jk} M_{jk}"
 
 
+def formulas() -> set[str]:
+    """All sentences of the records that have formulas, and their equations."""
+    out = set()
+    for system in REGISTRY.values():
+        parts = [p.meaning for p in system.parameters] + [r.meaning for r in system.relations]
+        checks = [inspect.getdoc(p.check) or "" for p in system.parameters if p.check is not None]
+        out |= {*parts, *checks, system.scaling, system.notes}
+    return out
+
+
+def test_no_formula_of_a_record_stays_in_plain_text(tools) -> None:
+    """All of them are LaTeX that can be drawn; between them are words only."""
+    typeset, mathml = tools("typeset"), tools("mathml").mathml
+    equations = [typeset.from_text(system.equations) for system in REGISTRY.values()]
+    sentences = [typeset.prose(text) for text in formulas()]
+    drawn = equations + [each for text in sentences for each in re.findall(r"\$([^$]+)\$", text)]
+    assert len(drawn) > 150
+    for tex in drawn:
+        assert mathml(tex).startswith("<math")
+        assert not re.search(r"(?<![\\{])\b(sqrt|sum|tr|log|alpha|Omega|pi)\b|(?<!=) x [A-Z\\]", tex), tex
+    rest = [re.sub(r"\$[^$]+\$|`[^`]+`|\[[^\]]*\](\([^)]*\))?", "", text) for text in sentences]
+    assert not [text for text in rest if re.search(r"[=^|]|\w_\w|sqrt|<", text.replace("&lt;", "<"))]
+
+
+def test_formulas_among_words(tools) -> None:
+    prose = tools("typeset").prose
+    assert prose("take the time unit sqrt(I1/(M g l)), and |a| = |p| = 1.") == (
+        r"take the time unit $\sqrt{I_{1}/(M g l)}$, and $\lvert a\rvert = \lvert p\rvert = 1$."
+    )
+    assert prose("a step of A map: H has -<P, BP>/2") == r"a step of A map: $H$ has $-\langle P, BP \rangle/2$"
+    assert prose("See clebsch-body (n = 3).") == "See [`clebsch-body`](clebsch-body.md) ($n = 3$)."
+
+
+def test_a_cross_product_is_no_letter(tools) -> None:
+    from_text = tools("typeset").from_text
+    assert from_text("M' = M x Omega + P x dH/dP") == r"M' = M \times \Omega + P \times \partial H/\partial P"
+    assert from_text("sum m x x^T") == r"\sum m x x^T" and from_text("f_i = b_i x_i") == "f_i = b_i x_i"
+
+
+def test_the_key_of_a_page_changes_with_the_page_and_the_sources(tools, tmp_path: Path, monkeypatch) -> None:
+    pages = tools("pages")
+    monkeypatch.setattr(pages, "DOCS", tmp_path / "docs")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "src" / "kreisel").mkdir(parents=True)
+    (tmp_path / "benchmarks").mkdir()
+    for name in ("tables.py", "history.py", "history.jsonl"):
+        (tmp_path / "benchmarks" / name).write_text("")
+    found = []
+    for page, source in (("a", "x"), ("b", "x"), ("b", "y"), ("a", "x")):
+        (tmp_path / "docs" / "page.md").write_text(page)
+        (tmp_path / "src" / "kreisel" / "step.py").write_text(source)
+        pages._sources.cache_clear()
+        found.append(pages.key("page.md"))
+    assert found[0] == found[3] and len({*found}) == 3
+
+
+def test_every_command_has_its_help(tools, tmp_path: Path) -> None:
+    import typer
+
+    from kreisel.cli import app
+
+    tools("commands").write(tmp_path)
+    text = (tmp_path / "generated" / "commands.md").read_text(encoding="utf-8")
+    names = [name for name, each in typer.main.get_command(app).commands.items() if not each.hidden]
+    assert re.findall(r"^## kreisel (\S+)$", text, re.MULTILINE) == names and len(names) > 10
+    assert text.count("Usage: kreisel") == len(names) and "--help" in text
+
+
+def test_every_page_is_in_a_part_of_the_site() -> None:
+    """And the parts are those that a reader looks for."""
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert re.findall(r":caption: (.+)", index) == ["Tutorials", "How to", "Concepts", "Reference", "Notes"]
+    texts = [page.read_text(encoding="utf-8") for page in DOCS.glob("*.md")]
+    listed = "\n".join(block for text in texts for block in re.findall(r"```\{toctree\}(.*?)```", text, re.DOTALL))
+    entries = [re.sub(r".*<(.*)>", r"\1", line).strip() for line in listed.splitlines() if line and line[0] != ":"]
+    for page in DOCS.glob("*.md"):
+        assert page.stem == "index" or any(fnmatch.fnmatch(page.stem, entry) for entry in entries), page.name
+
+
+def test_the_history_has_what_was_measured_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    history = importlib.import_module("history")
+    found = history.lines()
+    assert len(found) > 10 and [row["date"] for row in found] == sorted(row["date"] for row in found)
+    (tmp_path / "history.jsonl").write_text((ROOT / "benchmarks" / "history.jsonl").read_text())
+    history.append(tmp_path / "history.jsonl")
+    added = history.lines(tmp_path / "history.jsonl")
+    assert added[:-1] == found and {*added[-1]["ns a step"]} == {*found[-1]["ns a step"]}
+    assert len(history.figure().axes) == 2
+
+
 def test_every_method_stands_in_every_list_of_them(tools, tmp_path: Path) -> None:
     readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     assert "{include} generated/methods-table.md" in (DOCS / "methods.md").read_text(encoding="utf-8")
@@ -154,6 +254,7 @@ def test_every_method_stands_in_every_list_of_them(tools, tmp_path: Path) -> Non
         for text in (readme, table):
             assert re.search(rf"^\| \[?`{name}`", text, re.MULTILINE), name
         assert f'"{name}"' in toml, name
+    assert tools("methods").with_table(readme) == readme, "make stubs"
 
 
 def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
@@ -163,3 +264,8 @@ def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
     for name in kr.__all__:
         documented = isinstance(getattr(kr, name), System) or re.search(rf"kreisel\.{name}\n", api)
         assert documented, name
+    for part in kr._PARTS:
+        module = importlib.import_module(f"kreisel.{part}")
+        whole = re.search(rf"automodule:: kreisel\.{part}\n   :members:\n", api)  # all that is in __all__
+        for name in [] if whole else getattr(module, "__all__", []):
+            assert re.search(rf"\b{name}\b", api), f"kreisel.{part}.{name}"

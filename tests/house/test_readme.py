@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from kreisel.system import NAMED
 from support import ROOT
 
 README = ROOT / "README.md"
@@ -35,6 +36,20 @@ def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_gallery_has_as_many_pictures_as_the_readme_says() -> None:
     scripts = list((README.parent / "examples" / "gallery").glob("[!_]*.py"))
     assert f"builds {len(scripts)} pictures" in README.read_text(encoding="utf-8")
+
+
+def test_every_system_stands_in_the_table() -> None:
+    table = README.read_text(encoding="utf-8").split("## Systems")[1]
+    assert len(NAMED) > 20
+    for name in NAMED:
+        assert f"`{name}`" in table, name
+
+
+def test_every_link_of_the_readme_leads_somewhere() -> None:
+    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", README.read_text(encoding="utf-8"))
+    assert len(links) > 30
+    for link in links:
+        assert (ROOT / link).exists(), link
 
 
 def test_the_speed_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPatch) -> None:

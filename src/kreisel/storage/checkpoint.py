@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import hashlib
 import io
 import json
@@ -28,6 +27,11 @@ import numpy as np
 
 from kreisel.errors import InputError, disk_trouble
 from kreisel.kernels.layout import Floats
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 from kreisel.runs.integration import Snapshot
 from kreisel.storage.manifest import replace_file
 from kreisel.storage.reading import parsed
@@ -111,6 +115,8 @@ class Lock:
         self.archive, self.path = path, path.with_name(f"{path.name}.lock")
 
     def __enter__(self) -> Lock:
+        if fcntl is None:
+            raise InputError(NO_LOCKS.format(path=self.archive))
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
@@ -148,6 +154,11 @@ class Lock:
         os.close(self._handle)
 
 
+NO_LOCKS = (
+    "{path}: expected a system with the locks of POSIX, by which one process at a time writes an archive; got one "
+    "without (Windows). Keep the run in memory (without path=) and save it by kr.export(run, 'run.nc'), or use Linux, "
+    "macOS or WSL."
+)
 LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
 
 

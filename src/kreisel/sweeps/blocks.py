@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import resource
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -236,6 +235,8 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
 
     `digest` is the hash of the description: a worker keeps what it has read.
     """
+    import resource  # POSIX
+
     begun = time.perf_counter()
     store = Path(part)
     with on_disk(store, "be written", lambda: " The blocks that were done are kept: the same command goes on."):
