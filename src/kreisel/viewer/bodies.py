@@ -69,7 +69,8 @@ def joined(*parts: Body) -> Body:
 def gyration(model: Model, carried: Array) -> Array | None:
     """The tensor tr(I)/2 - I (3, 3) of the body's inertia I, from M -> Omega of the record; None where it is none."""
     try:
-        columns = [axial(model.call(model.system.velocity, hat(e), carried)) for e in np.eye(3)]
+        rest = [carried] * (len(model.system.space.letters) - 1)
+        columns = [axial(model.call(model.system.velocity, hat(e), *rest)) for e in np.eye(3)]
         inertia = np.linalg.inv(np.stack(columns, -1))
     except (np.linalg.LinAlgError, ValueError, TypeError):
         return None

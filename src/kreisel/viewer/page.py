@@ -49,6 +49,16 @@ class View:
             scratch.write_text(self.html, encoding="utf-8")
         return target
 
+    def movie(self, path: str | os.PathLike[str], **options: Any) -> Path:
+        """Write a film of the first body: .gif, or .mp4 where ffmpeg is installed.
+
+        Options: seconds=8.0, fps=20, speed=1.0 (as on the page), theme="light".  Raises `InputError` for other names and
+        for a run whose saved states are too far apart.
+        """
+        from kreisel.viewer.movie import movie
+
+        return movie(self._scene, path, **options)
+
     def _repr_html_(self) -> str:
         from kreisel.viewer.notebook import cell
 

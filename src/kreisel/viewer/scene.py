@@ -74,6 +74,7 @@ def scene(
         "letter": _text(record.carried),
         "radius": radius,
         "up": first.up,
+        "spins": first.turn is not None and not first.callout,
         "frame": None if first.frame is None else first.frame.T.tolist(),
         "lowest": min(float(each.tip[:, 2].min()) for each in bodies) if first.tip.shape[1] == 3 else -radius,
         "meshes": meshes,

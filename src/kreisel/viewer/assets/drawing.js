@@ -3,7 +3,19 @@
 const Drawing = (() => {
   const T = Library, V = T.Vector3;
   const FOV = 30, MOST_TRAIL = 1500, STEP = 0.06; // degrees; points; radians between points of a trail
-  const SLOW = 45, LEAST = 0.4; // milliseconds of a picture beyond which it is drawn coarser; the coarsest
+  const SLOW = 50, LEAST = 0.4; // milliseconds of a picture beyond which it is drawn coarser; the coarsest
+  const REST = 350, MOVING = 400; // milliseconds until a picture at rest is drawn finely; dots of a path while it moves, without a GPU
+
+  function isSoftware(gl) {
+    const known = gl.getExtension("WEBGL_debug_renderer_info");
+    return /swiftshader|llvmpipe|software|basic render/i.test(gl.getParameter(known ? known.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  }
+
+  function withoutGPU() {
+    const gl = document.createElement("canvas").getContext("webgl2"), soft = gl !== null && isSoftware(gl);
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    return soft;
+  }
 
   // ---- between frames: the cubic of `between` in frames.py
 
@@ -97,12 +109,19 @@ const Drawing = (() => {
     return sprite;
   }
 
-  function arrow(length, thick, colour) { // along the third axis
-    const g = new T.Group(), m = new T.MeshStandardMaterial({ color: colour, roughness: 0.5 }), head = 5.5 * thick;
+  function arrow(stage, length, thick, colour) { // along the third axis
+    const g = new T.Group(), m = stage.surface({ color: colour, roughness: 0.5 }), head = 5.5 * thick;
     const rod = new T.Mesh(new T.CylinderGeometry(thick, thick, length - head, 20), m), tip = new T.Mesh(new T.ConeGeometry(2.6 * thick, head, 28), m);
     rod.position.z = (length - head) / 2; tip.position.z = length - head / 2;
     for (const part of [rod, tip]) { part.rotation.x = Math.PI / 2; part.castShadow = true; g.add(part); }
     return g;
+  }
+
+  function stride(n) { // takes them all, spread evenly from the first on
+    let step = Math.max(1, Math.round(0.381966 * n));
+    const common = (a, b) => (b ? common(b, a % b) : a);
+    while (common(step, n) > 1) step++;
+    return step;
   }
 
   // ---- the stage
@@ -110,7 +129,8 @@ const Drawing = (() => {
   class Stage {
     constructor(canvas) {
       this.canvas = canvas;
-      this.renderer = new T.WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+      this.soft = location.hash !== "#full" && withoutGPU();
+      this.renderer = new T.WebGLRenderer({ canvas, antialias: !this.soft, powerPreference: "high-performance" });
       this.renderer.shadowMap.enabled = true;
       this.renderer.shadowMap.type = T.PCFShadowMap;
       this.renderer.toneMapping = T.ACESFilmicToneMapping;
@@ -121,11 +141,21 @@ const Drawing = (() => {
       Object.assign(this.controls, { enableDamping: true, dampingFactor: 0.12, maxPolarAngle: 0.93 * Math.PI });
       this.controls.addEventListener("change", () => { this.dirty = true; });
       this.controls.addEventListener("start", () => { this.touched = true; });
-      const pmrem = new T.PMREMGenerator(this.renderer);
-      this.environment = pmrem.fromScene(new T.RoomEnvironment(), 0.04).texture;
-      pmrem.dispose();
-      this.coarse = 1; this.times = []; this.together = false; this.axes = true; this.follow = false; this.heading = null;
+      this.environment = this.soft ? null : this.room();
+      this.coarse = this.soft ? 0.75 : 1; this.scale = 1; this.last = 0; this.times = []; this.together = false; this.axes = true; this.follow = false; this.heading = null;
       this.canvas.addEventListener("webglcontextrestored", () => { this.dirty = true; });
+    }
+
+    room() { // light that metal mirrors
+      const made = new T.PMREMGenerator(this.renderer), { texture } = made.fromScene(new T.RoomEnvironment(), 0.04);
+      made.dispose();
+      return texture;
+    }
+
+    surface(options) {
+      const { metalness = 0, roughness = 0.5, ...rest } = options;
+      if (!this.soft) return new T.MeshStandardMaterial(options);
+      return new T.MeshPhongMaterial({ ...rest, shininess: metalness > 0.5 ? 60 : 120 * (1 - roughness) ** 2, specular: metalness > 0.5 ? 0xffffff : roughness > 0.7 ? 0x000000 : 0x666666 });
     }
 
     build(D, colours, dark, axes3) {
@@ -134,13 +164,13 @@ const Drawing = (() => {
       const s = this.scene = new T.Scene(), r = D.radius;
       s.background = this.backdrop();
       s.environment = this.environment; s.environmentIntensity = dark ? 0.42 : 0.55;
-      s.add(new T.HemisphereLight(dark ? 0xb9c8e6 : 0xffffff, dark ? 0x20242c : 0xcfc8bf, dark ? 0.55 : 0.9));
+      s.add(new T.HemisphereLight(dark ? 0xb9c8e6 : 0xffffff, dark ? 0x20242c : 0xcfc8bf, (dark ? 0.55 : 0.9) * (this.soft ? 2.2 : 1)));
       this.palette = [colours.colours[0], dark ? "#f4f1ea" : "#f3efe6", dark ? "#aeb6c2" : "#9aa3ad", dark ? "#27408f" : "#1e3a8a", dark ? "#4a505c" : "#3a3f47", colours.colours[1]].map((c) => new T.Color(c));
       this.lanes = D.bodies.map((body, number) => this.lane(body, number));
       this.arrange();
       const lamp = new T.DirectionalLight(0xfff4e6, dark ? 2.0 : 2.4), reach = 1.5 * this.extent;
       lamp.position.set(0.9 * this.extent, -1.2 * this.extent, 2.6 * this.extent);
-      lamp.castShadow = true; lamp.shadow.mapSize.set(1024, 1024); lamp.shadow.radius = 5; lamp.shadow.bias = -0.0004; lamp.shadow.normalBias = 0.01 * r;
+      lamp.castShadow = true; lamp.shadow.mapSize.setScalar(this.soft ? 512 : 2048); lamp.shadow.radius = this.soft ? 2 : 5; lamp.shadow.bias = -0.0004; lamp.shadow.normalBias = 0.01 * r;
       Object.assign(lamp.shadow.camera, { left: -reach, right: reach, top: reach, bottom: -reach, near: 0.1 * r, far: 8 * this.extent });
       const rim = new T.DirectionalLight(0xa9c7ff, dark ? 0.9 : 0.5);
       rim.position.set(-2, 1.6, 0.8);
@@ -172,12 +202,14 @@ const Drawing = (() => {
       if (body.mesh !== null) { lane.mesh = this.solid(body.mesh, own, many); group.add(lane.mesh); }
       else if (D.kind !== "path") { lane.rod = new Ribbon(this, 1, colours.colours[1], 3.5); group.add(lane.rod); }
       if (D.kind === "seen") { lane.rod = new Ribbon(this, 1, colours.colours[1], 3.5); group.add(lane.rod); }
-      lane.ball = new T.Mesh(new T.SphereGeometry((D.kind === "particle" ? 0.055 : 0.026) * r, 24, 16), new T.MeshStandardMaterial({ color: colours.colours[1], roughness: 0.35 }));
+      lane.ball = new T.Mesh(new T.SphereGeometry((D.kind === "particle" ? 0.055 : 0.026) * r, 24, 16), this.surface({ color: colours.colours[1], roughness: 0.35 }));
       lane.ball.castShadow = true; group.add(lane.ball);
       lane.axes = this.spaceAxes(); group.add(lane.axes);
-      if (lane.mesh && body.turn.length > 4) { lane.own = this.bodyAxes(); lane.mesh.add(lane.own); }
+      if (many) lane.axes.visible = false;
+      if (lane.mesh && D.spins) { lane.own = this.bodyAxes(); lane.mesh.add(lane.own); }
       if (D.up) group.add(this.vertical(number));
-      if (body.name) { const name = word(body.name, many ? own : colours.ink, 0.042); name.position.set(0, 0, this.floor() - 0.16 * r); lane.name = name; group.add(name); }
+      if (D.up === "gravity" && this.floor() < 0) group.add(this.post());
+      if (body.name) { const name = word(body.name, many ? own : colours.ink, 0.034); name.position.set(0, -1.38 * r, this.floor() - 0.1 * r); lane.name = name; group.add(name); }
       this.scene.add(group);
       return lane;
     }
@@ -190,7 +222,7 @@ const Drawing = (() => {
 
     ground() {
       const r = this.D.radius, g = new T.Group(), h = this.floor(), reach = 1.3 * r;
-      const plate = new T.Mesh(new T.CylinderGeometry(reach, reach * 1.015, 0.04 * r, 96), new T.MeshStandardMaterial({ color: this.dark ? "#2b313b" : "#eef1f4", roughness: 0.85 }));
+      const plate = new T.Mesh(new T.CylinderGeometry(reach, reach * 1.015, 0.04 * r, 96), this.surface({ color: this.dark ? "#2b313b" : "#eef1f4", roughness: 0.85 }));
       plate.rotation.x = Math.PI / 2; plate.position.z = h - 0.022 * r; plate.receiveShadow = true;
       g.add(plate);
       for (const part of [0.25, 0.5, 0.75, 1]) g.add(circle(this, part * 1.2 * r, h + 0.003 * r, this.colours.faint, 1, part === 1 ? 0.8 : 0.3));
@@ -198,12 +230,18 @@ const Drawing = (() => {
       return g;
     }
 
+    post() {
+      const r = this.D.radius, h = -this.floor(), post = new T.Mesh(new T.CylinderGeometry(0.014 * r, 0.05 * r, h, 28), this.surface({ color: this.palette[2], metalness: 0.85, roughness: 0.35 }));
+      post.rotation.x = Math.PI / 2; post.position.z = -h / 2 - 0.012 * r; post.castShadow = true;
+      return post;
+    }
+
     cage() {
       const r = this.D.radius, g = new T.Group();
       this.axes3.forEach((c, k) => {
         const end = [0, 0, 0]; end[k] = 1.15 * r;
         g.add(line(this, [end.map((v) => -v), end], this.colours.faint, 1.5, 0.8));
-        const name = word(`${this.D.letter}${c + 1}`, this.colours.ink, 0.04); name.position.set(...end.map((v) => 1.08 * v)); g.add(name);
+        const name = word(`${this.D.letter}${c + 1}`, this.colours.ink, 0.03); name.position.set(...end.map((v) => 1.08 * v)); g.add(name);
       });
       return g;
     }
@@ -211,8 +249,10 @@ const Drawing = (() => {
     spaceAxes() {
       const { D, colours } = this, g = new T.Group(), r = D.radius, names = ["x", "y", "z"];
       if (!D.frame) return g;
+      const long = D.kind === "path" ? 0.5 : 1.26;
+      if (D.kind === "path") g.position.set(-0.8 * r, -0.8 * r, this.floor() + 0.52 * r);
       D.frame.forEach((d, k) => {
-        const end = d.map((v) => 1.34 * r * v), name = word(names[k], colours.faint, 0.036);
+        const end = d.map((v) => long * r * v), name = word(names[k], colours.faint, 0.028);
         g.add(line(this, [[0, 0, 0], end], colours.faint, 1.4, 0.9));
         name.position.set(...end.map((v) => 1.05 * v)); g.add(name);
       });
@@ -224,16 +264,16 @@ const Drawing = (() => {
       colours.forEach((colour, k) => {
         const end = [0, 0, 0]; end[k] = r;
         g.add(line(this, [[0, 0, 0], end], colour, 2.2, 0.95));
-        const name = word(String(k + 1), colour, 0.034); name.position.set(...end.map((v) => 1.09 * v)); g.add(name);
+        const name = word(String(k + 1), colour, 0.027); name.position.set(...end.map((v) => 1.09 * v)); g.add(name);
       });
       return g;
     }
 
     vertical(number) {
-      const { D, colours } = this, r = D.radius, g = new T.Group(), down = D.up === "gravity", a = arrow((down ? 0.5 : 1.3) * r, (down ? 0.016 : 0.013) * r, colours.colours[2]);
-      if (down) { g.position.set(1.12 * r, 0.55 * r, this.floor() + 0.95 * r); a.rotation.x = Math.PI; }
+      const { D, colours } = this, r = D.radius, g = new T.Group(), down = D.up === "gravity", a = arrow(this, (down ? 0.5 : 1.3) * r, (down ? 0.016 : 0.013) * r, colours.colours[2]);
+      if (down) { g.position.set(-0.98 * r, -0.42 * r, this.floor() + 0.75 * r); a.rotation.x = Math.PI; }
       g.add(a);
-      if (number === 0) { const name = word(down ? "gravity" : D.legend.arrow.split(" ")[0], colours.colours[2], 0.036); name.position.z = down ? 0.09 * r : 1.4 * r; g.add(name); }
+      if (this.D.bodies.length === 1) { const name = word(down ? "gravity" : D.legend.arrow.split(" ")[0], colours.colours[2], 0.028); name.position.z = down ? 0.09 * r : 1.4 * r; g.add(name); }
       return g;
     }
 
@@ -246,7 +286,7 @@ const Drawing = (() => {
       shown.setAttribute("color", new T.BufferAttribute(shades, 3));
       let from = 0; // a group for metal, a group for paint
       for (let f = 1; f <= rough.length; f++) if (f === rough.length || (rough[f] === 2) !== (rough[f - 1] === 2)) { shown.addGroup(3 * from, 3 * (f - from), rough[f - 1] === 2 ? 1 : 0); from = f; }
-      const paint = new T.MeshStandardMaterial({ vertexColors: true, roughness: 0.32, metalness: 0.05, side: T.DoubleSide }), metal = new T.MeshStandardMaterial({ vertexColors: true, roughness: 0.28, metalness: 0.85, side: T.DoubleSide });
+      const paint = this.surface({ vertexColors: true, roughness: 0.32, metalness: 0.05, side: T.DoubleSide }), metal = this.surface({ vertexColors: true, roughness: 0.28, metalness: 0.85, side: T.DoubleSide });
       const mesh = new T.Mesh(shown, [paint, metal]);
       mesh.castShadow = mesh.receiveShadow = true;
       return mesh;
@@ -257,9 +297,9 @@ const Drawing = (() => {
       const whole = D.count <= 2500 && D.windows.length === 1 && D.windows[0][1] - D.windows[0][0] === D.count - 1;
       if (whole) {
         for (let i = 0; i < D.count; i++) for (const u of i + 1 < D.count ? [0, 0.5] : [0]) flat.push(...tipAt(D, body, i, u, this.axes3, p).toArray());
-        return new Ribbon(this, flat.length / 3, colour, 1.2, 0.5).put(flat, flat.length / 3);
+        return new Ribbon(this, flat.length / 3, colour, D.kind === "path" ? 2 : 1.2, D.kind === "path" ? 0.9 : 0.5).put(flat, flat.length / 3);
       }
-      for (const i of D.path) flat.push(...tipAt(D, body, i, 0, this.axes3, p).toArray());
+      for (let k = 0, step = stride(D.path.length); k < D.path.length; k++) { const i = D.path[k * step % D.path.length]; flat.push(...tipAt(D, body, i, 0, this.axes3, p).toArray()); }
       const g = new T.BufferGeometry();
       g.setAttribute("position", new T.BufferAttribute(new Float32Array(flat), 3));
       const dots = new T.Points(g, new T.PointsMaterial({ color: colour, size: 1.8, sizeAttenuation: false, transparent: true, opacity: 0.55, depthWrite: false, toneMapped: false }));
@@ -268,7 +308,7 @@ const Drawing = (() => {
     }
 
     arrange() {
-      const r = this.D.radius, L = this.lanes.length, apart = this.together ? 0 : 3.1 * r, columns = Math.ceil(Math.sqrt(L * (this.wide ? 1.6 : 0.7))), rows = Math.ceil(L / columns);
+      const r = this.D.radius, L = this.lanes.length, apart = this.together ? 0 : 2.9 * r, columns = Math.ceil(Math.sqrt(L * (this.wide ? 1.6 : 0.7))), rows = Math.ceil(L / columns);
       const across = Math.min(L, columns);
       this.lanes.forEach((lane, k) => {
         const row = Math.floor(k / columns), inRow = Math.min(columns, L - row * columns);
@@ -278,7 +318,7 @@ const Drawing = (() => {
         if (lane.name) lane.name.visible = !this.together && L > 1;
       });
       this.extent = this.together || L === 1 ? 1.35 * r : Math.max(across, rows) * 1.55 * r;
-      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [across * 1.55 * r, (rows * 1.1 + 0.5) * r];
+      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [(across - 1) * apart / 2 + 1.75 * r, (rows - 1) * apart * 0.32 + 1.6 * r];
       this.dirty = true;
     }
 
@@ -286,18 +326,20 @@ const Drawing = (() => {
       const { D } = this, r = D.radius, up = this.floor() === 0 && this.lanes.length === 1, tan = Math.tan(FOV * Math.PI / 360);
       const away = Math.max(this.box[1] / tan, this.box[0] / (tan * this.camera.aspect)) * 1.06;
       this.controls.target.set(0, 0, up ? 0.42 * r : -0.02 * r);
-      const d = new V(0.62, -0.72, this.lanes.length > 1 && !this.together ? 0.62 : 0.4).normalize().multiplyScalar((up ? 0.86 : 1) * away);
+      const side = this.lanes.length > 1 && !this.together, d = new V(side ? 0.02 : 0.62, side ? -1 : -0.72, side ? 0.75 : 0.4).normalize().multiplyScalar((up ? 0.86 : 1) * away);
       this.camera.position.copy(this.controls.target).add(d);
       Object.assign(this.camera, { near: 0.02 * r, far: 60 * away }); this.camera.updateProjectionMatrix();
       this.touched = false; this.heading = null; this.dirty = true;
     }
 
-    size() {
+    size(same = false) {
       const { clientWidth: w, clientHeight: h } = this.canvas.parentElement;
       if (!w || !h) return;
-      this.renderer.setPixelRatio(Math.min(2, devicePixelRatio) * this.coarse);
+      this.renderer.setPixelRatio(Math.min(2, devicePixelRatio) * this.scale);
       this.renderer.setSize(w, h, false);
       this.half.value.set(w / 2, h / 2);
+      this.dirty = true;
+      if (same) return;
       this.camera.aspect = w / h; this.camera.updateProjectionMatrix();
       const wide = w > h;
       if (this.lanes && wide !== this.wide) { this.wide = wide; this.arrange(); }
@@ -351,9 +393,15 @@ const Drawing = (() => {
 
     show(playing, now) {
       this.controls.update();
-      for (const lane of this.lanes) { lane.axes.visible = this.axes; if (lane.own) lane.own.visible = this.axes && this.lanes.length === 1; }
-      if (!this.dirty && !(this.coarse < 1 && !playing && now - this.last > 400)) return false;
-      if (!playing && this.coarse < 1 && now - this.last > 400) { this.coarse = 1; this.size(); }
+      if (this.dirty) this.moved = now;
+      const rest = !playing && now - this.moved > REST, scale = rest ? Math.max(1, this.soft ? 1.7 / devicePixelRatio : 1) : this.coarse;
+      if (scale !== this.scale) { this.scale = scale; this.size(true); }
+      if (!this.dirty) return false;
+      for (const lane of this.lanes) {
+        lane.axes.visible = this.axes && (this.lanes.length === 1 || this.together && lane.number === 0);
+        if (lane.own) lane.own.visible = this.axes && this.lanes.length === 1;
+        if (this.soft && lane.path.isPoints) lane.path.geometry.setDrawRange(0, this.scale > 1 ? Infinity : Math.ceil(MOVING / this.lanes.length));
+      }
       this.renderer.render(this.scene, this.camera);
       this.dirty = false;
       if (playing) this.adapt(now);
@@ -362,12 +410,17 @@ const Drawing = (() => {
     }
 
     adapt(now) { // coarser where pictures are slow
-      if (this.last !== undefined && now - this.last < 1000) this.times.push(now - this.last);
-      if (this.times.length < 8) return;
-      const typical = this.times.sort((a, b) => a - b)[4];
+      if (now - this.last < 1000) this.times.push(now - this.last);
+      if (this.times.length < 6) return;
+      const typical = this.times.sort((a, b) => a - b)[3];
       this.times = [];
-      const better = typical > SLOW ? Math.max(LEAST, this.coarse * 0.75) : this.coarse;
-      if (better !== this.coarse) { this.coarse = better; this.size(); }
+      if (typical > SLOW) this.coarse = Math.max(LEAST, this.coarse * 0.75);
+    }
+
+    finest() { // for a file
+      this.scale = Math.max(1, 2 / devicePixelRatio); this.size(true);
+      this.renderer.render(this.scene, this.camera);
+      this.dirty = true;
     }
   }
 

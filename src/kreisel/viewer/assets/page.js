@@ -24,7 +24,7 @@
   }
 
   let D = decode($("data").textContent);
-  const state = { frame: 0, part: 0, time: D.time[0], playing: false, moved: true, chosen: null, waited: 0 };
+  const state = { frame: 0, part: 0, time: D.time[0], playing: false, moved: true, chosen: null, waited: 0, told: 0 };
   const axes3 = D.coordinates.slice(), system = matchMedia("(prefers-color-scheme: dark)");
   const dark = () => (state.chosen === null ? system.matches : state.chosen);
   const colours = () => D.themes[dark() ? "dark" : "light"];
@@ -98,11 +98,14 @@
     stage?.pose(state.frame, state.part, state.time, length());
     drift.place(state.time); section.place(state.time);
     $("scrub").value = state.frame;
+    document.body.dataset.frame = state.frame;
+    document.body.dataset.time = state.time;
+    const now = performance.now(); // text is dear
+    if (state.playing && now - state.told < 120) return;
+    state.told = now;
     const stretch = below(D.edges, state.time), rows = $("table").tBodies[0].rows;
     D.series.forEach((s, i) => { rows[i].cells[4].textContent = s.change[stretch].toExponential(1); });
     $("now").textContent = `time ${state.time.toPrecision(7)} of ${D.time[D.count - 1].toPrecision(5)}, state ${state.frame + 1} of ${D.count}`;
-    document.body.dataset.frame = state.frame;
-    document.body.dataset.time = state.time;
   }
 
   // ---- playing
@@ -110,6 +113,7 @@
   function play(on) {
     state.playing = on;
     if (on && state.frame >= D.count - 1 && !following()) seek(0);
+    state.moved = true; // the text too
     $("play").textContent = on ? "\u275a\u275a" : "\u25b6";
     document.body.dataset.playing = on;
   }
@@ -180,7 +184,7 @@
     document.body.dataset.saved = `${name} ${blob.type} ${blob.size}`;
   }
 
-  function picture() { if (stage) { stage.dirty = true; stage.show(false, performance.now()); stage.canvas.toBlob((blob) => save(blob, "kreisel.png"), "image/png"); } }
+  function picture() { if (stage) { stage.finest(); stage.canvas.toBlob((blob) => save(blob, "kreisel.png"), "image/png"); } }
 
   let recorder = null;
 
