@@ -42,7 +42,7 @@ THINNEST = 0.12  # semi-axis to the longest
 
 @dataclass(frozen=True)
 class Body:
-    """Triangles about the point 0: points (k, 3), faces (f, 3) as numbers of points, a place in the palette for each."""
+    """Triangles about 0: points (k, 3), faces (f, 3) as numbers of points, each with a place in the palette."""
 
     points: Array
     faces: Array
@@ -142,7 +142,7 @@ def gyroscope(axis: Array, tensor: Array | None, length: float) -> Body:
         spoke = _box((0.17, 0.022, 0.022), METAL)
         c, s = np.cos(angle), np.sin(angle)
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        spokes.append(replace(spoke, points=(spoke.points + (0.27, 0, 0.55)) @ turn.T))
+        spokes.append(replace(spoke, points=(spoke.points + np.array([0.27, 0, 0.55])) @ turn.T))
     return _along(axis, tensor, length)(joined(rim, *metal, *spokes))
 
 
@@ -163,11 +163,11 @@ def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
     for side in (-1, 1):
         for number in range(3):  # cells of a panel
             cell = _box((0.03, 0.29, 0.5 * size[2]), PANEL)
-            parts.append(replace(cell, points=cell.points + (0, side * (size[1] + 0.42 + 0.62 * number), 0)))
+            parts.append(replace(cell, points=cell.points + np.array([0, side * (size[1] + 0.42 + 0.62 * number), 0])))
         arm = _box((0.02, 0.09, 0.02), DARK)
-        parts.append(replace(arm, points=arm.points + (0, side * (size[1] + 0.07), 0)))
+        parts.append(replace(arm, points=arm.points + np.array([0, side * (size[1] + 0.07), 0])))
     dish = _revolved([(0.0, 0.0), (0.18, 0.03), (0.30, 0.12), (0.28, 0.13), (0.17, 0.06), (0.0, 0.03)])
-    dish = Body(dish.points + (0, 0, size[2]), dish.faces, np.full(len(dish.faces), FIRST))
+    dish = Body(dish.points + np.array([0, 0, size[2]]), dish.faces, np.full(len(dish.faces), FIRST))
     made = joined(*parts, dish)
     return replace(made, points=made.points @ axes.T).scaled(radius)
 

@@ -81,7 +81,9 @@ def _said(note: str, joined: Array) -> str:
     elif joined.any():
         between = "where states are close it is interpolated between them; elsewhere playing jumps to the next stretch"
     else:
-        between = "the saved states are too far apart for the motion between them to be known: they are shown one by one"
+        between = (
+            "the saved states are too far apart for the motion between them to be known: they are shown one by one"
+        )
     text = "; ".join(part for part in (note, between) if part)
     return text[:1].upper() + text[1:] + "." if text else ""
 
@@ -284,5 +286,3 @@ def windows(joined: Array) -> list[tuple[int, int]]:
     """First and last frame of each stretch of joined ones."""
     edges = np.diff(np.concatenate([[0], joined.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
-
-

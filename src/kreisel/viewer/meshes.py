@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,7 @@ def _obj(raw: bytes) -> tuple[Array, Array]:
             corners = [_place(int(each.split("/")[0]), len(points)) for each in rest]
             if len(corners) < 3:
                 raise ValueError("a face has fewer than three corners")
-            faces += [(corners[0], b, c) for b, c in zip(corners[1:-1], corners[2:], strict=True)]
+            faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
     return np.array(points, dtype=np.float64).reshape(-1, 3), np.array(faces, dtype=int).reshape(-1, 3)
 
 

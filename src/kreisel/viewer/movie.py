@@ -165,7 +165,9 @@ class _Film:
         colours[:, 3] = np.linspace(0.02, 1, len(pieces)) ** 1.4
         front = flat[1:, 2] > 0
         for part, order in ((~front, 1), (front, 5)):
-            axes.add_collection(LineCollection(cast("Any", pieces[part]), colors=colours[part], linewidths=2.2, zorder=order))
+            axes.add_collection(
+                LineCollection(cast("Any", pieces[part]), colors=colours[part], linewidths=2.2, zorder=order)
+            )
 
     def _solid(self, axes: Any, body: dict[str, Any], g: Array, tip: Array) -> None:
         from matplotlib.collections import PolyCollection
@@ -180,7 +182,11 @@ class _Film:
         colours = np.clip(body["colour"] * shade[:, None] + gloss[:, None], 0, 1)
         order = np.argsort(seen[:, :, 2].mean(1))
         faces = PolyCollection(
-            cast("Any", seen[order, :, :2]), facecolors=colours[order], edgecolors=colours[order], linewidths=0.4, zorder=3
+            cast("Any", seen[order, :, :2]),
+            facecolors=colours[order],
+            edgecolors=colours[order],
+            linewidths=0.4,
+            zorder=3,
         )
         axes.add_collection(faces)
 

@@ -1,7 +1,7 @@
 """The page of a run in a notebook: each cell holds its data, one cell of a notebook the scripts.
 
-A cell builds the page in a frame of its own, without the notebook's origin, from its data and the library that the first
-cell has left at `window.kreiselLibrary`.  Where that is missing, the cell says so.
+A cell builds the page in a frame of its own, without the notebook's origin, from its data and the library that the
+first cell has left at `window.kreiselLibrary`.  Where that is missing, the cell says so.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _carried: dict[str, Any] = {"cell": None, "count": 0}
 
 
 def cell(data: dict[str, Any]) -> str:
-    """The output of a cell.  The first one of a kernel carries the library, and so does that cell when it runs again."""
+    """The output of a cell.  The first of a kernel carries the library; so does that cell when it runs again."""
     _carried["count"] += 1
     name = f"kreisel-{_carried['count']}-{abs(hash(data['title'])) % 10**8}"
     fill = {

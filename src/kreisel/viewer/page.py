@@ -1,8 +1,8 @@
 """kr.view, `kreisel view`: a run as one HTML file that needs nothing else, and as a notebook display.
 
 The file holds three.js and uPlot (assets/README.md), Kreisel's own script, and the data as JSON in which no markup can
-begin.  Text from the archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their hashes and allows no
-request, so that nothing else runs in it, whatever an archive says.
+begin.  Text from the archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their
+hashes and allows no request, so that nothing else runs in it, whatever an archive says.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class View:
     def movie(self, path: str | os.PathLike[str], **options: Any) -> Path:
         """Write a film of the first body: .gif, or .mp4 where ffmpeg is installed.
 
-        Options: seconds=8.0, fps=20, speed=1.0 (as on the page), theme="light".  Raises `InputError` for other names and
-        for a run whose saved states are too far apart.
+        Options: seconds=8.0, fps=20, speed=1.0 (as on the page), theme="light".  Raises `InputError` for other names
+        and for a run whose saved states are too far apart.
         """
         from kreisel.viewer.movie import movie
 
@@ -84,11 +84,12 @@ def view(
     section   what `kr.analysis.section` returns, drawn beside
 
     Shows itself in a notebook; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
-    `.movie("run.gif")` a film.  What is shown is decided by the record (`kreisel.viewer.showing`).  Give `kr.simulate` an
-    orientation to see a body turn.  It plays evenly in time.  Where a body turns by at most 0.8 rad between saved states, the
-    motion between them is interpolated; where more, it is computed again from them by the run's own method, and the
-    page says so.  At most 100,000 states of one body are shown, the extremes of the vector among them; each point of a
-    drift is the largest change in its stretch of time.  Raises `InputError` for what is no run and for a bad mesh.
+    `.movie("run.gif")` a film.  What is shown is decided by the record (`kreisel.viewer.showing`).  Give `kr.simulate`
+    an orientation to see a body turn.  It plays evenly in time.  Where a body turns by at most 0.8 rad between saved
+    states, the motion between them is interpolated; where more, it is computed again from them by the run's own method,
+    and the page says so.  At most 100,000 states of one body are shown, the extremes of the vector among them; each
+    point of a drift is the largest change in its stretch of time.  Raises `InputError` for what is no run and for a bad
+    mesh.
     """
     from kreisel.viewer.meshes import read_mesh
 

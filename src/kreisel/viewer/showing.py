@@ -1,4 +1,4 @@
-"""What a page shows of a trajectory: its body, the tip of its axis, its turns.  Decided by the record and the phase space.
+"""What a page shows of a trajectory: body, tip of the axis, turns.  Decided by the record and the phase space.
 
 | run                                          | shown                                                             |
 |----------------------------------------------|-------------------------------------------------------------------|
