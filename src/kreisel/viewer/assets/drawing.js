@@ -159,7 +159,7 @@ const Drawing = (() => {
     }
 
     build(D, colours, dark, axes3) {
-      if (this.scene) this.scene.traverse((o) => { o.geometry?.dispose(); o.material?.map?.dispose(); o.material?.dispose?.(); });
+      if (this.scene) this.scene.traverse((o) => { o.geometry?.dispose(); for (const m of [o.material ?? []].flat()) { m.map?.dispose(); m.dispose(); } });
       Object.assign(this, { D, colours, dark, axes3, dirty: true });
       const s = this.scene = new T.Scene(), r = D.radius;
       s.background = this.backdrop();
@@ -318,7 +318,7 @@ const Drawing = (() => {
         if (lane.name) lane.name.visible = !this.together && L > 1;
       });
       this.extent = this.together || L === 1 ? 1.35 * r : Math.max(across, rows) * 1.55 * r;
-      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [(across - 1) * apart / 2 + 1.75 * r, (rows - 1) * apart * 0.32 + 1.6 * r];
+      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [(across - 1) * apart / 2 * 0.95 + 1.4 * r, (rows - 1) * apart * 0.36 + 1.4 * r];
       this.dirty = true;
     }
 

@@ -151,17 +151,19 @@
   const following = () => D.follow !== null && $("follow").checked && !D.complete;
 
   async function news() {
+    let text = null;
     if (!document.hidden) {
       try {
         const answer = await fetch(location.pathname, { headers: { Accept: "application/json", "If-None-Match": state.tag || "" }, cache: "no-store" });
-        if (answer.status === 200) {
-          state.tag = answer.headers.get("ETag");
-          const atEnd = state.frame >= D.count - 1, time = state.time;
-          D = decode(await answer.text());
-          redraw();
-          if ($("follow").checked && atEnd && !state.playing) seek(D.count - 1); else nearest(time);
-        }
+        if (answer.status === 200) { state.tag = answer.headers.get("ETag"); text = await answer.text(); }
       } catch { $("note").textContent = "The server has ended; this is the last state that it sent."; return; }
+    }
+    if (text !== null) {
+      const atEnd = state.frame >= D.count - 1, time = state.time;
+      D = decode(text);
+      state.frame = Math.min(state.frame, D.count - 1);
+      redraw();
+      if ($("follow").checked && atEnd && !state.playing) seek(D.count - 1); else nearest(time);
     }
     if (!D.complete) setTimeout(news, 1000 * D.follow);
   }
@@ -196,7 +198,7 @@
     recorder = new MediaRecorder(stage.canvas.captureStream(30), { mimeType: type, videoBitsPerSecond: 8e6 });
     recorder.addEventListener("dataavailable", (event) => pieces.push(event.data));
     recorder.addEventListener("stop", () => { recorder = null; $("record").classList.remove("on"); play(false); save(new Blob(pieces, { type: type.split(";")[0] }), type.includes("mp4") ? "kreisel.mp4" : "kreisel.webm"); });
-    recorder.start(); $("record").classList.add("on"); play(true);
+    recorder.start(250); $("record").classList.add("on"); play(true);
   }
 
   // ---- begin
