@@ -88,7 +88,6 @@ def test_import_is_light() -> None:
         "jax",
         "mpmath",
         "sympy",
-        "plotly",
     )
     code = f"import sys, kreisel; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout

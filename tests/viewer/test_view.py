@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import base64
+import hashlib
 import json
 import re
 import threading
@@ -13,30 +13,15 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-import browser
 import kreisel as kr
 from kreisel.viewer import bodies, serve
+from kreisel.viewer.frames import between
+from kreisel.viewer.meshes import read_mesh
 from kreisel.viewer.page import as_json, page, scripts
-from kreisel.viewer.scene import MOVING_PATH, scene
+from kreisel.viewer.scene import SHORT, scene
 from kreisel.viewer.thinning import extremes, mixed
-
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
-HOSTILE = "</script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\"><!-- $data"
-
-
-def array(text: str, kind: str) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), dtype=f"<{kind}")
-
-
-def tip(data: dict) -> np.ndarray:
-    return array(data["tip"], "f4").reshape(-1, data["n"])
-
-
-def turned(data: dict, points: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    g = Rotation.from_quat(array(data["turn"], "f4").reshape(-1, 4), scalar_first=True)
-    return np.stack([g.apply(p) for p in points], 1)
+from scenes import HOSTILE, IDENTITY, array, hostile, points, tip, turned
+from support import ROOT
 
 
 @pytest.fixture
@@ -51,34 +36,37 @@ def test_the_body_turns_with_its_axis(oriented, top, x0):
     """The last ring of the top's profile lies on the axis: it must follow a, with and without an orientation."""
     for run in (oriented, kr.simulate(top, x0, dt=0.05, steps=400, progress=False)):
         data = scene(run)
-        points = np.array(data["body"]["points"])
-        ends = turned(data, points[-1:])[:, 0]
-        assert data["kind"] == "body" and np.allclose(tip(data), run.a, atol=1e-6)
-        assert np.allclose(ends / np.linalg.norm(ends, axis=-1, keepdims=True), run.a.values, atol=1e-5)
-        assert np.allclose(np.linalg.norm(points[0]), 0)  # on its point
-    assert "not shown" in data["note"]
+        ends = turned(data, points(data)[-1:])[:, 0]
+        assert data["kind"] == "body" and np.allclose(tip(data), run.a, atol=2e-4)
+        assert np.allclose(ends / np.linalg.norm(ends, axis=-1, keepdims=True), run.a.values, atol=2e-4)
+        assert np.allclose(np.linalg.norm(points(data)[0]), 0)  # on its point
+    assert "not shown" in data["note"] and "orientation=(1, 0, 0, 0)" in data["callout"] and not data["spins"]
+    second = bodies.SECOND
+    assert second not in array(data["meshes"][0]["colour"], "u1")  # no sectors that would seem to stand still
+    assert scene(oriented)["spins"] and second in array(scene(oriented)["meshes"][0]["colour"], "u1")
 
 
-def test_gravity_points_up_whatever_the_frame_of_the_data():
+def test_gravity_points_down_whatever_the_frame_of_the_data():
     top = kr.LagrangeTop(p=(2.0, -1.0, 0.4))
     run = kr.simulate(top, top.state(m=(0.3, 1, 0.2), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
     data = scene(run)
-    height = run.a.values @ (np.array((2.0, -1.0, 0.4)) / np.linalg.norm((2.0, -1.0, 0.4)))
-    assert np.allclose(tip(data)[:, 2], height, atol=1e-6) and data["arrow"][2] > 1
+    up = np.array((2.0, -1.0, 0.4)) / np.linalg.norm((2.0, -1.0, 0.4))
+    assert np.allclose(tip(data)[:, 2], run.a.values @ up, atol=2e-4)
+    assert data["up"] == "gravity" and np.allclose(up @ np.array(data["frame"]), (0, 0, 1))  # x, y, z as drawn
 
 
 def test_the_moving_frame_shows_the_body_in_space_or_the_vector_from_the_body():
     model = kr.HeavyTop(J=(0.6, 0.9, 1.4), A=(0.3, -0.2, 0.9))
     x0 = model.state(M=(0.5, 1, 2), P=(0.6, 0, 0.8))
     seen = scene(kr.simulate(model, x0, dt=0.05, steps=50, progress=False))
-    assert "seen from the body" in seen["legend"]["tip"] and len(array(seen["turn"], "f4")) == 4
+    assert seen["kind"] == "seen" and "seen from the body" in seen["legend"]["tip"]
+    assert len(array(seen["bodies"][0]["turn"], "i2")) == 4 and "orientation" in seen["callout"]
     run = kr.simulate(model, x0, dt=0.05, steps=50, orientation=IDENTITY, progress=False)
     data = scene(run)
     axis = np.array((0.3, -0.2, 0.9)) / np.linalg.norm((0.3, -0.2, 0.9))
     # the height of the axis over the vertical is the same seen from space and from the body
-    assert np.allclose(tip(data)[:, 2], run.P.values @ axis, atol=1e-6)
-    ends = turned(data, np.array(data["body"]["points"])[-1:])[:, 0]
-    assert np.allclose(ends / 0.94, tip(data), atol=1e-5)
+    assert np.allclose(tip(data)[:, 2], run.P.values @ axis, atol=2e-4)
+    assert np.allclose(turned(data, points(data)[-1:])[:, 0] / 0.94, tip(data), atol=2e-4)
 
 
 def test_a_body_in_a_fluid_is_its_ellipsoid():
@@ -89,14 +77,14 @@ def test_a_body_in_a_fluid_is_its_ellipsoid():
         body.model(), body.state((0, 0, 0.1), (1, 2, 0.1)), dt=0.05, steps=20, orientation=IDENTITY, progress=False
     )
     data = scene(run)
-    reach = abs(np.array(data["body"]["points"])).max(0)
+    reach = abs(points(data)).max(0)
     assert np.allclose(reach / reach.max(), (1, 2 / 3, 1 / 3), rtol=2e-2)
     assert "ellipsoid" in data["legend"]["tip"]
 
 
 def test_a_body_in_a_fluid_is_on_its_path(monkeypatch):
     """Its momentum is the vertical; its nose turns as g does; no path where there are too many rows."""
-    from kreisel.viewer import scene as part
+    from kreisel.viewer import showing
 
     body = kr.Kirchhoff(C=[[0, 0.5, 0.8], [0.5, 0, 1.2], [0.8, 1.2, 0]], B=(-0.9, -0.7, -0.4))
     start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}
@@ -109,17 +97,28 @@ def test_a_body_in_a_fluid_is_on_its_path(monkeypatch):
     assert np.allclose(np.diff(shown[:, 2]), np.diff(x @ p), atol=1e-5)
     far = [np.linalg.norm(v - v[:1], axis=-1) for v in (shown, x)]
     assert np.allclose(*far, atol=1e-4)
-    nose = np.array(data["nose"])
-    assert np.allclose(turned(data, nose[None])[:, 0, 2], g @ nose @ p, atol=1e-5)
+    nose = np.array(data["bodies"][0]["nose"])
+    assert np.allclose(turned(data, nose)[:, 0, 2], g @ nose @ p, atol=2e-4 * np.linalg.norm(nose))
     with monkeypatch.context() as fewer:
-        fewer.setattr(part, "MOST_PLACED", 300)
+        fewer.setattr(showing, "MOST_PLACED", 300)
         assert scene(run)["kind"] == "body"
+
+
+def test_a_satellite_has_the_shape_of_its_inertia():
+    from kreisel.physical import Orbit, Satellite
+
+    sat = Satellite.cubesat(Orbit.circular("500 km"), units=3)
+    run = kr.simulate(sat.model(), sat.state(), dt=60.0, steps=20, orientation=IDENTITY, progress=False)
+    data = scene(run)
+    assert "satellite" in data["note"] and data["up"] == ""
+    axis, colour = np.array(data["bodies"][0]["axis"]), array(data["meshes"][0]["colour"], "u1")
+    assert bodies.PANEL in colour and abs(axis[0]) > 0.97  # the axis of the least moment is the first
 
 
 def test_particle_projection_lane_and_own_system():
     neumann = kr.Neumann(b=(0, 1, 2))
     run = kr.simulate(neumann, neumann.state(x=(1, 0, 0), q=(0, 0.8, 1)), dt=0.05, steps=50, progress=False)
-    assert scene(run)["kind"] == "particle" and scene(run)["body"] is None
+    assert scene(run)["kind"] == "particle" and scene(run)["bodies"][0]["mesh"] is None
     five = kr.LagrangeTop(p=(0, 0, 3, 0, 1))
     m = np.triu(np.ones((5, 5)), 1)
     run = kr.simulate(five, five.state(m=m - m.T, a=np.eye(5)[1]), dt=0.05, steps=50, progress=False)
@@ -127,11 +126,16 @@ def test_particle_projection_lane_and_own_system():
     assert (data["kind"], data["n"], data["coordinates"]) == ("projection", 5, [0, 1, 2])
     both = kr.LagrangeTop(p=[(0, 0, 1.0), (0, 1.0, 0)])
     run = kr.simulate(both, both.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8)), dt=0.05, steps=50, progress=False)
-    assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=1e-6)  # its own gravity points up
+    assert np.allclose(tip(scene(run, lane=1))[:, 2], run.a[:, 1, 1], atol=2e-4)  # its own gravity points down
+    data = scene(run)
+    assert [each["name"] for each in data["bodies"]] == ["lane 0", "lane 1"] and "2 of 2 lanes" in data["facts"]
+    assert all(np.allclose(tip(data, k)[:, 2], run.a[:, k, 2 - k], atol=2e-4) for k in (0, 1))
+    with pytest.raises(kr.InputError, match="different ones"):
+        scene(run, lane=[0, 0])
     with pytest.raises(kr.InputError, match="from 0 to 1"):
         scene(run, lane=2)
     own = run.isel(lane=0).assign_attrs(system="a-top-of-ones-own", frame="moving")
-    assert scene(own)["kind"] == "body"
+    assert scene(own)["kind"] == "seen"
     with pytest.raises(kr.InputError, match="expected a run"):
         scene(run.drop_attrs())
     with pytest.raises(kr.InputError, match="lacks a"):
@@ -140,8 +144,163 @@ def test_particle_projection_lane_and_own_system():
 
 def test_the_top_s_disc_follows_the_inertia():
     wide = bodies.top(np.array((0, 0, 1.0)), np.diag((4.0, 1.0, 1.0)), 1.0)
-    reach = abs(np.array(wide["points"])).max(0)
+    reach = abs(wide.points).max(0)
     assert np.isclose(reach[0] / reach[1], 2, rtol=1e-2)
+
+
+@pytest.mark.parametrize("name", bodies.SHAPES)
+def test_every_shape_can_be_asked_for(name, oriented):
+    data = scene(oriented, body=name)
+    assert np.isclose(np.linalg.norm(points(data), axis=-1).max(), 0.94, atol=0.15)
+    assert data["meshes"] != scene(oriented)["meshes"] or name == "top"
+    faces = array(data["meshes"][0]["faces"], "u2").reshape(-1, 3)
+    assert faces.max() < len(points(data)) and len(array(data["meshes"][0]["colour"], "u1")) == len(faces)
+    with pytest.raises(kr.InputError, match=r"body: expected top, .* Did you mean 'gyroscope'"):
+        kr.view(oriented, body="gyroscop")
+
+
+# -- a shape of one's own -----------------------------------------------------------------------------------------
+
+CORNERS = [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)]
+SIDES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
+
+
+def stl(binary: bool) -> bytes:
+    facets = [[CORNERS[k] for k in side] for side in SIDES]
+    if binary:
+        record = np.zeros(4, dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("e", "<u2")])
+        record["v"] = facets
+        return b"solid looks like text".ljust(80) + np.uint32(4).tobytes() + record.tobytes()
+    lines = ["solid x"]
+    for facet in facets:
+        lines += [
+            "facet normal 0 0 0",
+            "outer loop",
+            *(f"vertex {x} {y} {z}" for x, y, z in facet),
+            "endloop",
+            "endfacet",
+        ]
+    return "\n".join([*lines, "endsolid x"]).encode()
+
+
+OBJ = "\n".join(
+    [*(f"v {x} {y} {z}" for x, y, z in CORNERS), "f 1/1 3 2", "f 1 2 4 # a comment", "f -3 -2 -1", "f 1 4 3"]
+)
+
+
+@pytest.mark.parametrize(("name", "raw"), [("a.stl", stl(True)), ("b.STL", stl(False)), ("c.obj", OBJ.encode())])
+def test_a_mesh_is_read_and_shown(name, raw, tmp_path, oriented):
+    (tmp_path / name).write_bytes(raw)
+    found = read_mesh(tmp_path / name)
+    seen = {frozenset(map(tuple, found.points[face].tolist())) for face in found.faces}
+    assert seen == {frozenset(CORNERS[k] for k in side) for side in SIDES}
+    data = scene(oriented, body=found)
+    assert np.allclose(sorted(np.linalg.norm(points(data), axis=-1)), 0.94 / 3 * np.arange(4), atol=1e-6)
+    kr.view(oriented, mesh=tmp_path / name)
+    cut = (
+        raw.replace(b"vertex", b"vertex 1", 1) if b"vertex" in raw else raw + b"\nf 1 2 9" if b"f " in raw else raw[:-1]
+    )
+    for broken in (cut, b"", b"v 1 2\nf 1 2 3"):
+        (tmp_path / name).write_bytes(broken)
+        with pytest.raises(kr.InputError, match="mesh: "):
+            kr.view(oriented, mesh=tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "text", ["v 0 0 0\nv 1 0 0\nf 1 2 3", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "f 0 0 0", "v 1 1 1"]
+)
+def test_a_bad_mesh_is_refused(text, tmp_path, oriented):
+    (tmp_path / "x.obj").write_text(text)
+    with pytest.raises(kr.InputError, match="mesh: "):
+        kr.view(oriented, mesh=tmp_path / "x.obj")
+    with pytest.raises(kr.InputError, match=r"ends in \.stl or \.obj"):
+        kr.view(oriented, mesh=tmp_path / "x.glb")
+    with pytest.raises(kr.InputError, match="cannot be read"):
+        kr.view(oriented, mesh=tmp_path / "none.obj")
+
+
+# -- even in time -------------------------------------------------------------------------------------------------
+
+
+def joined(data: dict) -> np.ndarray:
+    out = np.zeros(len(array(data["time"], "f8")) - 1, dtype=bool)
+    for first, last in data["windows"]:
+        out[first:last] = True
+    return out
+
+
+def test_between_saved_states_the_motion_is_that_of_the_body(top, x0):
+    """Against rows ten times as dense: the cubic between rows 0.36 rad apart, from the 16-bit turns of the page."""
+    fine = kr.simulate(top, x0, dt=0.02, steps=1000, orientation=IDENTITY, progress=False)
+    data = scene(fine.isel(time=slice(None, None, 10)))
+    assert data["windows"] == [(0, 100)]
+    q = array(data["bodies"][0]["turn"], "i2").reshape(-1, 4) / SHORT
+    found = between(q, np.arange(0, 100, 0.1), joined(data))
+    found /= np.linalg.norm(found, axis=-1, keepdims=True)
+    angle = 2 * np.arccos(np.clip(abs((found * fine.g.values[:-1]).sum(-1)), 0, 1))
+    assert angle.max() < 5e-3
+
+    def kink(path):  # the jump of the velocity at saved rows, against the speed
+        rate = np.diff(path, axis=0)
+        return np.linalg.norm(rate[10:-10:10] - rate[9:-11:10], axis=-1).max() / np.linalg.norm(rate, axis=-1).mean()
+
+    chords = q[:-1, None] + np.linspace(0, 1, 10, endpoint=False)[:, None] * np.diff(q, axis=0)[:, None]
+    assert kink(found) < 0.4 * kink(chords.reshape(-1, 4))
+
+
+def test_states_far_apart_are_computed_again(top, x0):
+    """Every second of all rows that the page shows is that of the run with all of them saved."""
+    whole = kr.simulate(top, x0, dt=0.05, steps=4000, orientation=IDENTITY, progress=False)
+    data = scene(whole.isel(time=slice(None, None, 400)).assign_attrs(every=400))
+    time, steps = array(data["time"], "f8"), None
+    steps = np.round(time / 0.05).astype(int)
+    assert len(time) > 1000 and joined(data).all() and (np.diff(time) * 1.99 < 0.8).all()
+    assert np.allclose(time, 0.05 * steps) and np.allclose(tip(data), whole.a.values[steps], atol=2e-4)
+    assert "computed again" in data["note"]
+    missed = float(re.search(r"next saved state to (\S+);", data["note"])[1])
+    assert missed < 1e-10
+
+
+def test_a_long_sparse_run_has_stretches_and_says_so(top, x0):
+    run = kr.simulate(top, x0, dt=0.05, steps=200_000, every=10_000, progress=False)
+    data = scene(run)
+    time = array(data["time"], "f8")
+    lengths = [time[b] - time[a] for a, b in data["windows"]]
+    assert len(lengths) == 12 and min(lengths) > 20 and "12 stretches" in data["note"] and "jumps" in data["note"]
+    assert set(np.round(run.time.values, 9)) <= set(np.round(time, 9))
+
+
+def test_what_cannot_be_known_between_states_is_not_invented(top, x0):
+    run = kr.simulate(top, x0, dt=2.0, steps=50, progress=False)  # a step turns it by 4 rad
+    data = scene(run)
+    assert data["windows"] == [] and "one by one" in data["note"] and len(array(data["time"], "f8")) == 51
+    own = run.assign_attrs(system="a-top-of-ones-own", frame="rest")
+    assert scene(own)["windows"] == []
+
+
+def test_a_forced_body_is_computed_again_with_its_clock():
+    body = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1)), torque=lambda M, t: -0.02 * t * M)
+    x0 = body.state(M=(0.3, 0.2, 1.1), P=(0.6, 0, 0.8))
+    whole = kr.simulate(body, x0, dt=0.05, steps=400, orientation=IDENTITY, progress=False)
+    from kreisel.runs.run_record import RunRecord
+    from kreisel.viewer import frames
+
+    sparse = whole.isel(time=slice(None, None, 100)).assign_attrs(every=100)
+    found = frames.frames(sparse, RunRecord.of(sparse), body)
+    assert found.run.sizes["time"] > 50 and "computed again" in found.note
+    steps = np.round(found.run.time.values / 0.05).astype(int)
+    assert np.allclose(found.run.M.values, whole.M.values[steps], atol=1e-7)
+
+
+def test_a_section_and_events_stand_beside(top, x0):
+    run = kr.simulate(top, x0, dt=0.05, steps=2000, progress=False)
+    cut = kr.analysis.section(run, "a[2]", 0.5)
+    data = scene(run, section=cut)["section"]
+    table = array(data["points"], "f4").reshape(-1, len(data["names"]))
+    assert np.allclose(table[:, data["names"].index("a[1]")], cut.a.values[:, 1], atol=1e-6)
+    assert "a[2]" not in data["names"] and len(array(data["time"], "f8")) == cut.sizes["event"]
+    with pytest.raises(kr.InputError, match="section: expected"):
+        kr.view(run, section=run)
 
 
 # -- decimation ---------------------------------------------------------------------------------------------------
@@ -159,17 +318,17 @@ def test_decimation_keeps_extremes():
 
 
 def test_a_long_run_is_shown_by_its_extremes(monkeypatch, top, x0):
-    from kreisel.viewer import scene as part
+    from kreisel.viewer import frames as part
 
-    monkeypatch.setattr(part, "MOST_FRAMES", 2_000)
+    monkeypatch.setattr(part.frames, "__defaults__", (2_000,))
     monkeypatch.setattr(part, "BLOCK", 4_096)
     run = kr.simulate(top, x0, dt=0.05, steps=50_000, progress=False)
     spike = run.copy(deep=True)
     spike["a"].values[30_001] = (0.0, 0.0, -5.0)
     spike["energy"].values[40_003] += 1.0
     data = scene(spike)
-    assert 1_000 < len(array(data["time"], "f8")) < 2_600
-    assert tip(data)[:, 2].min() == -5.0
+    assert 1_000 < len(array(data["time"], "f8")) < 3_000
+    assert (array(data["time"], "f8") == run.time.values[30_001]).any() and data["radius"] == 5.0
     energy = next(s for s in data["series"] if s["name"] == "energy")
     assert np.isclose(array(energy["change"], "f4").max(), 1.0, atol=1e-6) and np.isclose(energy["most"], 1.0)
 
@@ -184,12 +343,6 @@ class Tags(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.found.append((tag, dict(attrs)))
-
-
-def hostile(run):
-    attrs = {k: HOSTILE if isinstance(v, str) else v for k, v in run.attrs.items()}
-    keep = ("system", "components", "frame", "parameters", "method")
-    return run.rename(energy=HOSTILE).assign_attrs({**attrs, **{k: run.attrs[k] for k in keep}})
 
 
 def test_text_of_an_archive_stays_text(oriented):
@@ -213,19 +366,27 @@ def test_the_policy_names_the_scripts_and_allows_no_request(oriented):
     assert "src=" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S).replace("-src", "")
 
 
+def test_the_library_is_the_one_that_is_described():
+    """What a release carries is what the script beside makes; its licences are there."""
+    assets = ROOT / "src" / "kreisel" / "viewer" / "assets"
+    text = (assets / "README.md").read_text(encoding="utf-8")
+    for name in ("library.min.js", "library.css"):
+        assert f"{hashlib.sha256((assets / name).read_bytes()).hexdigest()}  {name}" in text
+    made = (ROOT / "docs" / "tools" / "page_library.sh").read_text(encoding="utf-8")
+    for package, version in re.findall(r"(three|uPlot|esbuild)(?:\.js)? ([0-9.]+\d)", text):
+        assert f"{package.lower()}@{version}" in made
+    licences = (assets / "library.LICENSE.txt").read_text(encoding="utf-8")
+    assert "three.js authors" in licences and "Leon Sorokin" in licences and licences.count("Permission is hereby") == 2
+    assert "</script" not in scripts()[0] and "</script" not in scripts()[1]
+
+
 def test_json_is_plain_and_refuses_nan():
     assert json.loads(as_json({"a": "</script>\u2028&"})) == {"a": "</script>\u2028&"}
     with pytest.raises(ValueError, match="JSON"):
         as_json({"a": float("nan")})
 
 
-def test_a_notebook_shows_it_in_a_frame_of_its_own(oriented):
-    shown = kr.view(hostile(oriented))._repr_html_()
-    assert shown.startswith('<iframe sandbox="allow-scripts" ') and "allow-same-origin" not in shown
-    assert shown.count("<") == 2 and shown.count('"') == shown.count("=", 0, shown.index("srcdoc")) * 2 + 2
-
-
-def test_what_is_not_finite_and_what_is_missing(oriented, monkeypatch):
+def test_what_is_not_finite(oriented):
     broken = oriented.copy(deep=True)
     broken["a"].values[3, 1] = np.nan
     with pytest.raises(kr.InputError, match="expected a run whose state is finite"):
@@ -233,11 +394,6 @@ def test_what_is_not_finite_and_what_is_missing(oriented, monkeypatch):
     odd = oriented.copy(deep=True)
     odd["energy"].values[5] = np.inf
     assert "Infinity" not in page(scene(odd)).split('type="application/json">')[1].split("</script>")[0]
-    monkeypatch.setitem(__import__("sys").modules, "plotly.offline", None)
-    scripts.cache_clear()
-    with pytest.raises(kr.InputError, match="needs plotly"):
-        kr.view(oriented)
-    scripts.cache_clear()
 
 
 def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
@@ -245,7 +401,7 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
 
     kr.simulate(top, x0, dt=0.05, steps=50, path=tmp_path / "top.zarr", progress=False)
     app(["view", str(tmp_path / "top.zarr")], standalone_mode=False)
-    assert (tmp_path / "top.html").stat().st_size > 1e6
+    assert 5e5 < (tmp_path / "top.html").stat().st_size < 1e6
     assert [p.name for p in tmp_path.iterdir()].count("top.html") == 1
     with pytest.raises(kr.RunError, match=r"could not be written|could not"):
         kr.view(kr.open_run(tmp_path / "top.zarr")).save(tmp_path / "top.html" / "no.html")
@@ -310,97 +466,3 @@ def test_a_bad_address_is_refused(tmp_path, top, x0):
         serve.server(tmp_path / "top.zarr", port=-1)
     with pytest.raises(kr.InputError, match="no archive"):
         serve.server(tmp_path / "none.zarr")
-
-
-# -- in a browser -------------------------------------------------------------------------------------------------
-
-needs_browser = pytest.mark.skipif(browser.find() is None, reason=f"no browser: none of {', '.join(browser.NAMES)}")
-
-
-@pytest.fixture
-def chromium():
-    window = browser.Browser()
-    yield window
-    window.close()
-
-
-@needs_browser
-def test_the_page_plays_and_is_scrubbed(chromium, oriented, tmp_path):
-    page = kr.view(hostile(oriented)).save(tmp_path / "run.html")
-    chromium.open(page.as_uri())
-    chromium.wait("document.body && document.body.dataset.ready")
-    assert chromium.run("document.title") == HOSTILE and chromium.run("document.querySelectorAll('img').length") == 0
-    assert chromium.run("document.getElementById('title').textContent") == HOSTILE
-    body = "JSON.stringify(document.getElementById('scene').data[5].x)"
-    before = chromium.run(body)
-    chromium.run("document.getElementById('play').click()")
-    chromium.wait("Number(document.body.dataset.frame) > 20")
-    chromium.run("document.getElementById('play').click()")
-    assert chromium.run(body) != before and chromium.run("document.body.dataset.playing") == "false"
-    chromium.run("(s => { s.value = 300; s.dispatchEvent(new Event('input')); })(document.getElementById('scrub'))")
-    chromium.wait("document.body.dataset.frame === '300'")
-    assert "state 301 of 401" in chromium.run("document.getElementById('now').textContent")
-    place = "(c => [c.getBoundingClientRect().left, c.offsetParent.getBoundingClientRect().left])"
-    left, chart = chromium.run(f"{place}(document.getElementById('cursor'))")
-    width = chromium.run("document.getElementById('drift').getBoundingClientRect().width")
-    assert abs(left - chart - (62 + 0.75 * (width - 74))) < 2
-    tip = np.array(chromium.run("['x','y','z'].map(k => document.getElementById('scene').data[3][k][1])"))
-    assert np.allclose(tip, oriented.a[300], atol=1e-6)
-    box = chromium.run(
-        "(r => [r.left, r.top, r.width, r.height])(document.getElementById('drift').getBoundingClientRect())"
-    )
-    chromium.click(box[0] + 62 + 0.25 * (box[2] - 74), box[1] + box[3] / 2)
-    chromium.wait("Math.abs(document.body.dataset.frame - 100) <= 1")
-    chromium.dark()
-    chromium.wait("document.getElementById('scene').layout.paper_bgcolor === '#16181d'")
-    assert chromium.complaints == []
-    assert [r for r in chromium.requests if not r.startswith(("file:", "data:", "blob:"))] == []
-
-
-@needs_browser
-def test_a_long_path_is_thinned_while_it_moves_and_whole_at_rest(chromium, top, x0, tmp_path):
-    run = kr.simulate(top, x0, dt=0.05, steps=20_000)
-    data = scene(run)
-    few, tip = np.frombuffer(base64.b64decode(data["few"]), "<i4"), run.a.values
-    assert len(few) <= MOVING_PATH + 12
-    assert all(tip[few, k].min() == tip[:, k].min() and tip[few, k].max() == tip[:, k].max() for k in range(3))
-    page = kr.view(run).save(tmp_path / "run.html")
-    chromium.open(page.as_uri())
-    chromium.wait("document.body && document.body.dataset.ready")
-    points = "document.getElementById('scene').data[1].x.length"
-    whole = chromium.run(points)
-    assert whole > 3000
-    chromium.run("document.getElementById('play').click()")
-    chromium.wait(f"{points} === {len(few)}")
-    chromium.run("document.getElementById('play').click()")
-    chromium.wait(f"{points} === {whole}")
-    assert chromium.complaints == []
-
-
-@needs_browser
-def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, monkeypatch):
-    from kreisel.storage.archive import reopen
-
-    path = tmp_path / "top.zarr"
-    kr.simulate(top, x0, dt=0.05, steps=200, path=path, progress=False)
-    reopen(path, extend=400)  # as of a run that has been interrupted: 201 rows of 401, not complete
-    monkeypatch.setattr(serve, "EVERY", 0.3)
-    serving = serve.server(path)
-    thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
-    thread.start()
-    try:
-        chromium.open(serve.address(serving))
-        chromium.wait("document.body && document.body.dataset.ready")
-        assert chromium.run("document.body.dataset.count") == "201"
-        chromium.run(
-            "(s => { s.value = s.max; s.dispatchEvent(new Event('input')); })(document.getElementById('scrub'))"
-        )
-        chromium.wait("document.body.dataset.frame === '200'")
-        kr.resume(path, progress=False)
-        chromium.wait("document.body.dataset.count === '401' && document.body.dataset.frame === '400'")
-        assert set(chromium.requests) == {serve.address(serving)}
-        assert chromium.complaints == []
-    finally:
-        serving.shutdown()
-        thread.join(60)
-        serving.server_close()

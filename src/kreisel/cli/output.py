@@ -100,7 +100,7 @@ def finding_data(finding: Any) -> dict[str, Any]:
     }
 
 
-def save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light") -> None:
+def save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light", style: str = "house") -> None:
     """Draw a run, beside another if there is one, into a file."""
     from kreisel.storage.replacing import written
     from kreisel.viewer.plots import plot as draw
@@ -108,7 +108,7 @@ def save_figure(result: Any, target: Path, compare: Any = None, theme: str = "li
     require_figure(target)
     with written(target) as scratch:
         mark = {".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]
-        draw(result, compare=compare, theme=theme).savefig(scratch, metadata={mark: "Kreisel"})
+        draw(result, compare=compare, theme=theme, style=style).savefig(scratch, metadata={mark: "Kreisel"})
 
 
 def require_figure(target: Path) -> None:

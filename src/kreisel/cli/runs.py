@@ -222,6 +222,9 @@ def plot(
     out: Annotated[Path | None, a_path("Where to; .png, .pdf or .svg.", "--out", "-o")] = None,
     compare: Annotated[Path | None, a_path("A second archive, drawn in grey.", "--compare")] = None,
     dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
+    style: Annotated[str, typer.Option("--style", help="house, or journal: 183 mm wide, 8 points, a serif face.")] = (
+        "house"
+    ),
 ) -> None:
     """Draw the figure of an archive."""
     from kreisel.storage.opening import open_archive
@@ -229,7 +232,7 @@ def plot(
 
     result = open_archive(settled(archive))
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
-    save_figure(result, target, open_archive(settled(compare)) if compare else None, "dark" if dark else "light")
+    save_figure(result, target, open_archive(settled(compare)) if compare else None, "dark" if dark else "light", style)
     say(f"figure: {target}")
 
 
@@ -237,7 +240,14 @@ def plot(
 def view(
     archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
     out: Annotated[Path | None, a_path("Where to; .html.", "--out", "-o")] = None,
-    lane: Annotated[int, typer.Option("--lane", help="The trajectory of an ensemble.")] = 0,
+    lane: Annotated[
+        list[int] | None, typer.Option("--lane", help="A trajectory of an ensemble; may be given up to nine times.")
+    ] = None,
+    body: Annotated[
+        str | None, typer.Option("--body", help="Its shape: top, gyroscope, ellipsoid, box or satellite.")
+    ] = None,
+    mesh: Annotated[Path | None, a_path("A file with its shape, .stl or .obj.", "--mesh")] = None,
+    movie: Annotated[Path | None, a_path("Write a film instead: .gif, or .mp4 with ffmpeg.", "--movie")] = None,
     serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
     host: Annotated[
         str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
@@ -253,16 +263,20 @@ def view(
         _serve(archive, host, port, lane)
         return
     result = open_archive(settled(archive))
+    if movie is not None:
+        page_of(result, lane=lane or None, body=body, mesh=mesh).movie(movie)
+        say(f"film: {movie}")
+        return
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     require_file(target)
-    page_of(result, lane=lane).save(target)
+    page_of(result, lane=lane or None, body=body, mesh=mesh).save(target)
     say(f"page: {target}")
 
 
-def _serve(archive: Path, host: str, port: int, lane: int) -> None:
+def _serve(archive: Path, host: str, port: int, lane: list[int] | None) -> None:
     from kreisel.viewer.serve import LOOPBACK, address, server
 
-    with server(archive, host=host, port=port, lane=lane) as serving:
+    with server(archive, host=host, port=port, lane=lane or None) as serving:
         if host not in LOOPBACK:
             say(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
         say(f"{address(serving)}  (Ctrl-C ends it)")

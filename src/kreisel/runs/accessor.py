@@ -44,9 +44,9 @@ class Kreisel:
         """`kr.plot(run, **options)`."""
         return show("plot", self._run, **options)
 
-    def view(self, *, lane: int = 0) -> Any:
-        """`kr.view(run, lane=lane)`."""
-        return show("view", self._run, lane=lane)
+    def view(self, **options: Any) -> Any:
+        """`kr.view(run, **options)`."""
+        return show("view", self._run, **options)
 
     def cite(self) -> str:
         """`kr.cite(run)`."""

@@ -20,7 +20,7 @@ class Progress:
             raise InputError(f"progress: expected True, False or None for the default, got {shown(show)}.")
         self._unit = unit
         self.total, self.done, self._before = total, done, done
-        self._show = sys.stderr.isatty() if show is None else show
+        self._show = (sys.stderr.isatty() or "ipykernel" in sys.modules) if show is None else show
         self._begun, self._bar, self._task = time.perf_counter(), None, None
 
     def __enter__(self) -> Progress:
@@ -48,7 +48,10 @@ def _bar(total: int) -> tuple[Any, Any]:
     from rich.progress import Progress as Bar
 
     columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn())
-    bar = Bar(*columns, TextColumn("left"), TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+    # rich asks for ipywidgets in a notebook, whose stderr takes a line of text as well
+    plain = {"force_jupyter": False, "force_terminal": True, "width": 100} if "ipykernel" in sys.modules else {}
+    console = Console(stderr=True, **plain)  # type: ignore[arg-type]
+    bar = Bar(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True)
     bar.start()
     return bar, bar.add_task("steps", total=total, rate="")
 

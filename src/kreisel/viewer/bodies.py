@@ -1,34 +1,76 @@
-"""Shapes to be drawn: a top about its point, an ellipsoid; triangles of two colours, so that a rotation is visible."""
+"""Shapes to be drawn, of triangles in the colours of a palette, so that a rotation is visible."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kreisel.algebra import Array, axial, hat
+from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
 
-SECTORS, AROUND = 6, 36
+SECTORS, AROUND = 6, 60
+FIRST, SECOND, METAL, PANEL, DARK, MARK = range(6)  # the palette, of which the page has the colours
 TOP = (  # radius, height along the axis: peg, disc, handle
     (0.0, 0.0),
-    (0.06, 0.16),
-    (0.12, 0.30),
-    (0.50, 0.50),
-    (0.55, 0.56),
-    (0.50, 0.62),
+    (0.03, 0.02),
+    (0.05, 0.14),
+    (0.10, 0.26),
+    (0.34, 0.40),
+    (0.49, 0.475),
+    (0.535, 0.51),
+    (0.55, 0.55),
+    (0.535, 0.59),
+    (0.48, 0.62),
+    (0.30, 0.655),
     (0.10, 0.70),
-    (0.05, 0.78),
-    (0.05, 0.95),
+    (0.06, 0.74),
+    (0.045, 0.80),
+    (0.045, 0.95),
+    (0.03, 0.985),
     (0.0, 1.0),
 )
+TOP_METAL = (0.27, 0.69)  # outside of these heights
+WHEEL = ((0.42, 0.47), (0.58, 0.45), (0.61, 0.47), (0.61, 0.63), (0.58, 0.65), (0.42, 0.63), (0.42, 0.47))
+HUB = ((0.0, 0.45), (0.10, 0.45), (0.12, 0.47), (0.12, 0.63), (0.10, 0.65), (0.0, 0.65))
+AXLE = ((0.0, 0.0), (0.03, 0.04), (0.03, 0.97), (0.02, 0.99), (0.0, 1.0))
+SPOKES = 6
 THINNEST = 0.12  # semi-axis to the longest
+
+
+@dataclass(frozen=True)
+class Body:
+    """Triangles about 0: points (k, 3), faces (f, 3) as numbers of points, each with a place in the palette."""
+
+    points: Array
+    faces: Array
+    colour: Array
+
+    def scaled(self, size: float) -> Body:
+        """Of which the farthest point has that distance from 0."""
+        far = float(np.linalg.norm(self.points, axis=-1).max(initial=0.0)) or 1.0
+        return replace(self, points=self.points * (size / far))
+
+    def plain(self) -> Body:
+        """Without the sectors that show a rotation."""
+        return replace(self, colour=np.where(self.colour == SECOND, FIRST, self.colour))
+
+
+def joined(*parts: Body) -> Body:
+    """Several as one."""
+    offsets = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    faces = [part.faces + offset for part, offset in zip(parts, offsets, strict=True)]
+    points, colours = [part.points for part in parts], [part.colour for part in parts]
+    return Body(np.concatenate(points), np.concatenate(faces), np.concatenate(colours))
 
 
 def gyration(model: Model, carried: Array) -> Array | None:
     """The tensor tr(I)/2 - I (3, 3) of the body's inertia I, from M -> Omega of the record; None where it is none."""
     try:
-        columns = [axial(model.call(model.system.velocity, hat(e), carried)) for e in np.eye(3)]
+        rest = [carried] * (len(model.system.space.letters) - 1)
+        columns = [axial(model.call(model.system.velocity, hat(e), *rest)) for e in np.eye(3)]
         inertia = np.linalg.inv(np.stack(columns, -1))
     except (np.linalg.LinAlgError, ValueError, TypeError):
         return None
@@ -36,26 +78,34 @@ def gyration(model: Model, carried: Array) -> Array | None:
     return np.trace(inertia) / 2 * np.eye(3) - inertia if np.isfinite(inertia).all() else None
 
 
-def _semi_axes(tensor: Array) -> tuple[Array, Array]:
+def _semi_axes(tensor: Array | None, thinnest: float = THINNEST) -> tuple[Array, Array]:
     """Semi-axes, the longest 1, and their directions as columns of a rotation."""
-    squares, axes = np.linalg.eigh(tensor)
+    squares, axes = np.linalg.eigh(np.eye(3) if tensor is None else tensor)
     size = np.sqrt(np.maximum(squares, 0))
-    size = np.maximum(size / (size.max() or 1.0), THINNEST)
+    size = np.maximum(size / (size.max() or 1.0), thinnest)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1
     return size, axes
 
 
-def ellipsoid(tensor: Array | None, radius: float) -> tuple[dict[str, Any], Array]:
-    """The ellipsoid with that gyration tensor, and its longest axis."""
-    size, axes = _semi_axes(np.eye(3) if tensor is None else tensor)
-    ring = [(np.sin(v), -np.cos(v)) for v in np.linspace(0, np.pi, 17)]
-    points, faces, shade = _revolved(ring)
-    return _mesh(radius * (points * size) @ axes.T, faces, shade), axes[:, int(size.argmax())]
+def longest(tensor: Array | None) -> Array:
+    """The direction of the longest semi-axis."""
+    size, axes = _semi_axes(tensor)
+    return axes[:, int(size.argmax())]
 
 
-def top(axis: Array, tensor: Array | None, length: float) -> dict[str, Any]:
-    """A top about the point 0 along `axis`, its disc stretched as the inertia across the axis is."""
+def ellipsoid(axis: Array, tensor: Array | None, radius: float) -> Body:
+    """The ellipsoid with that gyration tensor."""
+    size, axes = _semi_axes(tensor)
+    ring = [(np.sin(v), -np.cos(v)) for v in np.linspace(0, np.pi, 33)]
+    ball = _revolved(ring)
+    middle = ball.points[ball.faces].mean(1)
+    octant = (middle > 0).sum(1) % 2
+    return Body(radius * (ball.points * size) @ axes.T, ball.faces, np.where(octant, FIRST, SECOND))
+
+
+def _along(axis: Array, tensor: Array | None, length: float) -> Callable[[Body], Body]:
+    """Puts a body about the third axis along another, stretched across it as the inertia is."""
     third = axis / np.linalg.norm(axis)
     first = np.eye(3)[int(np.abs(third).argmin())]
     first = first - third * (first @ third)
@@ -65,23 +115,111 @@ def top(axis: Array, tensor: Array | None, length: float) -> dict[str, Any]:
         size, turn = np.linalg.eigh(across.T @ tensor @ across)
         size = np.sqrt(np.maximum(size, 0))
         across = across @ turn @ np.diag(np.maximum(size / (size.max() or 1.0), THINNEST)) @ turn.T
-    points, faces, shade = _revolved(TOP)
-    return _mesh(length * (points[:, :2] @ across.T + points[:, 2:] * third), faces, shade)
+
+    def put(body: Body) -> Body:
+        return replace(body, points=length * (body.points[:, :2] @ across.T + body.points[:, 2:] * third))
+
+    return put
 
 
-def _revolved(profile: Any) -> tuple[Array, Array, Array]:
-    """Points, triangles and a shade 0 or 1 for each triangle of a surface of revolution about the third axis."""
+def top(axis: Array, tensor: Array | None, length: float) -> Body:
+    """A top about the point 0 along `axis`, its disc stretched as the inertia across the axis is."""
+    made = _revolved(TOP)
+    height = made.points[made.faces][:, :, 2].mean(1)
+    low, high = TOP_METAL
+    sector = _sector(made)
+    colour = np.where((height < low) | (height > high), METAL, np.where(sector, FIRST, SECOND))
+    return _along(axis, tensor, length)(replace(made, colour=colour))
+
+
+def gyroscope(axis: Array, tensor: Array | None, length: float) -> Body:
+    """A wheel with spokes on an axle from the point 0 along `axis`."""
+    rim = _revolved(WHEEL)
+    rim = replace(rim, colour=np.where(_sector(rim), FIRST, SECOND))
+    metal = [replace(part, colour=np.full(len(part.faces), METAL)) for part in map(_revolved, (HUB, AXLE))]
+    spokes = []
+    for angle in np.arange(SPOKES) * 2 * np.pi / SPOKES:
+        spoke = _box((0.17, 0.022, 0.022), METAL)
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        spokes.append(replace(spoke, points=(spoke.points + np.array([0.27, 0, 0.55])) @ turn.T))
+    return _along(axis, tensor, length)(joined(rim, *metal, *spokes))
+
+
+def box(axis: Array, tensor: Array | None, radius: float) -> Body:
+    """The box with that gyration tensor: its half edges go like the semi-axes of the ellipsoid."""
+    size, axes = _semi_axes(tensor)
+    made = _box(size, FIRST)
+    colour = np.repeat([FIRST, FIRST, SECOND, SECOND, METAL, METAL], 2)
+    return Body(made.points @ axes.T, made.faces, colour).scaled(radius)
+
+
+def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
+    """The box with that gyration tensor, with two panels along its middle axis and a dish at the end of the longest."""
+    size, axes = _semi_axes(tensor, 0.25)
+    trunk = _box(size, FIRST)
+    trunk = replace(trunk, colour=np.repeat([METAL, METAL, METAL, METAL, MARK, MARK], 2))
+    parts = [trunk]
+    for side in (-1, 1):
+        for number in range(3):  # cells of a panel
+            cell = _box((0.03, 0.29, 0.5 * size[2]), PANEL)
+            parts.append(replace(cell, points=cell.points + np.array([0, side * (size[1] + 0.42 + 0.62 * number), 0])))
+        arm = _box((0.02, 0.09, 0.02), DARK)
+        parts.append(replace(arm, points=arm.points + np.array([0, side * (size[1] + 0.07), 0])))
+    dish = _revolved([(0.0, 0.0), (0.18, 0.03), (0.30, 0.12), (0.28, 0.13), (0.17, 0.06), (0.0, 0.03)])
+    dish = Body(dish.points + np.array([0, 0, size[2]]), dish.faces, np.full(len(dish.faces), FIRST))
+    made = joined(*parts, dish)
+    return replace(made, points=made.points @ axes.T).scaled(radius)
+
+
+SHAPES: dict[str, Callable[[Array, Array | None, float], Body]] = {
+    "top": top,
+    "gyroscope": gyroscope,
+    "ellipsoid": ellipsoid,
+    "box": box,
+    "satellite": satellite,
+}
+
+
+def known_shape(name: object) -> str:
+    """The name of a shape.  Raises `InputError`."""
+    if not isinstance(name, str) or name not in SHAPES:
+        raise InputError(f"body: expected {', '.join(SHAPES)}, got {shown(name)}.{hint(name, SHAPES)}")
+    return name
+
+
+def body(name: str, axis: Array, tensor: Array | None, size: float) -> Body:
+    """A shape by its name: along `axis` from the point 0, or about 0 with that gyration tensor."""
+    return SHAPES[known_shape(name)](axis, tensor, size)
+
+
+def _sector(made: Body) -> Array:
+    """Whether a face lies in an odd sector about the third axis, the other way round on its upper half."""
+    middle = made.points[made.faces].mean(1)
+    angle = np.arctan2(middle[:, 1], middle[:, 0]) / (2 * np.pi) % 1.0
+    middle_height = np.ptp(made.points[:, 2]) / 2 + made.points[:, 2].min()
+    return (np.floor(angle * SECTORS) + (middle[:, 2] > middle_height)) % 2 > 0
+
+
+def _revolved(profile: object) -> Body:
+    """A surface of revolution about the third axis, in one colour."""
+    rings = np.asarray(profile, dtype=np.float64)
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    points = [(r * np.cos(u), r * np.sin(u), z) for r, z in profile for u in angle]
-    faces, shade = [], []
-    for ring in range(len(profile) - 1):
-        for i in range(AROUND):
-            j = (i + 1) % AROUND
-            a, b, c, d = (ring * AROUND + i, ring * AROUND + j, (ring + 1) * AROUND + i, (ring + 1) * AROUND + j)
-            faces += [(a, b, d), (a, d, c)]
-            shade += [(i * SECTORS // AROUND + (2 * ring >= len(profile) - 1)) % 2] * 2
-    return np.array(points), np.array(faces), np.array(shade)
+    r, z = rings[:, :1], np.repeat(rings[:, 1:], AROUND, 1)
+    points = np.stack([r * np.cos(angle), r * np.sin(angle), z], -1).reshape(-1, 3)
+    i = np.arange(AROUND)
+    j, base = (i + 1) % AROUND, AROUND * np.arange(len(rings) - 1)[:, None]
+    a, b, c, d = base + i, base + j, base + AROUND + i, base + AROUND + j
+    faces = np.concatenate([np.stack([a, b, d], -1), np.stack([a, d, c], -1)]).reshape(-1, 3)
+    corners = points[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+    faces = faces[area > 1e-12]
+    return Body(points, faces, np.zeros(len(faces), dtype=int))
 
 
-def _mesh(points: Array, faces: Array, shade: Array) -> dict[str, Any]:
-    return {"points": np.round(points, 5).tolist(), "faces": faces.tolist(), "shade": shade.tolist()}
+def _box(half: object, colour: int) -> Body:
+    """A box about 0 of those half edges; faces across the first axis come first, two triangles each."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = np.array([triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
+    return Body(signs * np.asarray(half), faces, np.full(len(faces), colour))

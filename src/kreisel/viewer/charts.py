@@ -29,11 +29,12 @@ MOST_POINTS = 20_000  # of a series; extremes are kept
 def figure(theme: str, width: float = 7.0, height: float = 4.0) -> Iterator[tuple[Figure, Theme]]:
     """A figure in the style of the house."""
     import matplotlib as mpl
-    from matplotlib.figure import Figure as Blank
+
+    from kreisel.viewer.shown_figure import ShownFigure
 
     colours = theme_of(theme)
     with mpl.rc_context(cast("Any", colours.rc)):
-        yield Blank(figsize=(width, height), layout="constrained"), colours
+        yield ShownFigure(figsize=(width, height), layout="constrained"), colours
 
 
 def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:

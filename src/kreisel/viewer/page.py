@@ -1,8 +1,8 @@
 """kr.view, `kreisel view`: a run as one HTML file that needs nothing else, and as a notebook display.
 
-The file holds plotly's JavaScript, Kreisel's own, and the data as JSON in which no markup can begin.  Text from the
-archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their hashes and allows no
-request, so that nothing else runs in it, whatever an archive says.
+The file holds three.js and uPlot (assets/README.md), Kreisel's own script, and the data as JSON in which no markup can
+begin.  Text from the archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their
+hashes and allows no request, so that nothing else runs in it, whatever an archive says.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import InputError
 from kreisel.storage.reading import place
 from kreisel.storage.replacing import written
+from kreisel.viewer.bodies import known_shape
 from kreisel.viewer.scene import scene
 
 if TYPE_CHECKING:
@@ -30,8 +31,13 @@ if TYPE_CHECKING:
 class View:
     """The page of a run.  In a notebook it shows itself; `save` writes the file; `html` is its text."""
 
-    def __init__(self, run: xr.Dataset, lane: int = 0):
-        self.html = page(scene(run, lane))
+    def __init__(self, run: xr.Dataset, lane: Any = None, **shown: Any):
+        self._scene = scene(run, lane, **shown)
+
+    @property
+    def html(self) -> str:
+        """The page, whole."""
+        return page(self._scene)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page; a page that Kreisel wrote is replaced.
@@ -43,37 +49,63 @@ class View:
             scratch.write_text(self.html, encoding="utf-8")
         return target
 
+    def movie(self, path: str | os.PathLike[str], **options: Any) -> Path:
+        """Write a film of the first body: .gif, or .mp4 where ffmpeg is installed.
+
+        Options: seconds=8.0, fps=20, speed=1.0 (as on the page), theme="light".  Raises `InputError` for other names
+        and for a run whose saved states are too far apart.
+        """
+        from kreisel.viewer.movie import movie
+
+        return movie(self._scene, path, **options)
+
     def _repr_html_(self) -> str:
-        inside = html.escape(self.html, quote=True)
-        frame = 'sandbox="allow-scripts" style="width:100%;height:640px;border:0" title="Kreisel: view of a run"'
-        return f'<iframe {frame} srcdoc="{inside}"></iframe>'
+        from kreisel.viewer.notebook import cell
+
+        return cell(self._scene)
 
     def __repr__(self) -> str:
         return f"<kreisel view, {len(self.html) / 1e6:.1f} MB of HTML; .save('run.html') writes it>"
 
 
-def view(run: xr.Dataset, *, lane: int = 0) -> View:
+def view(
+    run: xr.Dataset,
+    *,
+    lane: Any = None,
+    body: str | None = None,
+    mesh: str | os.PathLike[str] | None = None,
+    section: xr.Dataset | None = None,
+) -> View:
     """The interactive page of a run: the body turning, the trace of its axis, the drift of every integral.
 
-    Shows itself in a notebook; `kr.view(run).save("run.html")` writes a file that opens offline in any browser.  Of an
-    ensemble one lane.  Needs plotly (extra `view`).  What is shown is decided by the record (`kreisel.viewer.scene`).
-    Give `kr.simulate` an orientation to see a body turn.  At most 100,000 states are shown, the extremes of the vector
-    among them; each point of a drift is the largest change in its stretch of time.  Raises `InputError` without plotly
-    and for what is no run.
+    lane      of an ensemble the lane, or up to nine of them; None: up to nine, evenly
+    body      "top", "gyroscope", "ellipsoid", "box" or "satellite"; None: what suits the system
+    mesh      a file .stl or .obj with the body's shape, in its axes, about the point that it turns about
+    section   what `kr.analysis.section` returns, drawn beside
+
+    Shows itself in a notebook; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
+    `.movie("run.gif")` a film.  What is shown is decided by the record (`kreisel.viewer.showing`).  Give `kr.simulate`
+    an orientation to see a body turn.  It plays evenly in time.  Where a body turns by at most 0.8 rad between saved
+    states, the motion between them is interpolated; where more, it is computed again from them by the run's own method,
+    and the page says so.  At most 100,000 states of one body are shown, the extremes of the vector among them; each
+    point of a drift is the largest change in its stretch of time.  Raises `InputError` for what is no run and for a bad
+    mesh.
     """
-    return View(run, lane)
+    from kreisel.viewer.meshes import read_mesh
+
+    if body is not None and mesh is not None:
+        raise InputError("expected body= or mesh=, got both.")
+    shape = None if body is None else known_shape(body)
+    return View(run, lane, body=shape if mesh is None else read_mesh(mesh), section=section)
 
 
 @cache
 def scripts() -> tuple[str, str]:
-    """plotly.js and the page's own script.  Raises `InputError` without plotly."""
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise InputError("The page needs plotly: pip install 'kreisel[view]'.") from error
-    return str(get_plotlyjs()), _asset("page.js")
+    """three.js with uPlot, and the page's own script."""
+    return _asset("library.min.js"), "\n".join(map(_asset, ("drawing.js", "charts.js", "page.js")))
 
 
+@cache
 def _asset(name: str) -> str:
     return resources.files("kreisel.viewer").joinpath("assets", name).read_text(encoding="utf-8")
 
@@ -88,19 +120,24 @@ def as_json(data: Any) -> str:
 
 def page(data: dict[str, Any], follow: float | None = None) -> str:
     """The page of a scene.  `follow`: it asks its server for news every so many seconds."""
-    library, own = scripts()
-    hashes = " ".join(f"'sha256-{_hash(text)}'" for text in (library, own))
+    return filled(as_json({**data, "follow": follow}), data["title"] or "run", scripts()[0], follow is not None)
+
+
+def filled(data: str, title: str, library: str, served: bool = False) -> str:
+    """The page with its data; the policy names the scripts, `library` stands where three.js does."""
+    hashes = " ".join(f"'sha256-{_hash(text)}'" for text in scripts())
     # one substitution each, of text that is not searched again
     return Template(_asset("page.html")).substitute(
         policy=f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
-        f"connect-src '{'none' if follow is None else 'self'}'; base-uri 'none'; form-action 'none'",
-        title=html.escape(data["title"] or "run"),
-        style=_asset("page.css"),
+        f"media-src blob:; connect-src '{'self' if served else 'none'}'; base-uri 'none'; form-action 'none'",
+        title=html.escape(title),
+        style=_asset("library.css") + _asset("page.css"),
         library=library,
-        script=own,
-        data=as_json({**data, "follow": follow}),
+        script=scripts()[1],
+        data=data,
     )
 
 
+@cache
 def _hash(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")

@@ -9,10 +9,12 @@ import numpy as np
 from kreisel.errors import InputError, brief
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
+from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series, read_values
-from kreisel.runs.geometry import model_for
+from kreisel.runs.geometry import fixed_vector, model_for
 from kreisel.runs.run_record import RunRecord
-from kreisel.viewer.style import Theme, theme_of
+from kreisel.viewer.style import WIDTHS, Theme, theme_of
+from kreisel.viewer.thinning import mixed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,6 +24,8 @@ ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays r
 SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is on no sphere
 MOST_GAP = 0.3  # radii between saved states beyond which a line would be a guess: dots then
 MOST_DOTS = 4000
+MOST_LANES = 7
+DASHES = ("-", "--", ":", "-.")
 STATES_SHOWN = 120
 STRETCHES = 1200
 MOST_TITLE = 120
@@ -29,14 +33,16 @@ MOST_ROWS = 200_000  # read for the picture of the path
 LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
 
 
-def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light") -> Figure:
+def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light", style: str = "house") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
-    The change of each family of Casimirs and integrals that the method conserves is drawn on a logarithmic scale,
-    relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
-    rounding errors.  `compare` is a second run of the same system, drawn in grey by its worst integral.
-    `theme` is "light" or "dark".  Raises `InputError` if it is of another system, if the run lacks the vector that is
-    drawn, and for states at given times (`kr.at`), which are no run.
+    The change of each family of Casimirs and integrals that the method conserves has a strip of its own, on a
+    logarithmic scale, relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a
+    random walk of rounding errors; families that never change are named.  Of an ensemble the paths of up to seven lanes
+    are drawn.  `compare` is a second run of the same system, drawn in grey in the same strips.  `theme` is "light" or
+    "dark", `style` "house" or "journal": 183 mm wide, 8 points, a serif face, no grid, for .pdf and .svg.  In a
+    notebook the figure shows itself.  Raises `InputError` if `compare` is of another system, if the run lacks the
+    vector that is drawn, and for states at given times (`kr.at`), which are no run.
     """
     runs = [run] if compare is None else [run, compare]
     records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
@@ -45,26 +51,38 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     if records[-1].system != records[0].system:
         raise InputError(f"Runs of one system can be compared, got {records[0].system} and {records[1].system}.")
     import matplotlib as mpl
-    from matplotlib.figure import Figure
 
-    colours = theme_of(theme)
+    from kreisel.viewer.shown_figure import ShownFigure
+
+    colours = theme_of(theme, style)
     with mpl.rc_context(cast("Any", colours.rc)), np.errstate(all="ignore"):
-        figure = Figure(figsize=(9.2, 4.4), layout="constrained")
+        figure = ShownFigure(figsize=(WIDTHS[style], 0.53 * WIDTHS[style]), layout="constrained")
         left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run, records[0])
-        one = run.isel(lane=0) if "lane" in run.dims else run
-        if one[vector].shape[1:] == (3,) and _keeps_its_length(one[vector]):
-            _sphere(left.add_subplot(projection="3d"), one, vector, colours)
+        lanes = _lanes(run)
+        if lanes[0][1][vector].shape[1:] == (3,) and all(_keeps_its_length(one[vector]) for _, one in lanes):
+            _sphere(left.add_subplot(projection="3d"), lanes, vector, colours)
         else:
-            _components(left.add_subplot(), one, vector, colours)
-        _draw_drifts(right.add_subplot(), runs, records, colours)
-        figure.suptitle(_title(*records), fontsize=10)
+            _components(left, lanes[0], vector, colours)
+        _draw_drifts(right, runs, records, colours)
+        if style != "journal":
+            figure.suptitle(_title(run, *records), fontsize=10)
     return figure
 
 
-def _title(run: RunRecord, *others: RunRecord) -> str:
+def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
+    """Up to seven trajectories, evenly chosen, with their names."""
+    if "lane" not in run.dims:
+        return [("", run)]
+    chosen = np.unique(np.linspace(0, run.sizes["lane"] - 1, min(run.sizes["lane"], MOST_LANES)).astype(int))
+    names = run["lane"].values if "lane" in run.coords else np.arange(run.sizes["lane"])
+    return [(f"lane {names[i]}", run.isel(lane=int(i))) for i in chosen]
+
+
+def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
     beside = "".join(f" beside {brief(other.method, MOST_TITLE)}" for other in others)
-    return f"{brief(run.title, MOST_TITLE)}{beside}, n = {run.n}, {run.steps:,} steps of {run.dt:g}"
+    lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
+    return f"{brief(record.title, MOST_TITLE)}{beside}, n = {record.n}{lanes}, {record.steps:,} steps of {record.dt:g}"
 
 
 def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
@@ -86,26 +104,57 @@ def _drawable(values: np.ndarray, letter: str) -> np.ndarray:
     return values
 
 
-def _sphere(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
-    xyz = _drawable(read_values(run[letter][:MOST_ROWS]), letter)
-    radius = float(np.linalg.norm(xyz[:1], axis=-1).max()) or 1.0
+def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: Theme) -> None:
+    paths = [_drawable(read_values(one[letter][:MOST_ROWS]), letter) for _, one in lanes]
+    radius = max(float(np.linalg.norm(xyz[:1], axis=-1).max()) for xyz in paths) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    axes.plot_wireframe(*ball, rstride=4, cstride=4, color=theme.faint, linewidth=0.3, alpha=0.7)
-    arc = np.linalg.norm(np.diff(xyz, axis=0), axis=-1)
-    if _advance_per_row(run, letter) < MOST_GAP * radius:
-        shown = int(np.searchsorted(np.cumsum(arc), ARC_SHOWN * radius)) + 1
-        axes.plot(*_on_sphere(xyz[:shown], radius).T, color=theme.colours[0], linewidth=0.8)
-        span = f"to time {float(run['time'][shown - 1]):.4g}"
-    else:
-        axes.plot(*xyz[:MOST_DOTS].T, ".", color=theme.colours[0], markersize=1.0)
-        span = "saved states"
-    axes.plot(*xyz[:1].T, "o", color=theme.colours[1], markersize=4)
-    axes.set_box_aspect((1, 1, 1), zoom=1.25)
+    axes.plot_wireframe(*ball, rstride=4, cstride=4, color=theme.faint, linewidth=0.3, alpha=0.6)
+    spans = set()
+    for number, ((name, one), xyz) in enumerate(zip(lanes, paths, strict=True)):
+        colour = theme.colours[number % len(theme.colours)]
+        size = float(np.linalg.norm(xyz[0])) or 1.0
+        if _advance_per_row(one, letter) < MOST_GAP * size:
+            arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0), axis=-1))
+            shown = int(np.searchsorted(arc, ARC_SHOWN * size / len(lanes))) + 1
+            path = _on_sphere(xyz[:shown], size)
+            axes.plot(*path.T, color=colour, linewidth=0.8, label=name or f"tip of ${letter}$")
+            spans.add(f"to time {float(one['time'][min(shown, len(xyz)) - 1]):.4g}")
+        else:
+            dots = xyz[mixed(xyz, MOST_DOTS // len(lanes))]
+            axes.plot(*dots.T, ".", color=colour, markersize=1.0, label=name or f"tip of ${letter}$")
+            spans.add("saved states")
+        label = "start" if number == len(lanes) - 1 else None
+        axes.plot(*xyz[:1].T, "o", color=theme.ink, markerfacecolor=theme.colours[1], markersize=4, label=label)
+    _draw_axes(axes, lanes[0][1], radius, theme)
+    axes.set_box_aspect((1, 1, 1), zoom=1.2)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
-    axes.set_title(f"tip of ${letter}$ on its sphere, {span}", y=0.97)
+    span = spans.pop() if len(spans) == 1 else "the first turns of each lane"
+    axes.set_title(f"tip of ${letter}$ on its sphere, {span}", y=1.03)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.04), ncols=4, markerscale=1.0, handlelength=1.4)
+
+
+def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
+    """The axes of the frame of the vector, and the vertical where the system has one at rest in it."""
+    for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):
+        end = np.zeros(3)
+        end[number] = 1.2 * radius
+        axes.plot(*zip(np.zeros(3), end, strict=True), color=theme.faint, linewidth=0.7)
+        axes.text(*(1.1 * end), name, color=theme.faint, ha="center", va="center")
+    record = RunRecord.from_attrs(run.attrs)
+    model = None if record.is_own else model_for(run, None)
+    space = run.attrs.get("frame") == Frame.REST.value
+    fixed = None if model is None else fixed_vector(model, "space" if space else "body")
+    if fixed is None or fixed.shape != (3,) or not fixed.any():
+        return
+    unit, colour = fixed / np.linalg.norm(fixed), theme.colours[2]
+    start, way, name = (1.0 * unit, -0.5 * unit, "gravity") if space else (np.zeros(3), 1.3 * unit, "axis of the body")
+    beside = np.array([-0.95, -0.75, 0.0]) if space else np.zeros(3)
+    beside = beside - unit * (beside @ unit)
+    axes.quiver(*(radius * (start + beside)), *(radius * way), color=colour, linewidth=1.4, arrow_length_ratio=0.25)
+    axes.text(*(radius * (start + beside + (0.12 * unit if space else 1.4 * unit))), name, color=colour, ha="center")
 
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
@@ -127,42 +176,105 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
     return radius * chords / np.linalg.norm(chords, axis=-1, keepdims=True)
 
 
-def _components(axes: Any, run: xr.Dataset, letter: str, theme: Theme) -> None:
+def _components(part: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Theme) -> None:
+    """The first saved states, and the whole run in two of the components that change most."""
+    name, run = lane
+    above, below = part.subplots(2, 1, height_ratios=[1, 1.25])
     time, values = read_values(run["time"][:STATES_SHOWN]), _drawable(read_values(run[letter][:STATES_SHOWN]), letter)
     labels = [str(i + 1) for i in range(values.shape[1])]
+    whole = _drawable(read_values(run[letter][:MOST_ROWS]), letter)
     if values.ndim == 3:  # a matrix, skew or symmetric
         j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
         values, labels = values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
+        whole = whole[:, j, k]
     for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
-        axes.plot(time, series, color=theme.colours[i % len(theme.colours)], label=f"${letter}_{{{label}}}$")
-    axes.set(xlabel="time", title=f"components of ${letter}$, first {len(time)} saved states")
-    axes.legend(ncols=min(values.shape[1], 6), loc="upper center", bbox_to_anchor=(0.5, -0.14))
+        style = DASHES[i // len(theme.colours) % len(DASHES)]
+        colour = theme.colours[i % len(theme.colours)]
+        above.plot(time, series, color=colour, linestyle=style, label=f"${letter}_{{{label}}}$")
+    of_lane = f" of {name}" if name else ""
+    above.set(xlabel="time", title=f"components of ${letter}${of_lane}, first {len(time)} saved states")
+    above.legend(ncols=min(values.shape[1], 6), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
+    i, *rest = sorted(np.argsort(-np.ptp(whole, axis=0), kind="stable")[:2].tolist())
+    j = rest[0] if rest else i
+    dots = whole[mixed(whole, MOST_DOTS)]
+    below.plot(dots[:, i], dots[:, j], ".", color=theme.colours[0], markersize=1.2, markeredgewidth=0)
+    below.plot(
+        whole[:1, i], whole[:1, j], "o", color=theme.ink, markerfacecolor=theme.colours[1], markersize=4, label="start"
+    )
+    end = float(run["time"][len(whole) - 1])
+    below.set(
+        xlabel=f"${letter}_{{{labels[i]}}}$",
+        ylabel=f"${letter}_{{{labels[j]}}}$",
+        title=f"saved states to time {end:.4g}",
+    )
+    below.set_aspect("equal", "datalim")
+    below.legend(loc="upper right")
 
 
-def _draw_drifts(axes: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
+def _draw_drifts(part: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
+    """A strip for each family of integrals, all of one scale."""
     run, record, reference = runs[0], records[0], records[0].method == "dop853"
-    for compare, other in zip(runs[1:], records[1:], strict=True):
-        changes = list(_envelopes(compare, everything=True).values())
-        worst = np.fmax.reduce(changes) if changes else np.full(len(_thinned_time(compare)), np.nan)
-        label = f"worst integral by {brief(other.method, MOST_TITLE)}"
-        axes.plot(_thinned_time(compare), worst, color=theme.faint, label=label)
-    envelopes = _envelopes(run, everything=reference)
-    of_balance = not envelopes and BALANCE in run
-    envelopes |= _envelopes(run, everything=True, only=BALANCE) if of_balance else {}
-    for number, (family, change) in enumerate(envelopes.items()):
-        colour = theme.colours[number % len(theme.colours)]
-        label = family.replace("_eps", " of the map")
-        axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=label)
+    everything = _envelopes(run, everything=reference)
+    of_balance = not everything and BALANCE in run
+    everything |= _envelopes(run, everything=True, only=BALANCE) if of_balance else {}
+    still = [family for family, change in everything.items() if not np.nanmax(change, initial=0.0) > 0]
+    families = {k: v for k, v in everything.items() if k not in still} or {"": np.full(len(_thinned_time(run)), np.nan)}
+    others = [(each, other, _envelopes(each, True)) for each, other in zip(runs[1:], records[1:], strict=True)]
+    columns = 1 + (len(families) > 7)
+    rows = -(-len(families) // columns)
+    panels = part.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw={"hspace": 0.06}).T
     ends = [0.0, *read_values(run["time"][[0, -1]]).tolist()]
     first, last = min(ends), max(ends) if max(ends) > min(ends) else record.dt
     time = np.linspace(0, last, 400)[1:]
     width = MACHINE_EPSILON * np.sqrt(time / record.dt)
-    axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$")
-    axes.set(yscale="log", xlabel="time", ylabel="change since the start, relative", xlim=(first, last))
-    axes.set_ylim(bottom=1e-17)
+    top = max(
+        [
+            width[-1],
+            *(float(np.nanmax(v, initial=0)) for _, _, all_ in others for k, v in all_.items() if k in families),
+        ]
+    )
+    top = max([top, *(float(np.nanmax(v, initial=0.0)) for v in families.values())])
+    for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
+        for other_run, other, found in others:
+            if family in found:
+                axes.plot(
+                    _thinned_time(other_run), found[family], color=theme.faint, label=brief(other.method, MOST_TITLE)
+                )
+        colour = theme.colours[number % len(theme.colours)]
+        axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=brief(record.method, MOST_TITLE))
+        axes.plot(
+            time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
+        )
+        axes.set(yscale="log", xlim=(first, last), ylim=(1e-17, 30 * top))
+        axes.text(
+            0.01,
+            0.96,
+            family.replace("_eps", " of the map"),
+            transform=axes.transAxes,
+            va="top",
+            fontsize="small",
+            parse_math=False,
+        )
+        axes.locator_params(axis="y", numticks=4)
+    for axes in panels.flat[len(families) :]:
+        axes.set_visible(False)
+    for column in panels:
+        column[-1].set_xlabel("time")
+    part.supylabel("change since the start, relative", fontsize="medium")
     title = "integrals of the flow" if reference else "what the method conserves"
-    axes.set_title("balance: the energy less the work done" if of_balance else title)
-    axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, -0.14))
+    panels.flat[0].set_title("balance: the energy less the work done" if of_balance else title)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    part.legend(handles, labels, loc="outside lower left", ncols=3)
+    if still:
+        part.text(
+            0.99,
+            0.005,
+            f"no change at all: {', '.join(still)}",
+            ha="right",
+            va="bottom",
+            fontsize="small",
+            parse_math=False,
+        )
 
 
 def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
@@ -174,7 +286,7 @@ def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, n
             scale = series.step_scale + series.value_scale
             change = np.maximum.reduceat(abs(series.values - series.values[0]), edges) / (scale or 1.0)
             out[series.family] = np.maximum(out[series.family], change) if series.family in out else change
-    return {k: np.where(v > 0, v, np.nan) for k, v in out.items() if v.any()}
+    return {k: np.where(v > 0, v, np.nan) for k, v in out.items()}
 
 
 def _edges(rows: int) -> np.ndarray:

@@ -1,97 +1,92 @@
-"""What a page shows of a run, as plain data: frames, path, body, drifts.  Decided by the record and the phase space.
-
-| run                                          | shown                                                             |
-|----------------------------------------------|-------------------------------------------------------------------|
-| n = 3, a body, with its orientation          | the body in space, the trace of its axis                          |
-| the same, of a body that moves through space | the body on its path, not to scale                                |
-| n = 3, rest frame, without                   | the body along its axis; its own turn about the axis is not known |
-| n = 3, moving frame, without                 | the carried vector as the body sees it                            |
-| n = 3, position and momentum                 | the particle                                                      |
-| n > 3, or other components                   | the vector in three coordinates, to be chosen                     |
-"""
+"""The data of a page: frames, bodies, path, drifts, sections, events, as plain numbers and text."""
 
 from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, printable
+from kreisel.errors import InputError, printable, shown
+from kreisel.forces.pairs import pairs_of
 from kreisel.kernels.layout import MACHINE_EPSILON
-from kreisel.method.observing import ORIENTATION
-from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import fixed_vector, model_for, orientation_of, to_third_axis
+from kreisel.runs.geometry import model_for
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
-from kreisel.viewer import bodies
+from kreisel.storage.reading import parsed
+from kreisel.viewer.bodies import Body
+from kreisel.viewer.frames import Frames, frames, unrolled, windows
+from kreisel.viewer.showing import Shown
 from kreisel.viewer.style import THEMES
 from kreisel.viewer.thinning import mixed
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST_FRAMES = 100_000
+MOST_LANES = 9
 MOST_PATH = 4_000  # points of the whole trace
-# While it moves: without a GPU 4000 dots took 0.6 of the time of a picture, and so did 2.9 times as long as 400
-MOVING_PATH = 400
-LARGEST_GAP = 0.3  # radii between points that are joined by a line
-MOST_PLACED = 20_000  # rows of which the path is computed
-ON_ITS_PATH = 0.16  # half the length of a body, to the largest distance
 MOST_STRETCHES = 1_200  # of a drift
 MOST_SERIES = 24
-BLOCK = 1 << 18  # rows read at once
+MOST_POINTS = 5_000  # of a section
+MOST_EVENTS = 500
 LONGEST_TEXT = 300
+STEADY = 2.0  # radians a second by which the fastest body turns at speed 1
+TURNS = 3.0  # of the fastest body, of the trail
+SHORT = 32767  # of a whole number for 1
 
 
-def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
+def scene(
+    run: xr.Dataset, lane: Any = None, *, body: str | Body | None = None, section: xr.Dataset | None = None
+) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for what is no run, lacks its state, or has no such lane."""
     record = RunRecord.of(run, "system")
     if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
-    if "lane" in run.dims:
-        run = run.isel(lane=within(lane, "lane", 0, run.sizes["lane"] - 1))
     missing = record.missing_from(run)
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
-    letter = record.carried
-    rows = _frame_rows(run[letter], MOST_FRAMES)
-    frames = run.isel(time=rows)
-    if not all(np.isfinite(frames[each].values).all() for each in record.kinds):
-        raise InputError("expected a run whose state is finite, got one with NaN or infinity.")
-    shown = _Shown(frames, record, None if record.is_own else model_for(frames, None))
-    tip = shown.tip
-    if not (np.isfinite(tip).all() and np.isfinite(shown.carried).all()):
-        raise InputError(f"{letter} is not finite at every saved time; `kreisel check` says where.")
-    path, few = mixed(tip, MOST_PATH), mixed(tip, MOVING_PATH)
-    time = np.asarray(frames["time"].values, dtype=np.float64)
+    part, lanes = _lanes(run, lane)
+    model = None if record.is_own else model_for(part, None)
+    found = frames(part, record, model if model is None or pairs_of(model) is None else None)
+    bodies = [Shown(each, record, one, bool(found.joined.all()), body) for each, one in _each(found, record, lanes)]
+    first = bodies[0]
+    radius = max(each.radius for each in bodies)
+    if not all(np.isfinite(each.tip).all() for each in bodies):
+        raise InputError(f"{record.carried} is not finite at every saved time; `kreisel check` says where.")
+    time = np.asarray(found.run["time"].values, dtype=np.float64)
+    span = float(time[-1] - time[0]) or 1.0
+    rate = found.rate if found.rate > 0 else 2 * math.pi / span
+    meshes, places = _meshes(bodies)
     return {
         "title": _text(run.attrs.get("title", "")),
-        "facts": [_text(v) for v in _facts(run, lane, len(rows))],
-        "kind": shown.kind,
-        "note": shown.note,
-        "legend": {k: _text(v) for k, v in shown.legend.items()},
-        "n": int(tip.shape[1]),
-        "coordinates": shown.coordinates,
-        "letter": _text(letter),
-        "radius": shown.radius,
-        "arrow": None if shown.arrow is None else [float(v) for v in shown.arrow],
-        "body": shown.body,
-        "nose": None if shown.nose is None else [float(v) for v in shown.nose],
+        "facts": [_text(v) for v in _facts(run, lanes)],
+        "kind": first.kind,
+        "note": " ".join(filter(None, (first.note, found.note))),
+        "callout": first.callout,
+        "legend": {k: _text(v) for k, v in first.legend.items()},
+        "n": int(first.tip.shape[1]),
+        "coordinates": first.coordinates,
+        "letter": _text(record.carried),
+        "radius": radius,
+        "up": first.up,
+        "spins": first.turn is not None and not first.callout,
+        "frame": None if first.frame is None else first.frame.T.tolist(),
+        "lowest": min(float(each.tip[:, 2].min()) for each in bodies) if first.tip.shape[1] == 3 else -radius,
+        "meshes": meshes,
+        "bodies": [_packed_body(each, name, place) for each, name, place in zip(bodies, lanes, places, strict=True)],
         "time": packed(time, "f8"),
-        "tip": packed(tip, "f4"),
-        "turn": None if shown.turn is None else packed(shown.turn, "f4"),
-        "path": packed(path, "i4"),
-        "few": packed(few, "i4"),
-        "joined": _closely_spaced(tip, shown.radius),
-        "path_joined": _closely_spaced(tip[path], shown.radius),
-        "few_joined": _closely_spaced(tip[few], shown.radius),
-        **_drift_series(run),
+        "windows": windows(found.joined),
+        "pace": STEADY / rate,
+        "trail": TURNS * 2 * math.pi / rate,
+        "path": packed(mixed(np.concatenate([each.tip for each in bodies], 1), MOST_PATH // len(bodies)), "i4"),
+        **_drift_series(part),
+        "events": _events(part, record),
+        "section": None if section is None else _section(section, lanes),
         "complete": bool(run.attrs.get("complete", True)),
         "themes": {
             name: {"ink": t.ink, "paper": t.paper, "grid": t.grid, "faint": t.faint, "colours": t.colours}
@@ -100,10 +95,101 @@ def scene(run: xr.Dataset, lane: int = 0) -> dict[str, Any]:
     }
 
 
-def _closely_spaced(points: Array, radius: float) -> bool:
-    """Whether the points follow each other so closely that a line between them is no guess."""
-    gaps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
-    return len(gaps) == 0 or float(np.median(gaps)) < LARGEST_GAP * radius
+def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
+    """The lanes that are shown, with a dimension unless there is one, and their names."""
+    if "lane" not in run.dims:
+        return run, [""]
+    count = run.sizes["lane"]
+    if lane is None:
+        chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_LANES)).astype(int)).tolist()
+    elif isinstance(lane, Sequence | np.ndarray) and not isinstance(lane, str):
+        chosen = [within(each, "lane", 0, count - 1) for each in lane]
+    else:
+        chosen = [within(lane, "lane", 0, count - 1)]
+    if not 1 <= len(chosen) <= MOST_LANES or len(set(chosen)) < len(chosen):
+        raise InputError(f"lane: expected one lane, or up to {MOST_LANES} different ones, got {shown(lane)}.")
+    names = [f"lane {int(run['lane'].values[i]) if 'lane' in run.coords else i}" for i in chosen]
+    return (run.isel(lane=chosen) if len(chosen) > 1 else run.isel(lane=chosen[0])), names
+
+
+def _each(found: Frames, record: RunRecord, lanes: list[str]) -> list[tuple[xr.Dataset, Model | None]]:
+    """The frames of each lane, and its model."""
+    alone = [found.run] if "lane" not in found.run.dims else [found.run.isel(lane=i) for i in range(len(lanes))]
+    return [(each, None if record.is_own else model_for(each, None)) for each in alone]
+
+
+def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]]:
+    """The different bodies, and which each lane has."""
+    meshes: list[dict[str, Any]] = []
+    places: list[int | None] = []
+    for each in bodies:
+        made = None if each.body is None else packed_mesh(each.body)
+        if made is not None and made not in meshes:
+            meshes.append(made)
+        places.append(None if made is None else meshes.index(made))
+    return meshes, places
+
+
+def packed_mesh(body: Body) -> dict[str, Any]:
+    """A body as base64."""
+    wide = "u4" if len(body.points) > 65_535 else "u2"
+    return {
+        "points": packed(body.points, "f4"),
+        "faces": packed(body.faces, wide),
+        "wide": wide == "u4",
+        "colour": packed(body.colour, "u1"),
+    }
+
+
+def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
+    """Turns in whole numbers of 1/32767, far below a pixel; the tip only where no turn gives it."""
+    turn = None if each.turn is None else packed(np.round(SHORT * unrolled(each.turn)), "i2")
+    return {
+        "name": _text(name),
+        "mesh": mesh,
+        "turn": turn,
+        "axis": None if each.axis is None else [float(v) for v in each.axis],
+        "tip": None if each.axis is not None else packed(each.tip, "f4"),
+        "nose": None if each.nose is None else [float(v) for v in each.nose],
+    }
+
+
+def _events(run: xr.Dataset, record: RunRecord) -> list[list[Any]]:
+    """Time and name of the events of a run."""
+    if run.attrs.get("events") is None or run.attrs.get("event_times") is None:
+        return []
+    names, times = (parsed(run.attrs[k], f"The attribute {k}") for k in ("events", "event_times"))
+    return [[float(time), _text(names[int(number)])] for time, number in times[:MOST_EVENTS]]
+
+
+def _section(section: xr.Dataset, lanes: list[str]) -> dict[str, Any]:
+    """Points of `kr.analysis.section` in two of its numbers, of the lanes that are shown."""
+    missing = [k for k in ("quantity", "value") if k not in getattr(section, "attrs", {})]
+    if missing or "event" not in section.dims:
+        raise InputError(f"section: expected what kr.analysis.section returns, got {shown(section)}.")
+    if "lane" in section.coords:
+        chosen = [int(name.split()[1]) for name in lanes if name]
+        section = section.isel(event=np.isin(section["lane"].values, chosen))
+    names, columns = [], []
+    for letter in section.data_vars:
+        values = np.asarray(section[letter].values, dtype=np.float64).reshape(section.sizes["event"], -1)
+        for i in range(values.shape[1]):
+            if f"{letter}[{i}]" != str(section.attrs["quantity"]) and np.isfinite(values[:, i]).all():
+                names.append(f"{letter}[{i}]")
+                columns.append(values[:, i])
+    columns, names = columns[:MOST_SERIES], names[:MOST_SERIES]
+    if len(columns) < 2:
+        raise InputError("section: expected at least two finite numbers at each point.")
+    table = np.stack(columns, -1)[:MOST_POINTS]
+    lane = section["lane"].values if "lane" in section.coords else np.zeros(section.sizes["event"], dtype=int)
+    order = {name: i for i, name in enumerate(np.unique(lane).tolist())}
+    return {
+        "title": _text(f"section {section.attrs['quantity']} = {float(section.attrs['value']):g}"),
+        "names": [_text(name) for name in names],
+        "points": packed(table, "f4"),
+        "time": packed(np.asarray(section["time"].values, dtype=np.float64)[:MOST_POINTS], "f8"),
+        "lane": packed(np.array([order[each] for each in lane.tolist()][:MOST_POINTS]) % 256, "u1"),
+    }
 
 
 def _text(value: Any) -> str:
@@ -120,184 +206,13 @@ def packed(values: Array, kind: str) -> str:
     return base64.b64encode(kept.tobytes()).decode("ascii")
 
 
-def _frame_rows(variable: xr.DataArray, most: int) -> Array:
-    """Rows shown as frames: all, or some of each block, the extremes among them."""
-    count = variable.sizes["time"]
-    if count <= most:
-        return np.arange(count)
-    share = max(8, most * BLOCK // count)
-    kept = [
-        mixed(np.asarray(variable[start : start + BLOCK].values).reshape(-1, math.prod(variable.shape[1:])), share)
-        + start
-        for start in range(0, count, BLOCK)
-    ]
-    return np.unique(np.concatenate(kept))
-
-
-def _facts(run: xr.Dataset, lane: int, frames: int) -> list[str]:
+def _facts(run: xr.Dataset, lanes: list[str]) -> list[str]:
     record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
     out = [str(run.attrs.get("equations", ""))]
     if record.stepped:
         out.append(f"{record.method}, n = {record.n}, {record.steps:,} steps of {record.dt:g}")
-    out.append(f"{rows:,} saved states" + (f", {frames:,} shown, the extremes among them" if frames < rows else ""))
-    return [*out, *([f"lane {lane}"] if "lane" in run.coords else [])]
-
-
-class _Shown:
-    """Tip, turns, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up."""
-
-    def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None):
-        self.run, self.record, self.model = run, record, model
-        self.letter, self.kinds = record.carried, record.kinds
-        self.space = run.attrs.get("frame") == Frame.REST.value
-        self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
-        self.turn: Array | None = None
-        self.arrow: Array | None = None
-        self.body: dict[str, Any] | None = None
-        self.nose: Array | None = None
-        self.legend: dict[str, str] = {}
-        self.coordinates = [0, 1, 2]
-        self._choose()
-        self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
-
-    def _choose(self) -> None:
-        plain = self.carried.shape[1] == 3 and self.record.n == 3
-        if plain and "skew" not in self.kinds.values():
-            self._particle()
-        elif plain and ORIENTATION in self.run:
-            x = self._path()
-            self._in_space() if x is None else self._on_its_path(x)
-        elif plain and self.space:
-            self._along_the_axis()
-        elif plain:
-            self._from_the_body()
-        else:
-            self._projected()
-
-    def _fixed(self, where: str) -> Array | None:
-        """A parameter fixed in space or body, unless it is 0."""
-        v = None if self.model is None else fixed_vector(self.model, where)
-        return v if v is not None and v.any() else None
-
-    def _upright(self, S: Array, *names: str) -> None:
-        for name in names:
-            value = getattr(self, name)
-            setattr(self, name, None if value is None else value @ S.T)
-
-    def _particle(self) -> None:
-        self.kind, self.tip = "particle", self.carried
-        self.note = "The particle on its sphere."
-        self.legend = {"tip": self.letter}
-
-    def _path(self) -> Array | None:
-        """Where the body is, if it moves through space and its rows follow each other closely enough."""
-        from kreisel.analysis.moving import path
-
-        known = self.model is not None and self.model.system.translation is not None
-        if not known or self.run.sizes["time"] > MOST_PLACED:
-            return None
-        try:
-            return np.asarray(path(self.run).values)
-        except InputError:
-            return None
-
-    def _on_its_path(self, x: Array) -> None:
-        assert self.model is not None
-        q = orientation_of(self.run)
-        free = self.model.system.perturbation is None
-        up = algebra.rotation_matrix(q[0]) @ self.carried[0]  # the momentum
-        S = to_third_axis(up / np.linalg.norm(up)) if free and up.any() else np.eye(3)
-        x = x @ S.T
-        self.tip = x - (x.max(0) + x.min(0)) / 2
-        size = ON_ITS_PATH * (float(np.linalg.norm(self.tip, axis=-1).max()) or 1.0)
-        self.body, axis = bodies.ellipsoid(bodies.gyration(self.model, self.carried[0]), size)
-        self.kind, self.nose, self.turn = (
-            "path",
-            1.4 * size * axis,
-            algebra.quaternion_product(algebra.unit_quaternion(S), q),
-        )
-        self.legend["tip"] = "long axis of the ellipsoid of inertia"
-        self.note = "The body on its path, larger or smaller than it is; "
-        self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
-
-    def _in_space(self) -> None:
-        q = orientation_of(self.run)
-        g = algebra.rotation_matrix(q)
-        self.kind = "body"
-        if self.space:
-            up, axis = self._fixed("space"), g[0].T @ self.carried[0]
-        else:
-            up, axis = g[0] @ self.carried[0], self._fixed("body")
-        inertia = None if self.model is None or self.space else bodies.gyration(self.model, self.carried[0])
-        size = float(np.linalg.norm(self.carried[0]) if self.space else 1.0) or 1.0
-        if axis is None or not axis.any():
-            self.body, axis = bodies.ellipsoid(inertia, 0.9 * size)
-            self.legend["tip"] = "long axis of the ellipsoid of inertia"
-            self.note = "The body's ellipsoid of inertia, turning about its point, and the trace of its long axis."
-        else:
-            axis = size * axis / np.linalg.norm(axis)
-            self.body = bodies.top(axis, inertia, 0.94 * size)
-            self.legend["tip"] = f"axis, along {self.letter}" if self.space else "axis of the body, in space"
-            self.note = "The body turning about its point, and the trace of its axis."
-        self.tip = g @ axis
-        S = self._point_up(up, size, "p" if self.space else f"{self.letter} in space, at rest")
-        self.tip = self.tip @ S.T
-        from scipy.spatial.transform import Rotation
-
-        turned = Rotation.from_matrix(S) * Rotation.from_quat(q, scalar_first=True)
-        self.turn = turned.as_quat(scalar_first=True)
-
-    def _along_the_axis(self) -> None:
-        size = float(np.linalg.norm(self.carried[0])) or 1.0
-        S = self._point_up(self._fixed("space"), size, "p")
-        self.kind, self.tip = "body", self.carried @ S.T
-        self.legend["tip"] = f"axis, along {self.letter}"
-        self.body = bodies.top(np.array([0.0, 0.0, 1.0]), None, 0.94 * size)
-        x, y, z = (self.tip / size).T  # the least turn from (0, 0, 1): axis (-y, x, 0), w^2 = (1 + z)/2
-        q = np.stack([1 + z, -y, x, 0 * z], -1)
-        q[(1 + z) < 1e-12] = (0.0, 1.0, 0.0, 0.0)
-        self.turn = q / np.linalg.norm(q, axis=-1, keepdims=True)
-        self.note = (
-            "The body along its axis. The run carries no orientation, so that its turn about the axis is not shown."
-        )
-
-    def _from_the_body(self) -> None:
-        self.kind, self.tip = "body", self.carried
-        axis, size = self._fixed("body"), float(np.linalg.norm(self.carried[0])) or 1.0
-        inertia = None if self.model is None else bodies.gyration(self.model, self.carried[0])
-        if axis is None:
-            self.body, S = bodies.ellipsoid(inertia, 0.8 * size)[0], np.eye(3)
-        else:
-            S = to_third_axis(axis / np.linalg.norm(axis))
-            self.body = bodies.top(axis, inertia, 0.8 * size)
-        self.tip = self.carried @ S.T
-        from scipy.spatial.transform import Rotation
-
-        still = Rotation.from_matrix(S).as_quat(scalar_first=True)
-        self.turn = np.broadcast_to(still, (1, 4))
-        self.legend["tip"] = f"{self.letter}, seen from the body"
-        self.note = (
-            f"{self.letter} as the body sees it. The run carries no orientation, so that the body stands still here."
-        )
-
-    def _projected(self) -> None:
-        self.kind, self.tip = "projection", self.carried
-        up = self._fixed("space") if self.space else self._fixed("body")
-        n = self.tip.shape[1]
-        if n < 3:
-            self.tip = np.concatenate([self.tip, np.zeros((len(self.tip), 3 - n))], 1)
-        elif up is not None and len(up) == n:
-            third = int(np.abs(up).argmax())
-            self.coordinates = [*[i for i in range(n) if i != third][:2], third]
-        self.legend["tip"] = self.letter
-        self.note = f"{self.letter} in three of its {n} coordinates, which can be chosen."
-
-    def _point_up(self, up: Array | None, size: float, meaning: str) -> Array:
-        if up is None:
-            return np.eye(3)
-        self.arrow = np.array([0.0, 0.0, 1.25 * size])
-        self.legend["arrow"] = meaning
-        return to_third_axis(up / np.linalg.norm(up))
+    out.append(f"{rows:,} saved states")
+    return [*out, *([f"{len(lanes)} of {run.sizes['lane']:,} lanes"] if len(lanes) > 1 else [n for n in lanes if n])]
 
 
 def _drift_series(run: xr.Dataset) -> dict[str, Any]:

@@ -28,7 +28,7 @@ EVERY = 2.0  # seconds between two looks
 class Source:
     """The scene of an archive, made anew when the archive has changed."""
 
-    def __init__(self, path: Path, lane: int):
+    def __init__(self, path: Path, lane: Any = None):
         whole = path.with_suffix("") if path.suffix == ".part" else path
         self._whole, self._part, self._lane = whole, whole.with_name(whole.name + ".part"), lane
         self._lock = threading.Lock()
@@ -123,7 +123,7 @@ class Server(ThreadingHTTPServer):
         """Nothing: a browser that went away."""
 
 
-def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: int = 0) -> Server:
+def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: Any = None) -> Server:
     """A server of one page, bound but not yet serving.  Raises `InputError` for no archive or an address in use."""
     source = Source(path, lane)
     try:

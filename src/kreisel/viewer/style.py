@@ -1,4 +1,5 @@
-"""One style for all figures and the page: colour-blind-safe (Okabe and Ito), light or dark, vector-friendly fonts.
+"""One style for all figures and the page: colour-blind-safe (Okabe and Ito), light or dark, vector-friendly fonts; and
+one for journals: 183 mm wide, 8 points, a serif face, fonts kept as TrueType in PDF.
 
 The order of the colours is that of use.  On dark paper blue is lightened and black becomes white; every colour has a
 contrast of at least 2.1 to its paper (lines), the ink of text 12.
@@ -6,7 +7,7 @@ contrast of at least 2.1 to its paper (lines), the ink of text 12.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from kreisel.errors import InputError, hint, shown
@@ -22,6 +23,7 @@ class Theme:
     faint: str
     colours: tuple[str, ...]
     sequence: str  # a colour map of even lightness that begins near the paper
+    extra: tuple[tuple[str, Any], ...] = ()  # settings of matplotlib of a style
 
     @property
     def rc(self) -> dict[str, Any]:
@@ -37,6 +39,7 @@ class Theme:
             "grid.color": self.grid,
             "axes.prop_cycle": cycler(color=self.colours),
             "image.cmap": self.sequence,
+            **dict(self.extra),
         }
 
 
@@ -78,8 +81,36 @@ THEMES = {
 }
 
 
-def theme_of(name: str) -> Theme:
-    """The theme "light" or "dark".  Raises `InputError`."""
-    if not isinstance(name, str) or name not in THEMES:
-        raise InputError(f"theme must be {' or '.join(map(repr, THEMES))}, got {shown(name)}.{hint(name, THEMES)}")
-    return THEMES[name]
+STYLES: dict[str, dict[str, Any]] = {
+    "house": {},
+    "journal": {
+        "font.family": "serif",
+        "font.serif": ["STIXGeneral", "DejaVu Serif"],
+        "mathtext.fontset": "stix",
+        "font.size": 8,
+        "axes.titlesize": 8,
+        "axes.labelsize": 8,
+        "xtick.labelsize": 7,
+        "ytick.labelsize": 7,
+        "legend.fontsize": 7,
+        "figure.titlesize": 8,
+        "axes.grid": False,
+        "axes.spines.top": True,
+        "axes.spines.right": True,
+        "axes.linewidth": 0.5,
+        "xtick.direction": "in",
+        "ytick.direction": "in",
+        "savefig.dpi": 600,
+        "pdf.fonttype": 42,
+        "ps.fonttype": 42,
+    },
+}
+WIDTHS = {"house": 9.2, "journal": 183 / 25.4}  # inches
+
+
+def theme_of(name: str, style: str = "house") -> Theme:
+    """The theme "light" or "dark" in the style "house" or "journal".  Raises `InputError`."""
+    for given, known, what in ((name, THEMES, "theme"), (style, STYLES, "style")):
+        if not isinstance(given, str) or given not in known:
+            raise InputError(f"{what} must be {' or '.join(map(repr, known))}, got {shown(given)}.{hint(given, known)}")
+    return replace(THEMES[name], extra=tuple(STYLES[style].items()))

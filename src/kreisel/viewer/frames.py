@@ -1,0 +1,288 @@
+"""Which states a page shows: saved rows, and between rows too far apart the motion computed again from them.
+
+A row is followed by the next so closely that the motion between them may be interpolated where the fastest body turns
+by at most `DENSE` radians from one to the other.  Elsewhere some rows are starts of a replay with the run's own method.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, RunError
+from kreisel.forces.pairs import pairs_of
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.model import Model
+from kreisel.runs.geometry import components
+from kreisel.runs.run_record import RunRecord
+from kreisel.viewer.thinning import mixed
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_FRAMES = 100_000  # numbers of a page: rows of one body with three coordinates
+DENSE = 0.8  # radians: eight states a turn
+FINE = 0.35  # radians between computed states
+COMPUTED = 8_000  # states of a replay, of all bodies
+WINDOWS = 12  # stretches of a long run
+ROUGH = 1e-3  # by which shorter steps may miss the next saved state, relative
+APART = 2_000  # saved rows beside stretches
+BLOCK = 1 << 18  # rows read at once
+SAMPLED = 64  # rows at which the speed is measured
+
+
+@dataclass(frozen=True)
+class Frames:
+    """States to be shown in order of time: a run with those rows, where they are joined, and what was done, in words.
+
+    run      the state, and the orientation, at times (frame, ...)
+    joined   whether the motion from a frame to the next may be interpolated
+    rate     the largest angular velocity, radians in the unit of time; 0 where nothing moves
+    """
+
+    run: xr.Dataset
+    joined: Array
+    rate: float
+    note: str
+
+
+def frames(run: xr.Dataset, record: RunRecord, model: Model | None, most: int = MOST_FRAMES) -> Frames:
+    """The frames of a run with some of its lanes.  Raises `InputError` for states that are not finite."""
+    names = [*record.kinds, *([ORIENTATION] if ORIENTATION in run else [])]
+    bare = run[names]
+    count, lanes = run.sizes["time"], run.sizes.get("lane", 1)
+    entries = sum(math.prod(bare[name].shape[1:]) for name in record.kinds) // lanes
+    most = max(400, most // (lanes * max(1, entries // 6)))
+    time = np.asarray(run["time"].values, dtype=np.float64)
+    sample = bare.isel(time=np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int)))
+    _finite(sample, record)
+    rate = _rate(sample, record, model)
+    if rate is None:
+        rate = _measured_rate(bare.isel(time=slice(0, SAMPLED)), record)
+    dense = np.diff(time) * rate <= DENSE
+    rows = _rows(bare[record.carried], dense, most)
+    shown = bare.isel(time=rows)
+    _finite(shown, record)
+    note = "" if len(rows) == count else f"{len(rows):,} of {count:,} saved states are here"
+    if count > 1 and dense.mean() < 0.5 and model is not None and record.stepped and not record.broken and rate > 0:
+        shown, note = _replayed(shown, record, model, rate, note)
+    joined = np.diff(shown["time"].values) * rate <= DENSE
+    return Frames(shown, joined, rate, _said(note, joined))
+
+
+def _said(note: str, joined: Array) -> str:
+    if joined.all():
+        between = "between states that are shown, the motion is interpolated" if len(joined) else ""
+    elif joined.any():
+        between = "where states are close it is interpolated between them; elsewhere playing jumps to the next stretch"
+    else:
+        between = (
+            "the saved states are too far apart for the motion between them to be known: they are shown one by one"
+        )
+    text = "; ".join(part for part in (note, between) if part)
+    return text[:1].upper() + text[1:] + "." if text else ""
+
+
+def _finite(run: xr.Dataset, record: RunRecord) -> None:
+    for letter in record.kinds:
+        if not np.isfinite(run[letter].values).all():
+            raise InputError(f"expected a run whose state is finite, got one with NaN or infinity in {letter}.")
+
+
+def _rows(variable: xr.DataArray, dense: Array, most: int) -> Array:
+    """All rows; of too many, stretches of consecutive ones where they are dense, and single ones with the extremes."""
+    count = variable.sizes["time"]
+    if count <= most:
+        return np.arange(count)
+    if not dense.mean() > 0.5:
+        return _apart(variable, most)
+    length = (most - min(APART, most // 4)) // WINDOWS
+    starts = np.linspace(0, count - length, WINDOWS).astype(int)
+    stretches = [np.arange(start, start + length) for start in starts]
+    return np.unique(np.concatenate([*stretches, _apart(variable, min(APART, most // 4))]))
+
+
+def _apart(variable: xr.DataArray, most: int) -> Array:
+    """Single rows, the extremes among them, read block by block."""
+    count = variable.sizes["time"]
+    share = max(8, most * BLOCK // count)
+    return np.unique(
+        np.concatenate(
+            [
+                mixed(np.asarray(variable[s : s + BLOCK].values).reshape(min(BLOCK, count - s), -1), share) + s
+                for s in range(0, count, BLOCK)
+            ]
+        )
+    )
+
+
+def _rate(sample: xr.Dataset, record: RunRecord, model: Model | None) -> float | None:
+    """The largest angular velocity at some rows, by the record; None where it does not say."""
+    if model is None:
+        return None
+    try:
+        parts = components(sample, model)
+        if model.system.velocity is not None:
+            Omega = np.asarray(model.call(model.system.velocity, *parts), dtype=np.float64)
+            speed = np.linalg.norm(Omega, axis=(-2, -1)) / math.sqrt(2)
+        else:
+            place = list(record.kinds).index(record.carried)
+            change = np.asarray(model.flow(*parts)[place], dtype=np.float64)
+            inner = tuple(range(1 + ("lane" in sample.dims), change.ndim))
+            size = np.linalg.norm(parts[place], axis=inner)
+            speed = np.linalg.norm(change, axis=inner) / np.where(size > 0, size, 1.0)
+    except (InputError, TypeError, ValueError, AttributeError, NotImplementedError):
+        return None
+    found = float(np.max(speed, initial=0.0))
+    return found if math.isfinite(found) else None
+
+
+def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:
+    """Half the largest turn from row to row by the rows themselves, over the time: of systems of the user's own."""
+    time = np.asarray(first["time"].values, dtype=np.float64)
+    if len(time) < 2:
+        return 0.0
+    if ORIENTATION in first and first[ORIENTATION].shape[-1:] == (4,):
+        q = np.asarray(first[ORIENTATION].values)
+        turn = 2 * np.arccos(np.clip(abs((q[1:] * q[:-1]).sum(-1)), 0, 1))
+    else:
+        v = np.asarray(first[record.carried].values).reshape(len(time), first.sizes.get("lane", 1), -1)
+        size = np.linalg.norm(v, axis=-1)[1:]
+        turn = np.linalg.norm(np.diff(v, axis=0), axis=-1) / np.where(size > 0, size, 1.0)
+    speed = turn.reshape(len(time) - 1, -1).max(-1) / np.diff(time)
+    return float(np.max(speed[np.isfinite(speed)], initial=0.0))
+
+
+# -- computed again ----------------------------------------------------------------------------------------------------
+
+
+def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, note: str) -> tuple[xr.Dataset, str]:
+    """Rows, with the motion after some of them by the run's own method."""
+    import xarray as xr
+
+    lanes = shown.sizes.get("lane", 1)
+    time = np.asarray(shown["time"].values, dtype=np.float64)
+    split = max(1, math.ceil(record.dt * rate / DENSE))
+    step = record.dt / split
+    every = _divisor(record.every, max(1, int(FINE / (rate * step)))) if split == 1 else 1
+    each = every * step
+    gaps = np.diff(time)
+    wanted = np.ceil(gaps / each - 1e-6).astype(int)
+    budget = COMPUTED // lanes
+    if wanted.sum() <= budget:
+        starts = np.arange(len(gaps))
+    else:
+        starts = np.unique(np.linspace(0, len(gaps) - 1, min(WINDOWS, len(gaps))).astype(int))
+    length = int(min(wanted[starts].max(), max(2, budget // len(starts))))
+    try:
+        states = _carried_on(shown.isel(time=starts), record, model, step, every, length)
+    except (InputError, RunError, TypeError, ValueError):
+        return shown, note
+    keep, pieces, worst = np.ones(len(time), dtype=bool), [], 0.0
+    for number, row in enumerate(starts.tolist()):
+        inside = min(length, int(wanted[row]) - 1)
+        whole = length >= wanted[row] and abs(gaps[row] / each - wanted[row]) < 1e-6
+        if whole:
+            worst = max(worst, _apart_by(states, shown, record, int(wanted[row]), number, row + 1))
+        if inside > 0:
+            piece = {k: v[1 : inside + 1, number] for k, v in states.items()}
+            data = {k: (("frame", *shown[k].dims[1:]), v.reshape(-1, *shown[k].shape[1:])) for k, v in piece.items()}
+            at = time[row] + each * np.arange(1, inside + 1)
+            pieces.append(xr.Dataset({k: v for k, v in data.items()}).rename(frame="time").assign_coords(time=at))
+    if split > 1 and worst > ROUGH:
+        more = f"a step turns the body by up to {record.dt * rate:.2g} rad, and shorter ones lead elsewhere"
+        return shown, "; ".join(part for part in (note, more) if part)
+    if not pieces:
+        return shown, note
+    kept = shown.isel(time=keep).drop_vars([c for c in shown.coords if c not in ("time", "lane")])
+    made = xr.concat([kept, *pieces], "time", coords="minimal", compat="override", join="override").sortby("time")
+    whole = len(starts) == len(gaps) and length >= wanted.max()
+    said = "the motion" if whole else f"{len(starts)} stretches of the motion"
+    text = f"{said} between saved states computed again from them by the run's own method"
+    text += f", with steps of {step:.3g}" if split > 1 else ""
+    text += f", which gives the next saved state to {worst:.0e}" if worst else ""
+    return made.assign_attrs(shown.attrs), "; ".join(part for part in (note, text) if part)
+
+
+def _divisor(number: int, most: int) -> int:
+    """The largest divisor up to `most`, unless it is much smaller."""
+    found = next(d for d in range(min(most, number), 0, -1) if number % d == 0)
+    return found if 3 * found >= most else most
+
+
+def _carried_on(
+    starts: xr.Dataset, record: RunRecord, model: Model, step: float, every: int, length: int
+) -> dict[str, Array]:
+    """The states (length + 1, starts, lane, ...) from each of the starts."""
+    from kreisel.runs.propagator import propagator
+
+    oriented = ORIENTATION in starts
+    names = [*record.kinds, *([ORIENTATION] if oriented else [])]
+    lanes, order = starts.sizes.get("lane"), record.order
+    together = lanes is None and not model.batch and model.system.perturbation is None and pairs_of(model) is None
+    moving = propagator(
+        model, method=record.method, order=None if isinstance(order, tuple) else order, dt=step, orientation=oriented
+    )
+    if together:
+        found = moving.steps({k: starts[k].values for k in names}, length * every, every)
+        return {k: np.asarray(found[k]) for k in names}
+    runs = []
+    for row, begun in enumerate(np.asarray(starts["time"].values, dtype=np.float64).tolist()):
+        clock = {} if model.system.perturbation is None else {"time": begun}
+        runs.append(moving.steps({k: starts[k].values[row] for k in names}, length * every, every, **clock))
+    return {k: np.stack([np.asarray(found[k]) for found in runs], 1) for k in names}
+
+
+def _apart_by(
+    states: dict[str, Array], shown: xr.Dataset, record: RunRecord, step: int, number: int, row: int
+) -> float:
+    """How far a replay ends from the saved row, relative to the size of the state."""
+    worst = 0.0
+    for letter in record.kinds:
+        saved = np.asarray(shown[letter].values[row])
+        found = states[letter][step, number].reshape(saved.shape)
+        worst = max(worst, float(abs(found - saved).max()) / (float(abs(saved).max()) or 1.0))
+    return worst
+
+
+def unrolled(q: Array) -> Array:
+    """Quaternions (..., 4) along time, each of the sign that is nearer to the one before."""
+    signs = np.where((q[1:] * q[:-1]).sum(-1) < 0, -1.0, 1.0)
+    out = np.array(q)
+    out[1:] *= np.cumprod(signs, 0)[..., None]
+    return out
+
+
+def between(values: Array, place: Array, joined: Array) -> Array:
+    """Rows at whole and broken places by a cubic through four rows, of which only joined ones count.
+
+    The page does the same (`sample` in drawing.js).
+    """
+    last = len(values) - 1
+    i = np.clip(place.astype(int), 0, max(0, last - 1))
+    u = (place - i).reshape(-1, *(1,) * (values.ndim - 1))
+    b, c = values[i], values[np.minimum(i + 1, last)]
+    open_ = np.append(joined, False)
+    before = ((i > 0) & open_[np.maximum(i - 1, 0)]).reshape(u.shape)
+    after = ((i + 2 <= last) & open_[np.minimum(i + 1, last)]).reshape(u.shape)
+    a = np.where(before, values[np.maximum(i - 1, 0)], 2 * b - c)
+    d = np.where(after, values[np.minimum(i + 2, last)], 2 * c - b)
+    found = b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
+    apart = ~open_[i].reshape(u.shape)
+    return np.where(apart, np.where(u >= 1, c, b), found)
+
+
+def as_matrices(q: Array) -> Array:
+    """Rotations (..., 3, 3) of quaternions that need not have the length 1."""
+    return algebra.rotation_matrix(q / np.linalg.norm(q, axis=-1, keepdims=True))
+
+
+def windows(joined: Array) -> list[tuple[int, int]]:
+    """First and last frame of each stretch of joined ones."""
+    edges = np.diff(np.concatenate([[0], joined.astype(int), [0]]))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))

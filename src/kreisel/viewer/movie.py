@@ -1,0 +1,195 @@
+"""A film of the picture of a page, drawn by matplotlib: GIF by Pillow, MP4 by ffmpeg where it is."""
+
+from __future__ import annotations
+
+import base64
+import os
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.runs.settings import positive_number, within
+from kreisel.storage.reading import place
+from kreisel.storage.replacing import written
+from kreisel.viewer.bodies import DARK, METAL, PANEL
+from kreisel.viewer.frames import as_matrices, between
+from kreisel.viewer.style import Theme, theme_of
+
+SUFFIXES = (".gif", ".mp4")
+MOST_PICTURES = 2_000
+PIXELS, DPI = (640, 560), 100
+AZIMUTH, ELEVATION = np.radians(-49), np.radians(22)
+LIGHT = np.array([0.35, -0.55, 0.76])
+TRAIL = 240  # points
+METALS = {METAL: "#9aa3ad", PANEL: "#1e3a8a", DARK: "#3a3f47"}
+
+
+def movie(
+    data: dict[str, Any],
+    path: str | os.PathLike[str],
+    *,
+    seconds: float = 8.0,
+    fps: int = 20,
+    speed: float = 1.0,
+    theme: str = "light",
+) -> Path:
+    """The first stretch of a scene that can be played, as a film.  Raises `InputError`."""
+    import matplotlib as mpl
+    from matplotlib import animation
+    from matplotlib.figure import Figure
+
+    target = place(path, f"The film needs a name that ends in {' or '.join(SUFFIXES)}")
+    duration, rate = positive_number(seconds, "seconds"), within(fps, "fps", 1, 60)
+    tempo, colours = positive_number(speed, "speed"), theme_of(theme)
+    if target.suffix.lower() not in SUFFIXES:
+        raise InputError(f"The film needs a name that ends in {' or '.join(SUFFIXES)}, got {target.name!r}.")
+    if target.suffix.lower() == ".mp4" and not animation.writers.is_available("ffmpeg"):
+        raise InputError("An .mp4 needs ffmpeg, which was not found. Install it, or give a name that ends in .gif.")
+    if not data["windows"]:
+        raise InputError("The saved states are too far apart for a film. Save more of them: a smaller every.")
+    pictures = min(max(2, round(duration * rate)), MOST_PICTURES)
+    film = _Film(data, colours)
+    times = film.begin + np.arange(pictures) * data["pace"] * tempo / rate
+    times = times[times <= film.end]
+    writer: Any = animation.PillowWriter(fps=rate) if target.suffix.lower() == ".gif" else animation.FFMpegWriter(rate)
+    with mpl.rc_context(cast("Any", colours.rc)), written(target) as scratch:
+        figure = Figure(figsize=(PIXELS[0] / DPI, PIXELS[1] / DPI), dpi=DPI)
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        FigureCanvasAgg(figure)
+        with writer.saving(figure, str(scratch), DPI):
+            for time in times.tolist():
+                film.draw(figure, time)
+                writer.grab_frame()
+    return target
+
+
+class _Film:
+    """What is drawn at each time."""
+
+    def __init__(self, data: dict[str, Any], theme: Theme):
+        self.data, self.theme, self.radius = data, theme, data["radius"]
+        self.time = _numbers(data["time"], "f8")
+        first, last = max(data["windows"], key=lambda pair: pair[1] - pair[0])
+        self.begin, self.end = float(self.time[first]), float(self.time[last])
+        self.joined = np.zeros(len(self.time) - 1, dtype=bool)
+        for a, b in data["windows"]:
+            self.joined[a:b] = True
+        c, s = np.cos(AZIMUTH), np.sin(AZIMUTH)
+        up, out = np.sin(ELEVATION), np.cos(ELEVATION)
+        self.camera = np.array([[-s, c, 0], [-up * c, -up * s, out], [out * c, out * s, up]])
+        self.bodies = [self._body(each) for each in data["bodies"][:1]]
+
+    def _body(self, each: dict[str, Any]) -> dict[str, Any]:
+        n = self.data["n"]
+        body: dict[str, Any] = {"axis": each["axis"], "nose": each["nose"]}
+        body["turn"] = None if each["turn"] is None else _numbers(each["turn"], "i2").reshape(-1, 4).astype(float)
+        body["tip"] = None if each["tip"] is None else _numbers(each["tip"], "f4").reshape(-1, n).astype(float)
+        if each["mesh"] is not None:
+            mesh = self.data["meshes"][each["mesh"]]
+            faces = _numbers(mesh["faces"], "u4" if mesh["wide"] else "u2").reshape(-1, 3).astype(int)
+            body["corners"] = _numbers(mesh["points"], "f4").reshape(-1, 3)[faces].astype(float)
+            body["colour"] = self._palette()[_numbers(mesh["colour"], "u1")]
+        return body
+
+    def _palette(self) -> Array:
+        from matplotlib.colors import to_rgb
+
+        names = [self.theme.colours[0], "#f3efe6", *METALS.values(), self.theme.colours[1]]
+        return np.array([to_rgb(name) for name in names])
+
+    def _turns(self, body: dict[str, Any], times: Array) -> Array:
+        q = body["turn"]
+        if len(q) == 1:
+            return np.broadcast_to(as_matrices(q), (len(times), 3, 3))
+        return as_matrices(between(q, self._places(times), self.joined))
+
+    def _places(self, times: Array) -> Array:
+        i = np.clip(np.searchsorted(self.time, times, "right") - 1, 0, len(self.time) - 2)
+        return i + np.clip((times - self.time[i]) / (self.time[i + 1] - self.time[i]), 0, 1)
+
+    def _tips(self, body: dict[str, Any], times: Array) -> Array:
+        if body["axis"] is not None:
+            return self._turns(body, times) @ np.array(body["axis"])
+        values = between(body["tip"], self._places(times), self.joined)
+        return values[:, self.data["coordinates"]]
+
+    def draw(self, figure: Any, time: float) -> None:
+        """One picture."""
+        figure.clear()
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.set_axis_off()
+        wide = 1.5 * self.radius
+        axes.set(xlim=(-wide, wide), ylim=(-wide * PIXELS[1] / PIXELS[0], wide * PIXELS[1] / PIXELS[0]))
+        self._still(axes)
+        for body in self.bodies:
+            times = np.linspace(max(self.begin, time - self.data["trail"]), time, TRAIL)
+            tips = self._tips(body, times)
+            self._trail(axes, tips)
+            if "corners" in body:
+                self._solid(axes, body, self._turns(body, times[-1:])[0], tips[-1])
+            end = tips[-1]
+            if body["nose"] is not None:
+                end = end + self._turns(body, times[-1:])[0] @ np.array(body["nose"])
+            x, y, depth = self.camera @ end
+            axes.plot([x], [y], "o", color=self.theme.colours[1], markersize=6, zorder=6 if depth > 0 else 2)
+        axes.text(-0.95 * wide, 0.78 * wide, f"{self.data['title']}\ntime {time:.4g}", va="top", parse_math=False)
+
+    def _still(self, axes: Any) -> None:
+        r, angle = self.radius, np.linspace(0, 2 * np.pi, 97)
+        ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle])
+        low = -1.16 * r
+        for part in (0.4, 0.8, 1.2):
+            x, y, _ = self.camera @ (part * r * ring + np.array([[0], [0], [low]]))
+            axes.plot(x, y, color=self.theme.grid, linewidth=0.9, zorder=0)
+        if self.data["kind"] != "path":
+            for turned in (ring, ring[[0, 2, 1]], ring[[2, 0, 1]]):
+                x, y, _ = self.camera @ (r * turned)
+                axes.plot(x, y, color=self.theme.faint, linewidth=0.5, alpha=0.6, zorder=0)
+        if self.data["up"] == "gravity":
+            x, y, _ = self.camera @ np.array([[-0.98 * r] * 2, [-0.42 * r] * 2, [low + 0.75 * r, low + 0.25 * r]])
+            arrow = {"arrowstyle": "-|>", "color": self.theme.colours[2], "linewidth": 2}
+            axes.annotate("", (x[1], y[1]), (x[0], y[0]), arrowprops=arrow)
+            axes.text(x[0], y[0] + 0.03 * r, "gravity", color=self.theme.colours[2], ha="center")
+
+    def _trail(self, axes: Any, tips: Array) -> None:
+        from matplotlib.collections import LineCollection
+        from matplotlib.colors import to_rgba
+
+        flat = tips @ self.camera.T
+        pieces = np.stack([flat[:-1, :2], flat[1:, :2]], 1)
+        colours = np.tile(to_rgba(self.theme.colours[0]), (len(pieces), 1))
+        colours[:, 3] = np.linspace(0.02, 1, len(pieces)) ** 1.4
+        front = flat[1:, 2] > 0
+        for part, order in ((~front, 1), (front, 5)):
+            axes.add_collection(
+                LineCollection(cast("Any", pieces[part]), colors=colours[part], linewidths=2.2, zorder=order)
+            )
+
+    def _solid(self, axes: Any, body: dict[str, Any], g: Array, tip: Array) -> None:
+        from matplotlib.collections import PolyCollection
+
+        corners = body["corners"] @ g.T + (tip if self.data["kind"] == "path" else 0)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
+        seen = corners @ self.camera.T
+        outward = np.where((normal @ self.camera[2] < 0)[:, None], -normal, normal)
+        shade = 0.42 + 0.58 * np.clip(outward @ LIGHT, 0, 1)
+        gloss = 0.35 * np.clip(outward @ (LIGHT + self.camera[2]) / np.linalg.norm(LIGHT + self.camera[2]), 0, 1) ** 30
+        colours = np.clip(body["colour"] * shade[:, None] + gloss[:, None], 0, 1)
+        order = np.argsort(seen[:, :, 2].mean(1))
+        faces = PolyCollection(
+            cast("Any", seen[order, :, :2]),
+            facecolors=colours[order],
+            edgecolors=colours[order],
+            linewidths=0.4,
+            zorder=3,
+        )
+        axes.add_collection(faces)
+
+
+def _numbers(text: str, kind: str) -> Array:
+    return np.frombuffer(base64.b64decode(text), dtype=f"<{kind}")
