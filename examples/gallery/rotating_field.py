@@ -35,9 +35,7 @@ def formula(detuning, t):
 
 
 detuning = RABI * np.linspace(-4, 4, 9 if SMALL else 33)
-top = kr.perturbed(
-    kr.LagrangeTop(p=(0, 0, 1)), potential=turning_field, params={"b": WEAK, "w": 1 / SPIN + detuning}
-)
+top = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=turning_field, params={"b": WEAK, "w": 1 / SPIN + detuning})
 upright = top.state(m=np.tile((RABI, 0, SPIN), (len(detuning), 1)), a=(0, 0, 1))  # begins without nutation
 run = kr.simulate(top, upright, dt=DT, t_end=2.2 * np.pi / RABI, every=500, order=(8, 2))
 height, expected = run.a[..., 2].values, formula(detuning, run.time.values[:, None])

@@ -88,8 +88,8 @@ for name in ("M", "g", "work"):
 
 
 def test_forces_on_the_gpu(tmp_path: Path) -> None:
-    """sin, exp and log of forces, time, damping, orientation, parameters by lane, and impulses and rows within steps: the
-    same numbers as on the CPU.
+    """sin, exp and log of forces, time, damping, orientation, parameters by lane, impulses, rows within steps: the same
+    numbers as on the CPU.
     """
     env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = [sys.executable, "-c", FORCED]

@@ -271,7 +271,8 @@ def _propagator(plan: Plan) -> Propagator:
 
     letters = [letter for letter, _ in plan.scheme.components]
     made = scheme(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), ORIENTATION in letters)
-    return Propagator(plan.model, made, plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None))
+    plain = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
+    return Propagator(plan.model, made, plain)
 
 
 def _require_suitable(plan: Plan, p: Propagator) -> None:
@@ -279,8 +280,8 @@ def _require_suitable(plan: Plan, p: Propagator) -> None:
     what = "impulses" if impulses else "events" if plan.events else "times"
     if plan.where not in ("cpu", "cuda") or plan.model.n >= LARGE:
         raise InputError(
-            f"{what}: expected engine='cpu' or 'cuda' and n < {LARGE}, got {plan.where}, n = {plan.model.n}. Go on from "
-            "the last row of one run with the next, changed in between."
+            f"{what}: expected engine='cpu' or 'cuda' and n < {LARGE}, got {plan.where}, n = {plan.model.n}. Go on "
+            "from the last row of one run with the next, changed in between."
         )
     deformed = [name for name, outcome in made.outcomes.items() if outcome.conserved and name.endswith("_eps")]
     changing = [event for event in plan.events if event.action]
@@ -298,8 +299,8 @@ def _require_suitable(plan: Plan, p: Propagator) -> None:
         )
     if plan.events and plan.batched and made.coupling is None:
         raise InputError(
-            f"events: expected one body, or bodies in pairs, got {plan.lanes} lanes, each of which has them at times of "
-            "its own. Make a run for each lane."
+            f"events: expected one body, or bodies in pairs, got {plan.lanes} lanes, each of which has them at times "
+            "of its own. Make a run for each lane."
         )
 
 
