@@ -78,11 +78,38 @@ def test_many_steps_are_one() -> None:
     assert abs(turned - M0).max() < 1e-13
 
 
+def test_the_integrals_do_not_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 64 bodies with nearly the same motion, 1.3e-17 a step; 2e-16 where nothing is restored."""
+    moments, draw = np.array([1.0, 1.6, 2.0]), np.random.default_rng(0)
+    start = np.array([0.4, 0.3, 1.5]) * (1 + 1e-3 * draw.normal(size=(64, 1)))
+
+    def drift(steps: int = 400) -> float:
+        M, g = start, np.tile(START, (64, 1))
+        for _ in range(steps):
+            M, g = step(M, g, h=np.full(64, 0.058), **constants(moments))
+        wide = [z.astype(np.longdouble) for z in (start, M)]
+        both = [np.stack([(z * z).sum(-1), (z * z / moments).sum(-1)]) for z in wide]
+        return float(abs(both[1] / both[0] - 1).mean() / steps)
+
+    assert drift() < 5e-17
+    monkeypatch.setattr(rotor_step, "_restored", lambda N, M, inverse: N)
+    assert drift() > 5e-17
+
+
+@pytest.mark.parametrize("size", [1e-60, 1e-30, 1e60])
+def test_bodies_of_any_size(size: float) -> None:
+    moments, M = np.array([1.0, 2.0, 2.5]), np.array([0.3, -0.5, 0.7])
+    found, _ = step(size * M, START, h=np.float64(0.3) / size, **constants(moments))
+    want, _ = step(M, START, h=np.float64(0.3), **constants(moments))
+    assert abs(found / size - want).max() < 1e-14
+
+
 @pytest.mark.parametrize("letter", ["inverse", "rates", "gaps", "curvatures"])
 def test_a_wrong_constant_shows(letter: str, monkeypatch: pytest.MonkeyPatch) -> None:
     moments, M = np.array([1.0, 2.0, 2.5]), np.array([0.3, -0.5, 0.7])
 
     right = constants(moments)
+    monkeypatch.setattr(rotor_step, "_restored", lambda N, M, inverse: N)  # which undoes an error of |N|
     monkeypatch.setitem(globals(), "constants", lambda _: {**right, letter: right[letter] * (1 + 1e-9)})
     assert max(off(moments, M, 0.7)) > 1e-12
 

@@ -78,8 +78,9 @@ body = kr.perturbed(
     params={"k": draw.normal(size=5)},
 )
 x0 = body.state(M=draw.normal(size=(5, 3)))
-runs = [kr.simulate(body, x0, dt=0.1, steps=6, every=2, method="splitting", order=(4, 2), engine=engine,
-                    orientation=(1, 0, 0, 0), progress=False) for engine in ("cuda", "cpu")]
+struck = {"time": 0.23, "M": draw.normal(size=(5, 3))}
+runs = [kr.simulate(body, x0, dt=0.1, times=[0, 0.2, 0.37, 0.6], method="splitting", order=(4, 2), engine=engine,
+                    impulses=struck, orientation=(1, 0, 0, 0), progress=False) for engine in ("cuda", "cpu")]
 assert runs[0].attrs["engine"] == "cuda"
 for name in ("M", "g", "work"):
     print(name, abs(runs[0][name].values - runs[1][name].values).max(), abs(np.ptp(runs[1][name].values, 0)).max())
@@ -87,7 +88,9 @@ for name in ("M", "g", "work"):
 
 
 def test_forces_on_the_gpu(tmp_path: Path) -> None:
-    """sin, exp and log of forces, time, damping, orientation, parameters by lane: the same numbers as on the CPU."""
+    """sin, exp and log of forces, time, damping, orientation, parameters by lane, impulses, rows within steps: the same
+    numbers as on the CPU.
+    """
     env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = [sys.executable, "-c", FORCED]
     out = subprocess.run(run, capture_output=True, text=True, env=env, check=False, cwd=tmp_path, timeout=300)

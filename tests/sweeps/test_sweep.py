@@ -94,6 +94,20 @@ def test_every_lane_is_a_single_run(whole: Path) -> None:
     assert set(np.unique(run["system.alpha"])) == set(np.linspace(0.5, 1.5, 4))
 
 
+def test_impulses_strike_every_lane(tmp_path: Path) -> None:
+    top, x0 = kr.LagrangeTop(p=(0, 0, 1)), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+    more: dict[str, Any] = {"dt": 0.1, "steps": 40, "method": "kahan", "order": 4}
+    more["impulses"] = {"time": 1.03, "m": (0, 0.2, 0.1)}
+    design = kr.Design(grid={"system.alpha": [0.5, 0.7, 1.0]})
+    run = kr.sweep(top, x0, design, path=tmp_path / "run", workers=0, save=["drift", "trajectories"], **more)
+    single = kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=0.7), x0, **more)
+    assert (run.m.isel(lane=1).values == single.m.values).all() and (run.energy_drift > 0.1).all()
+    late = {**more, "impulses": {**more["impulses"], "time": 9.0}}
+    for wrong in (late, {**more, "impulses": 3}):
+        with pytest.raises(kr.InputError, match="impulses: expected"):
+            kr.sweep(top, x0, design, path=tmp_path / "other", workers=0, **wrong)
+
+
 def test_lanes_do_not_depend_on_the_blocks(whole: Path, tmp_path: Path) -> None:
     other = kr.open_run(carried(tmp_path / "other", SWEEP.replace("block = 5", "block = 24")))
     same = kr.open_run(whole)

@@ -24,6 +24,7 @@ from kreisel.exact.turning import turn
 NODES = 8  # lambda t = 0.5: psi is off by 2e-16; 1: by 6e-15
 ORDERS = 11  # of Laurent's series: full precision up to lambda t = 1
 LONGEST, MOST_TURN = 1.25, 8.0  # lambda h: psi is off by 1e-13; and |Omega| h
+NEAR = 1e-2  # of an axis, sin^2 of the angle from M to Omega: there the energy adds nothing to |M|
 TINY = 1e-140  # a body at rest: no 0/0
 SECOND, THIRD = [1, 2, 0], [2, 0, 1]
 
@@ -54,7 +55,7 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
         N = _moved(M, float(node), h, series, **known)
         rate = (energy + algebra.dot(N, Omega)) / (L2 + algebra.dot(N, M) + TINY)
         psi = psi + float(weight) * rate
-    N = _moved(M, 1.0, h, series, **known)
+    N = _restored(_moved(M, 1.0, h, series, **known), M, known["inverse"])
     lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + 0 * M[..., :1], algebra.cross(N, M)], -1)
     z = turn(algebra.vec(psi * h) * M)
     return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
@@ -84,6 +85,18 @@ def _series(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> t
         total = sum(c[m - 2] * c[k - m - 2] for m in range(2, k - 1))
         c.append(3 / ((2 * k + 1) * (k - 3)) * total)
     return e, c
+
+
+def _restored(N: Array, M: Array, inverse: Array) -> Array:
+    """N with the integrals of M: else rounding of the series, alike in all steps, lets the energy drift."""
+    L2 = algebra.dot(M, M)
+    N = N + algebra.vec((L2 - algebra.dot(N, N)) / (2 * L2 + TINY)) * N
+    Omega = inverse * N
+    across = Omega - algebra.vec(algebra.dot(N, Omega) / (L2 + TINY)) * N
+    size = algebra.dot(Omega, Omega) + TINY
+    sine = algebra.dot(across, Omega) / size  # its square
+    missing = (algebra.dot(M, inverse * M) - algebra.dot(N, Omega)) / (2 * size)
+    return N + algebra.vec(missing * sine / (sine * sine + NEAR**2)) * across
 
 
 def _moved(

@@ -271,14 +271,18 @@ def _propagator(plan: Plan) -> Propagator:
 
     letters = [letter for letter, _ in plan.scheme.components]
     made = scheme(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), ORIENTATION in letters)
-    return Propagator(plan.model, made, plan.settings.but(observe=(), project=False, times=None, impulses=()))
+    plain = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
+    return Propagator(plan.model, made, plain)
 
 
 def _require_suitable(plan: Plan, p: Propagator) -> None:
     made, impulses = plan.scheme, plan.settings.impulses
     what = "impulses" if impulses else "events" if plan.events else "times"
-    if plan.where != "cpu" or plan.model.n >= LARGE:
-        raise InputError(f"{what}: expected engine='cpu' and n < {LARGE}, got {plan.where}, n = {plan.model.n}.")
+    if plan.where not in ("cpu", "cuda") or plan.model.n >= LARGE:
+        raise InputError(
+            f"{what}: expected engine='cpu' or 'cuda' and n < {LARGE}, got {plan.where}, n = {plan.model.n}. Go on "
+            "from the last row of one run with the next, changed in between."
+        )
     deformed = [name for name, outcome in made.outcomes.items() if outcome.conserved and name.endswith("_eps")]
     changing = [event for event in plan.events if event.action]
     if isinstance(made.motion, Flow) or deformed:
@@ -294,19 +298,14 @@ def _require_suitable(plan: Plan, p: Propagator) -> None:
             f"method={made.name!r}. For others call kr.propagator(...).to or .until in a loop."
         )
     if plan.events and plan.batched and made.coupling is None:
-        raise InputError(f"events: expected one body, or bodies in pairs, got {plan.lanes} lanes. Make a run for each.")
+        raise InputError(
+            f"events: expected one body, or bodies in pairs, got {plan.lanes} lanes, each of which has them at times "
+            "of its own. Make a run for each lane."
+        )
 
 
 def _place(plan: Plan, time: float) -> tuple[int, float]:
-    """The step within which a time after 0 is, its end included, and how long after its beginning.
-
-    Raises `InputError` for a time beyond the run.
-    """
-    if not 0 < time <= plan.settings.time * (1 + WHOLE):
-        raise InputError(
-            f"impulses: expected times after 0 and up to the end of the run, {plan.settings.time:g}, got {time:g}. "
-            "Change the initial state for an impulse at time 0."
-        )
+    """The step within which a time after 0 is, its end included, and how long after its beginning."""
     step = max(0, int(np.ceil(time / plan.dt * (1 - WHOLE))) - 1)
     within = time - step * plan.dt
     return step, plan.dt if within > plan.dt * (1 - WHOLE) else within

@@ -233,8 +233,8 @@ class Propagator(StateForms):
         """The same with the time as a number of steps h, where forces depend on it."""
         record = self.model.system.perturbation
         if record is None or not record.names(TIME):
-            return z
-        out = np.array(z)
+            return np.ascontiguousarray(z)
+        out = np.array(z, order="C")
         out[:, self._column_of(COUNT)] = time / h
         return out
 

@@ -82,7 +82,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             project=bool(wanted["project"]),
             observe=_observed_names(wanted.get("observe")),
             times=wanted.get("times"),
-            impulses=_checked_impulses(wanted.get("impulses", ())),
+            impulses=_checked_impulses(wanted.get("impulses", ()), steps * dt),
         )
 
     @property
@@ -138,8 +138,8 @@ def in_order(times: Any) -> tuple[float, ...]:
     return tuple(found.tolist())
 
 
-def _checked_impulses(given: Any) -> tuple[dict[str, Any], ...]:
-    """Each with its time and numbers for letters of the state, as lists.  Raises `InputError`."""
+def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
+    """Each with its time, up to the end, and numbers for letters of the state, as lists.  Raises `InputError`."""
     several = [given] if isinstance(given, Mapping) else given
     if isinstance(several, str | bytes) or not isinstance(several, Sequence):
         several = [None]
@@ -156,7 +156,13 @@ def _checked_impulses(given: Any) -> tuple[dict[str, Any], ...]:
                 numbers[letter] = np.asarray(value, dtype=np.float64).tolist()
             except (TypeError, ValueError, OverflowError):
                 raise InputError(f"impulses: expected numbers for {letter}, got {shown(value)}.") from None
-        out.append({**numbers, "time": finite_number(impulse["time"], "impulses: the time")})
+        time = finite_number(impulse["time"], "impulses: the time")
+        if not 0 < time <= end * (1 + WHOLE):
+            raise InputError(
+                f"impulses: expected times after 0 and up to the end of the run, {end:g}, got {time:g}. Change the "
+                "initial state for an impulse at time 0."
+            )
+        out.append({**numbers, "time": time})
     return tuple(sorted(out, key=lambda impulse: impulse["time"]))
 
 

@@ -124,9 +124,8 @@ class Sweep:
         model = self.system(**params)
         start = {k: _ready(v, self._kinds_of_state.get(k), ("state", k) in varied, len(ids)) for k, v in state.items()}
         run = {k: chosen("run", k) for k in sections["run"]}
-        within = [k for k in ("times", "impulses") if run.get(k) is not None]
-        if within:
-            raise InputError(f"[run] of a sweep: expected rows at every dt and no impulses, got {', '.join(within)}.")
+        if run.get("times") is not None:
+            raise InputError("[run] of a sweep: expected rows at each `every`-th dt, got times. Leave them out.")
         missing = [k for k in ("dt", "steps") if run.get(k) is None]
         if missing:
             raise InputError(f"[run] needs {' and '.join(missing)}, or vary it in [sweep.grid] or [sweep.list].")

@@ -70,6 +70,7 @@ def sweep(
     tol: float | None = None,
     orientation: OrientationLike | None = None,
     project: bool = True,
+    impulses: Mapping[str, Any] | Sequence[Mapping[str, Any]] = (),
     save: Sequence[str] = DEFAULT_SAVE,
     block: int | None = None,
     memory: int = MEMORY_MIB,
@@ -80,7 +81,7 @@ def sweep(
 ) -> xr.Dataset:
     """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset by lane.
 
-    system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to project are the same
+    system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to impulses are the same
     design       what varies, a `kr.Design`
     path         the Zarr store; the same call goes on with one that was interrupted
     save         of "drift", "extremes", "frequencies" and "trajectories"
@@ -99,7 +100,7 @@ def sweep(
     if not isinstance(design, Design):
         raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
     state = checked_state(system, x0).axial
-    run = dict(dt=dt, steps=steps, every=every, method=method, order=order, tol=tol, project=project)
+    run = dict(dt=dt, steps=steps, every=every, method=method, order=order, tol=tol, project=project, impulses=impulses)
     description = {
         "system": {"name": system.system.name, **system.params},
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
