@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kreisel.bench import compiled, ensemble, short
-from kreisel.kernels import cpu
+from kreisel.kernels import cache, cpu
 from kreisel.kernels._numba.vector_type import register_width
 from kreisel.kernels.folding import folded
 from kreisel.kernels.printing import Line, latest
@@ -78,7 +78,7 @@ def test_other_operations_make_other_kernels(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
     source = f'"""{tmp_path.name}"""\n'
     first = cpu.load_kernel(source)
-    monkeypatch.setattr(cpu, "_operations", lambda: b"another fma")
+    monkeypatch.setattr(cache, "_operations", lambda: b"another fma")
     assert cpu.load_kernel(source).__name__ != first.__name__
     assert len(list(tmp_path.glob("*/*.py"))) == 2
 
@@ -123,7 +123,7 @@ def kernel(tmp_path_factory: pytest.TempPathFactory) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KREISEL_CACHE", folder)
         patch.setattr(ensemble, "LANES", 64)
-        patch.setattr(cpu, "_operations", folder.encode)
+        patch.setattr(cache, "_operations", folder.encode)
         (case,) = [case for case in short.cases(generic=True) if case.name == "clebsch"]
         return ensemble.kernel_of(case)
 

@@ -161,7 +161,7 @@ def investigate(
 
     known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
     if markdown:
-        print(report.registry_table(), end="")
+        print(investigation.registry_table(), end="")
         return
     if what is None:
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")

@@ -64,6 +64,30 @@ def _refused(folder: str, owner: int, mode: int) -> None:
     )
 
 
+@cache
+def _operations() -> bytes:
+    """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
+    folder = Path(__file__).with_name("_numba")
+    return b"".join(
+        (folder / f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors", "pointers", "projecting")
+    )
+
+
+@cache
+def _machine() -> bytes:
+    """What the same source is compiled for, and by what."""
+    import numba
+    from numba.core.registry import cpu_target
+
+    return repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode()
+
+
+def load_kernel(source: str) -> ModuleType:
+    """Generated source as a module, compiled once for this machine."""
+    what = hashlib.sha256(_operations() + _machine() + source.encode()).hexdigest()[:20]
+    return module(f"kreisel_kernel_{what}", source)
+
+
 def module(name: str, source: str) -> ModuleType:
     """The module of a source: from its folder, or compiled and kept there, or compiled in memory."""
     if name in sys.modules:

@@ -9,22 +9,16 @@ that it imports and of what it is compiled for.
 
 from __future__ import annotations
 
-import hashlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.kernels import dense, simd
-from kreisel.kernels.cache import module
+from kreisel.kernels.cache import load_kernel as load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
 from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven, compiled, plain, room_of
@@ -100,30 +94,6 @@ def kernel(z, c, out):
 {body}
 {save}
 """
-
-
-@cache
-def _operations() -> bytes:
-    """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
-    folder = Path(__file__).with_name("_numba")
-    return b"".join(
-        (folder / f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors", "pointers", "projecting")
-    )
-
-
-@cache
-def _machine() -> bytes:
-    """What the same source is compiled for, and by what."""
-    from numba.core.registry import cpu_target
-
-    return repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode()
-
-
-def load_kernel(source: str) -> ModuleType:
-    """Generated source as a module, compiled once for this machine."""
-    return module(
-        "kreisel_kernel_" + hashlib.sha256(_operations() + _machine() + source.encode()).hexdigest()[:20], source
-    )
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
+from kreisel.lab import report
 from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS, Clues, Finding
 from kreisel.lab.subject import Subject, subject
@@ -40,27 +41,19 @@ class Investigation:
         return next(f for f in self.findings if f.question == question)
 
     def __str__(self) -> str:
-        from kreisel.lab.report import terminal_table
-
-        return terminal_table(self)
+        return report.terminal_table(self)
 
     @property
     def html(self) -> str:
         """One page that needs nothing else."""
-        from kreisel.lab.report import report_page
-
-        return report_page(self)
+        return report.report_page(self)
 
     def _repr_html_(self) -> str:
-        from kreisel.lab.report import table_html
-
-        return table_html(self)
+        return report.table_html(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page."""
-        from kreisel.lab.report import save
-
-        save(self, path)
+        report.save(self, path)
 
 
 RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10**9), "seed": (0, 2**63)}
@@ -230,3 +223,15 @@ def _typical(p: Parameter, n: int, place: int) -> Any:
 
 
 __all__ = ["Finding", "Investigation", "investigate", "investigate_file", "typical"]
+
+
+def registry_table() -> str:
+    """Every map of the registry, n = 3, and the negative controls, as a page of the documentation."""
+    from kreisel.lab.controls import controls
+    from kreisel.system import REGISTRY
+
+    asked: list[tuple[str, Any, dict[str, Any]]] = [
+        (f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None
+    ]
+    asked += controls()
+    return report.HEAD + report.markdown([(shown, investigate(what, **options)) for shown, what, options in asked])

@@ -160,16 +160,3 @@ variational step of a heavy top with three unequal moments. What the columns mea
 Made by `make investigate` (`kreisel investigate --markdown`).
 
 """
-
-
-def registry_table() -> str:
-    """Every map of the registry, n = 3, and the negative controls, as a page of the documentation."""
-    from kreisel.lab.controls import controls
-    from kreisel.lab.investigation import investigate
-    from kreisel.system import REGISTRY
-
-    asked: list[tuple[str, Any, dict[str, Any]]] = [
-        (f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None
-    ]
-    asked += controls()
-    return HEAD + markdown([(shown, investigate(what, **options)) for shown, what, options in asked])

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections
 from kreisel.kernels.projection.program import Program, written_out
@@ -68,8 +69,6 @@ def room_of(programs: list[Program], width: int) -> int:
 
 def compiled(programs: list[Program], width: int) -> Any:
     """The compiled projection of `width` lanes at once by these programs, one after the other."""
-    from kreisel.kernels.cpu import load_kernel
-
     source = straight_source(programs, width) if written_out(programs) else projection_source(width)
     return load_kernel(source).project
 
