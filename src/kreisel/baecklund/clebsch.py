@@ -5,7 +5,7 @@ On the spectral curve (mu - rho C + M) Q = P, <P, Q> = rho, with C = B - max b a
     M_1 = M + (2 rho/<Q, Q>) Q ^ CQ,   P_1 = P - (M + M_1) Q = 2 Q <Q, P>/<Q, Q> - P.
 
 Q belongs to the rho of the very state, by a step of Newton's method, as in `lagrange_top`.
-[the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md]
+[the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md; others, n = 3, by 2 x 2 matrices: Zullo 2011]
 """
 
 import numpy as np

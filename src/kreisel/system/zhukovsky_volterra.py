@@ -10,7 +10,7 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 
     L = S (lambda M - Omega),   U = S M,   -tr L^2/2 = det S sum (lambda M_i - Omega_i)^2/S_i.
 
-[Zhukovsky 1885; Volterra, Acta Mathematica 22 (1899); Basak, Regular and Chaotic Dynamics 14 (2009)]
+[Zhukovsky 1885; Volterra, Acta Mathematica 22 (1899)]
 """
 
 from kreisel.algebra import axial, dot, hat, identity
@@ -54,7 +54,7 @@ SYSTEM = System(
     name="zhukovsky-volterra",
     title="Zhukovsky-Volterra gyrostat",
     equations="M' = [M, Omega],  Omega_i = (M_i - h_i)/I_i",
-    source="Zhukovsky 1885, Volterra 1899; Basak 2009",
+    source="Zhukovsky 1885, Volterra 1899",
     frame=Frame.MOVING,
     space=FREE_SPACE,
     parameters=(
@@ -75,6 +75,6 @@ SYSTEM = System(
     scaling="Any consistent units.",
     lax=lax,
     n=3,
-    notes="Its flow is known in elliptic functions [Volterra 1899; Basak 2009]; method='exact' makes it a quotient of "
+    notes="Its flow is known in elliptic functions [Volterra 1899]; method='exact' makes it a quotient of "
     "quadratic forms in M. h = 0 is the Euler top.",
 )
