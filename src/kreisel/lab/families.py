@@ -104,7 +104,7 @@ def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3) -> Model:
 
 
 def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment: Any = None) -> Subject:
-    """Kahan's map of a quadratic flow x' = flow(x) on numbers of any field; adjustment(x) is added to eps/2 flow'(x)."""
+    """Kahan's map of a quadratic flow x' = flow(x) on numbers of any field; adjustment(x) adds to eps/2 flow'(x)."""
     eps = fraction(eps)
 
     def step(x: Array) -> Array:
@@ -153,7 +153,7 @@ def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), e
 def adjusted_gyrostat(
     h: Sequence[Any] = (2, 3, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3), share: Any = 1
 ) -> Subject:
-    """Kahan's map of a gyrostat with h_3 = 0, adjusted so that it is integrable: M' = (M + h) x Omega, Omega_i = M_i/J_i.
+    """Kahan's map of M' = (M + h) x Omega, Omega_i = M_i/J_i, h_3 = 0, adjusted so that it is integrable.
 
     With w = 1/J and c = (h_1 w_3/(w_1 - w_3), h_2 w_3/(w_2 - w_3), 0) the third equation has one more term,
 

@@ -38,7 +38,7 @@ def su2_rest(s: Setting) -> Sides:
     dimensions=(3,),
 )
 def su2_moving(s: Setting) -> Sides:
-    M, P, A, alpha = s.skew(), s.vector(), s.vector(), s.scalar()
+    M, P, A, alpha = s.skew(), s.vector(), s.vector(), -s.sign * abs(s.scalar())
     M1, P1 = lagrange_top_moving.step(M, P, A=A, alpha=alpha, eps=s.eps)
     X = lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=s.eps)
     w = su2(2 * axial(X))

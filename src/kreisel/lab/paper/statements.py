@@ -27,7 +27,8 @@ class Setting:
         rng = np.random.default_rng([seed, n])
         self.n, self.numbers = n, numbers
         self.draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
-        self.eps: Any = self.scalar() / 4  # of either sign
+        self.sign = (-1) ** (n + seed + (numbers == "exact"))  # of steps, and of -alpha: rationals and floats have both
+        self.eps: Any = self.sign * abs(self.scalar()) / 4
         self.lam: Any = self.scalar() * 97 / 89  # no other number has such a denominator: Lax matrices have poles there
 
     def scalar(self) -> Any:
@@ -60,8 +61,11 @@ class Setting:
         return abs(self.vector()) / 4 + 2 * np.cumsum(0 * self.vector() + 1) - (self.n + 1)
 
     def case(self, system: System | Model) -> laws.Case:
-        """A random case of a system, of an explicit map with a step of either sign."""
+        """A random case of a system, of an explicit map with a step of either sign, of a top with alpha of either sign."""
         case = laws.drawn_case(system, self.n, self.numbers, self.draw)
+        if "alpha" in case.model.params:
+            own = {**case.model.params, "alpha": -self.sign * abs(case.model.params["alpha"])}
+            case = replace(case, model=case.system(**own))
         back = case.system.map is not None and case.system.map.rational and self.scalar() < 0
         return replace(case, eps=-case.eps) if back else case
 
