@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-USER = os.getuid() if hasattr(os, "getuid") else ""  # Windows has a temporary folder for each user
-os.environ.setdefault("KREISEL_CACHE", str(Path(tempfile.gettempdir()) / f"kreisel-tests-{USER}"))
+os.environ.setdefault(
+    "KREISEL_CACHE", str(Path(tempfile.gettempdir()) / f"kreisel-tests-{getattr(os, 'getuid', str)()}")
+)
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_CACHE"]) / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
