@@ -182,7 +182,8 @@ def plane_spectrum(
     QQ = [alpha * alpha * xx[k] + 2 * alpha * beta * xq[k] + beta * beta * qq[k] for k in range(most)]
     area = [sum(xx[i] * qq[k - i] - xq[i] * xq[k - i] for i in range(k + 1)) for k in range(most)]
     e: list[Any] = [1]  # det(mu - nu B) = sum e_k mu^(n-k) nu^k  [Newton's identities]
-    traces, power = [], b
+    traces: list[Array] = []
+    power = b
     for k in range(1, most):
         traces.append(power.sum(-1))
         e.append(-sum(e[k - i] * traces[i - 1] for i in range(1, k + 1)) / k)
