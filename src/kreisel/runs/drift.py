@@ -59,7 +59,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     conserved   whether the method conserves it; a map conserves its deformed integrals, names ending in _eps
     start       value at the first saved time
     max_change  largest |change| since then
-    ulps        max_change in units of eps_machine times the scale of the integral, which is the size of its terms
+    ulps        max_change in units of eps_machine times the scale of the integral, which is the size of its terms: the
+                largest of its value, of the rounding errors of its formula, and of its change, over eps_machine, if
+                every entry of the state changes by eps_machine times the largest one, the root mean square
     slope       least-squares slope of the change against time
     correction  the largest distance by which the projection had to put the state back for this family of integrals,
                 in units of eps_machine |state|; NaN for a run without projection, and for what is not conserved
@@ -89,7 +91,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
         judge = _Judge(run, scan)
         for part, label in enumerate(scan.labels):
             lane, width = judge.worst(part)
-            unit = MACHINE_EPSILON * scan.value_scale[lane, part]
+            unit = MACHINE_EPSILON * max(scan.value_scale[lane, part], scan.step_scale[lane, part])
             rows[label] = {
                 "kind": scan.kind,
                 "conserved": scan.conserved,
