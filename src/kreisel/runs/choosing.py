@@ -27,8 +27,8 @@ CHAOTIC = (
     "right; its state is known for a shorter time."
 )
 MISSED = (
-    "order='auto': expected an error of at most tol = {tol:g}, got {expected:.1g} with the best steps of those tried in a "
-    "run longer than the pilots. Use a larger tol, or say order and dt."
+    "order='auto': expected an error of at most tol = {tol:g}, got {expected:.1g} with the best steps of those tried "
+    "in a run longer than the pilots. Use a larger tol, or say order and dt."
 )
 
 
