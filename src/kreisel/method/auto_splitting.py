@@ -106,7 +106,8 @@ def witnessed(steps: Steps, choice: Choice, rate: float, spacing: float, time: f
 
     A pilot does not see what is slow, such as the beats of coupled bodies, by which errors grow faster than the time.
     """
-    tolerance, tried = checked_tolerance(tol), []
+    tolerance = checked_tolerance(tol)
+    tried: list[Choice] = []
     for _ in range(REFINED):
         h = spacing / choice.steps
         count = int(min(time, WITNESS * TURNS / rate) / h) if 0 < rate < np.inf else 0
