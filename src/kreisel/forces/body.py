@@ -257,9 +257,8 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
             "damping=..."
         )
-    if system.product and (
-        record.potential is None or record.names(ORIENTATION) or record.functions.keys() > {"potential"}
-    ):
+    others = record.loaded or record.damping or record.inertia or record.coupling
+    if system.product and (record.potential is None or record.names(ORIENTATION) or others):
         raise InputError(
             f"{system.name}: expected several bodies with one potential, of {', '.join(_carried(system))}, t,"
             " got none, or other forces. Forces that take g are those of a body alone, or of bodies in pairs."
