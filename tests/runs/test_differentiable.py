@@ -104,7 +104,6 @@ def slopes(model: Any, start: Any, letter: str, method: str, order: Any, **more:
         (4, "alpha", {"alpha": np.array(1.7)}),
         (5, "M", {}),
         (8, "A", {"A": np.array([0.2, 0.1, 0.9])}),
-        (9, "k", {"k": np.array(0.3)}),
         (11, "M", {}),
         (12, "b", {"b": np.array([1.1, 2, 3])}),
     ],
