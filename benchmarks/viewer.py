@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import browser
 
 ROWS = (401, 100_001)
-SETTLE, SECONDS, TURNS = 5.0, 6.0, 3
+SETTLE, SECONDS, TURNS = 5.0, 6.0, 2
 COUNT = """new Promise(done => { let n = 0; const stage = kreisel.stage, begun = performance.now();
 const before = stage.renderer.render;
 stage.renderer.render = function (...all) { n += 1; return before.apply(this, all); };

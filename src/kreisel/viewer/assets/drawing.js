@@ -160,7 +160,7 @@ const Drawing = (() => {
 
     build(D, colours, dark, axes3) {
       if (this.scene) this.scene.traverse((o) => { o.geometry?.dispose(); for (const m of [o.material ?? []].flat()) { m.map?.dispose(); m.dispose(); } });
-      Object.assign(this, { D, colours, dark, axes3, dirty: true });
+      Object.assign(this, { D, colours, dark, axes3, dirty: true, fresh: true });
       const s = this.scene = new T.Scene(), r = D.radius;
       s.background = this.backdrop();
       s.environment = this.environment; s.environmentIntensity = dark ? 0.42 : 0.55;
@@ -312,13 +312,13 @@ const Drawing = (() => {
       const across = Math.min(L, columns);
       this.lanes.forEach((lane, k) => {
         const row = Math.floor(k / columns), inRow = Math.min(columns, L - row * columns);
-        lane.group.position.set((k % columns - (inRow - 1) / 2) * apart, ((rows - 1) / 2 - row) * apart, 0);
+        lane.group.position.set((k % columns - (inRow - 1) / 2) * apart, ((rows - 1) / 2 - row) * 1.35 * apart, 0);
         lane.ground.visible = !this.together || k === 0;
         if (lane.mesh) lane.mesh.visible = !this.together || L === 1;
         if (lane.name) lane.name.visible = !this.together && L > 1;
       });
       this.extent = this.together || L === 1 ? 1.35 * r : Math.max(across, rows) * 1.55 * r;
-      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [(across - 1) * apart / 2 * 0.95 + 1.4 * r, (rows - 1) * apart * 0.36 + 1.4 * r];
+      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [(across - 1) * apart / 2 * 0.95 + 1.4 * r, (rows - 1) * apart * 0.42 + 1.45 * r];
       this.dirty = true;
     }
 
@@ -401,6 +401,11 @@ const Drawing = (() => {
         lane.axes.visible = this.axes && (this.lanes.length === 1 || this.together && lane.number === 0);
         if (lane.own) lane.own.visible = this.axes && this.lanes.length === 1;
         if (this.soft && lane.path.isPoints) lane.path.geometry.setDrawRange(0, this.scale > 1 ? Infinity : Math.ceil(MOVING / this.lanes.length));
+      }
+      if (this.soft) { // a shadow for two pictures
+        const { shadowMap } = this.renderer;
+        shadowMap.autoUpdate = false; this.even = !this.even; shadowMap.needsUpdate = this.even || this.scale !== this.coarse || this.fresh;
+        this.fresh = false;
       }
       this.renderer.render(this.scene, this.camera);
       this.dirty = false;
