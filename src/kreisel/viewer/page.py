@@ -102,7 +102,7 @@ def view(
 @cache
 def scripts() -> tuple[str, str]:
     """three.js with uPlot, and the page's own script."""
-    return _asset("library.min.js"), "\n".join(map(_asset, ("drawing.js", "charts.js", "page.js")))
+    return _asset("library.min.js"), "\n".join(map(_asset, ("lines.js", "drawing.js", "charts.js", "page.js")))
 
 
 @cache
