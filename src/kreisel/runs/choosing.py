@@ -59,7 +59,7 @@ def choice_of(
         choice = auto_splitting.choose(steps, rate, *when)
         beside = _pilot(model, state, settings, orientation, auto_splitting.NUDGE)
         if auto_splitting.separates(steps, beside, choice, rate, *when[:2]):
-            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=7)
+            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
         return [choice]
     out = []
     for i in range(len(lanes[0])):

@@ -11,20 +11,15 @@ from typing import Any
 import msgspec
 
 from kreisel.errors import InputError, hint, shown
-from kreisel.runs.settings import Settings, with_steps
+from kreisel.runs.settings import Settings
 from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
+SETTINGS = (*(field.name for field in msgspec.structs.fields(Settings)), "t_end")
+OUTPUT = ("path", "figure")
 LARGEST_FILE = 16 << 20
 FIGURES = (".png", ".pdf", ".svg")
-
-
-class Output(msgspec.Struct, forbid_unknown_fields=True):
-    """[output]: where to."""
-
-    path: str
-    figure: str | None = None
 
 
 @dataclass(frozen=True)
@@ -84,13 +79,13 @@ def parse_sweep(
     _check_sections(shallow(data, source), (*SECTIONS, "sweep"), source)
     tables = {section: _section(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
-    _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Settings, "run", source)  # what is missing may vary
+    _check_keys(tables["run"], SETTINGS, "run", source)
     _, file, system = _system(tables["system"], source, folder)
-    output = _convert(tables["output"], Output, "output", source)
-    if output.figure is not None:
+    _check_keys(tables["output"], OUTPUT, "output", source)
+    if "figure" in tables["output"]:
         raise InputError(f"{source}: a sweep draws no figure; leave figure out of [output].")
     description = {**{k: dict(tables[k]) for k in ("state", "run", "sweep")}, "system": system}
-    return description, file, _output_path(output.path, "path", source)
+    return description, file, _output_path(tables["output"], "path", source)
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
@@ -101,14 +96,17 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
+    _check_keys(tables["run"], SETTINGS, "run", source)
+    if "dt" not in tables["run"]:
+        raise InputError(f"{source}: [run] needs dt, a step in the system's unit of time, got nothing.")
     try:
-        timed = with_steps(tables["run"])
+        run = Settings.checked(**tables["run"])
     except InputError as error:
         raise InputError(f"{source}: in [run], {error}") from None
-    run = _convert(timed, Settings, "run", source)
-    output = _convert(tables["output"], Output, "output", source)
-    path = _output_path(output.path, "path", source)
-    figure = path.with_suffix(".png") if output.figure is None else _output_path(output.figure, "figure", source)
+    _check_keys(tables["output"], OUTPUT, "output", source)
+    path = _output_path(tables["output"], "path", source)
+    drawn = "figure" in tables["output"]
+    figure = _output_path(tables["output"], "figure", source) if drawn else path.with_suffix(".png")
     if figure.suffix.lower() not in FIGURES:
         raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}, got {shown(str(figure))}.")
     if path.absolute() in (figure.absolute(), *figure.absolute().parents):
@@ -142,8 +140,10 @@ def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, P
     return name, folder / file if file else None, system
 
 
-def _output_path(text: str, key: str, source: str) -> Path:
-    return place(text, f"{source}: {key} in [output] must name a file or folder to make")
+def _output_path(output: Mapping[str, Any], key: str, source: str) -> Path:
+    if key not in output:
+        raise InputError(f'{source}: [output] needs {key}, such as {key} = "top.zarr", got nothing.')
+    return place(output[key], f"{source}: {key} in [output] must name a file or folder to make")
 
 
 def _section(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
@@ -160,15 +160,3 @@ def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, so
             raise InputError(
                 f"{source}: [{section}] has the key {shown(key)}; expected are {', '.join(names)}.{hint(key, names)}"
             )
-
-
-def _convert(table: Mapping[str, Any], kind: Any, section: str, source: str) -> Any:
-    fields = msgspec.structs.fields(kind)
-    _check_keys(table, [field.name for field in fields], section, source)
-    for field in fields:
-        if field.required and field.name not in table:
-            raise InputError(f"{source}: [{section}] needs {field.name}, got nothing.")
-    try:
-        return msgspec.convert(dict(table), kind)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{source}: in [{section}], {error}.".replace("`$.", "`")) from None

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Stopped
+from kreisel.errors import InputError, Stopped, explained
 from kreisel.runs.breaks import Event, checked_events
 from kreisel.runs.drift import watched
 from kreisel.runs.integration import Integration
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 
 
+@explained
 def simulate(
     system: Model,
     x0: StateLike,
@@ -115,6 +116,7 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
         return _write(Archive(where, plan, overwrite), integration, progress)
 
 
+@explained
 def resume(
     path: str | os.PathLike[str],
     *,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
@@ -38,6 +38,7 @@ MOST_INDEXED = 10**7  # times that are held in memory
 LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 
 
+@explained
 def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; of an interrupted one the part that is done.
 

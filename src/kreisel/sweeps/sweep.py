@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Interrupted, shown
+from kreisel.errors import InputError, Interrupted, explained, shown
 from kreisel.record.model import Model
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
@@ -55,6 +55,7 @@ class Report:
         self.peak_MiB = max(self.peak_MiB, counts["peak_MiB"])
 
 
+@explained
 def sweep(
     system: Model,
     x0: StateLike,
@@ -184,6 +185,7 @@ def open_sweep(path: Path) -> xr.Dataset:
     return dataset(path, verified(path, manifest.read(path), every_array=True, partial=not record.complete))
 
 
+@explained
 def failures(run: xr.Dataset) -> pd.DataFrame:
     """The lanes of a sweep that failed: a row for each, with its message and the numbers that varied."""
     import pandas as pd

@@ -18,7 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.storage.reading import place
 from kreisel.storage.replacing import written
 from kreisel.viewer.scene import scene
@@ -52,6 +52,7 @@ class View:
         return f"<kreisel view, {len(self.html) / 1e6:.1f} MB of HTML; .save('run.html') writes it>"
 
 
+@explained
 def view(run: xr.Dataset, *, lane: int = 0) -> View:
     """The interactive page of a run: the body turning, the trace of its axis, the drift of every integral.
 
