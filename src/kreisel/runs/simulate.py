@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped, explained
 from kreisel.runs.breaks import Event, checked_events
+from kreisel.runs.doubts import warn_of
 from kreisel.runs.drift import watched
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
@@ -87,13 +88,16 @@ def simulate(
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors
     for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
     a state is no longer finite, an implicit step is not solved or the archive cannot be written.  Warns with
-    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken).
+    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken), and
+    with `AccuracyWarning` where a step is more than half a turn of the body, where the energy oscillates by much of its
+    terms, and where no body has the moments (alpha beyond 2).
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
     plan = make_plan(system, x0, orientation=orientation, **when, **choices)
     plan = replace(plan, events=checked_events(events))
+    warn_of(plan)
     found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
     return watched(found, loaded=path is None)
 

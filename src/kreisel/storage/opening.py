@@ -17,7 +17,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.describing import in_memory, parameters_of, saved_times
-from kreisel.runs.drift import KINDS
+from kreisel.runs.drift import KINDS, read_values
 from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.plan import TIMES, Plan, plan_of
 from kreisel.runs.run_record import FORMAT, RunRecord
@@ -173,10 +173,21 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
         known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
         if indexed and known_place and name not in run.xindexes:
             try:
-                run = run.set_xindex(name)
+                run = _indexed(run, name)
             except Exception as error:  # whatever a damaged chunk makes the libraries raise
                 raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
     return ordered(run)
+
+
+def _indexed(run: xr.Dataset, name: str) -> xr.Dataset:
+    """The same as `set_xindex`, which asks of each coordinate whether it is Dask's or Pint's: that imports both."""
+    import pandas as pd
+    import xarray as xr
+
+    variable = run.variables[name]
+    index = xr.indexes.PandasIndex(pd.Index(read_values(variable), name=name), name)
+    made = index.create_variables({name: variable})
+    return run.assign_coords(xr.Coordinates(made, {name: index}))
 
 
 def ordered(run: xr.Dataset) -> xr.Dataset:
