@@ -39,12 +39,43 @@ class Config:
     figure: Path
 
 
-def read(path: Path) -> Config:
-    """Read and check a TOML file.
+def read(path: Path, changes: Sequence[str] = ()) -> Config:
+    """Read and check a TOML file, with `changes` such as "run.dt=0.01" made first.
 
     Relative output paths are relative to the current folder, the file of [system] to the TOML file.
     """
-    return parse(_load(path), str(path), path.parent)
+    return parse(changed(_load(path), changes), str(path), path.parent)
+
+
+def changed(data: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """The configuration with each "SECTION.KEY=VALUE" in place, VALUE as in TOML; a bare word is a string."""
+    for text in changes:
+        place, sign, value = (part.strip() for part in text.partition("="))
+        section, *keys = place.split(".", 3 if place.startswith("sweep.") else 1)
+        if section == "sweep" and len(keys) > 1:  # sweep.grid.state.m[2] is one quantity
+            keys = [keys[0], ".".join(keys[1:])]
+        if not sign or not value or not keys or not all(keys):
+            near = f" Did you mean run.{place}?" if sign and place in SETTINGS else ""
+            raise InputError(f"--set takes SECTION.KEY=VALUE, such as run.dt=0.01, got {shown(text)}.{near}")
+        table = data
+        for key in (section, *keys[:-1]):
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise InputError(f"--set {place}: expected a section {section}, got the value {shown(table)} there.")
+        table[keys[-1]] = _toml_value(value)
+    return data
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        (found,) = tomllib.loads(f"value = {text}").values()
+    except (ValueError, RecursionError):
+        if any(c in text for c in "[]{}=\n\"'"):
+            raise InputError(
+                f"--set: expected a value as in TOML, such as 0.01 or [0, 0, 1], got {shown(text)}."
+            ) from None
+        return text
+    return found
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -64,12 +95,12 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is not valid TOML: {error}") from None
 
 
-def read_sweep(path: Path) -> tuple[dict[str, Any], Path | None, Path]:
+def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | None, Path]:
     """The description of a sweep in a TOML file, the file of a system of the user's own, and where the sweep goes.
 
     What [sweep] says is checked when the sweep begins.  Raises `InputError`.
     """
-    return parse_sweep(_load(path), str(path), path.parent)
+    return parse_sweep(changed(_load(path), changes), str(path), path.parent)
 
 
 def parse_sweep(
@@ -137,7 +168,7 @@ def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, P
     file = system.pop("file", None)
     if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
         raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py", got {shown(file)}.')
-    return name, folder / file if file else None, system
+    return name, folder / Path(file).expanduser() if file else None, system
 
 
 def _output_path(output: Mapping[str, Any], key: str, source: str) -> Path:

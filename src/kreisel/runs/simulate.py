@@ -13,6 +13,7 @@ from kreisel.errors import InputError, Stopped, explained
 from kreisel.runs.breaks import Event, checked_events
 from kreisel.runs.doubts import warn_of
 from kreisel.runs.drift import watched
+from kreisel.runs.estimating import bytes_of, require_room
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.progress import Progress
@@ -114,7 +115,9 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
     from kreisel.storage.archive import Archive
     from kreisel.storage.opening import target
 
-    where, integration = target(path), Integration(plan)  # compiled before anything is made there
+    where = target(path)
+    require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
+    integration = Integration(plan)  # compiled before anything is made there
     with Lock(where):
         settle(where)
         return _write(Archive(where, plan, overwrite), integration, progress)
