@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -56,8 +57,7 @@ def new(
     if lagrangian:
         files = {code: LAGRANGIAN.format(head=HEAD, name=name), target: _of_lagrangian(name, target, code)}
     elif perturbed:
-        made = example(find(name), n)
-        files = {code: _forces(made, f"my-{name}"), target: _of_forces(made, f"my-{name}", target, code)}
+        files = forced(example(find(name), n), f"my-{name}", target, code)
     else:
         files = {target: text_of(example(find(name), n), target, swept)}
     _write(files, overwrite)
@@ -81,9 +81,18 @@ def text_of(made: Example, target: Path, swept: bool = False) -> str:
     return _text(made, _about(system, target, "sweep" if swept else "run"), lines, target, swept)
 
 
-def _text(made: Example, about: list[str], system: list[str], target: Path, swept: bool = False) -> str:
+def _text(
+    made: Example,
+    about: list[str],
+    system: list[str],
+    target: Path,
+    swept: bool = False,
+    chosen: list[str] | None = None,
+) -> str:
     lines = [*about, "", "[system]", *system, "", "[state]", *_state(made), "", "[run]"]
     lines += _run(made, *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
+    lines += _methods(made) if chosen is None else chosen
+    lines += _with('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
     if swept:
         lines += ["", *_sweep(made)]
     stem = Path(target.name).with_suffix("")
@@ -137,24 +146,29 @@ def _state(made: Example) -> list[str]:
 
 
 def _run(made: Example, steps: int, every: int) -> list[str]:
-    from kreisel.method import METHODS
-
-    others = [m.name for m in METHODS.values() if m.applies(made.model) and m.name != made.method]
-    orders, default = METHODS[made.method].order_text, METHODS[made.method].default
     return [
         *_with(f"dt = {made.dt!r}", "step, in the unit of time"),
         *_with(f"steps = {steps:_}", f"or t_end = {steps * made.dt:g}"),
         *_with(f"every = {every}", f"save every {every}th state"),
-        *_with(f'# method = "{made.method}"', f"the default here; also {', '.join(others)}: `kreisel methods`"),
+    ]
+
+
+def _methods(made: Example) -> list[str]:
+    from kreisel.method import METHODS
+
+    others = [m.name for m in METHODS.values() if m.applies(made.model) and m.name != made.method]
+    orders, default = METHODS[made.method].order_text, METHODS[made.method].default
+    beside = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
+    return [
+        *_with(f'# method = "{made.method}"', f"the default here{beside}"),
         *([] if default is None else _with(f"# order = {_toml(default)}", f"the default; {made.method} has {orders}")),
-        *_with('# observe = ["energy"]', "which Casimirs and integrals to save; default: all"),
     ]
 
 
 def _sweep(made: Example) -> list[str]:
     """[sweep]: a parameter, or the momentum, from 0.8 to 1.2 of the example's."""
     quantity, value = _varied(made)
-    low, high = sorted((round(0.8 * value, 12), round(1.2 * value, 12)))
+    low, high = _ends(value)
     return [
         "[sweep]",
         *_with('save = ["drift", "extremes", "frequencies"]', 'of each lane; also "trajectories"'),
@@ -175,12 +189,28 @@ def _varied(made: Example) -> tuple[str, float]:
         if free and kind == "skew" and made.model.n == 3:
             place = max(range(3), key=lambda k: abs(made.state[letter][k]))
             return f'state."{letter}[{place}]"', made.state[letter][place]
-    for letter, value in made.parameters.items():
-        if isinstance(value, float):
+    numbers = [(k, v) for k, v in made.parameters.items() if isinstance(v, float)]
+    vectors = [(k, v) for k, v in made.parameters.items() if isinstance(v, list) and isinstance(v[-1], float)]
+    for letter, value in numbers:
+        if all(_allowed(made, letter, end) for end in _ends(value)):
             return f"system.{letter}", value
-        if isinstance(value, list) and isinstance(value[-1], float) and value[-1]:
-            return f'system."{letter}[{len(value) - 1}]"', value[-1]
+    for letter, vector in vectors:
+        if vector[-1] and all(_allowed(made, letter, [*vector[:-1], end]) for end in _ends(vector[-1])):
+            return f'system."{letter}[{len(vector) - 1}]"', vector[-1]
     return "run.dt", made.dt
+
+
+def _ends(value: float) -> tuple[float, float]:
+    low, high = sorted((round(0.8 * value, 12), round(1.2 * value, 12)))
+    return low, high
+
+
+def _allowed(made: Example, letter: str, value: Any) -> bool:
+    try:
+        made.model.system(**{**made.parameters, letter: value})
+    except InputError:
+        return False
+    return True
 
 
 def _toml(value: Any) -> str:
@@ -202,15 +232,36 @@ import kreisel as kr
 BODY = kr.perturbed(
     kr.{made},
 {forces}
-    params={{"k": {k!r}}},  # what the function names after *; the TOML file may give it anew
+    params={{"strength": {strength!r}}},  # what the function names after *; the TOML file may give it anew
     name="{name}",
 )
 """
-POTENTIAL = (
-    "    potential=lambda {letter}, t, *, k: k * {letter}[0] * np.cos(t),  # V, of {letter}, g, the time t\n"
-    "    damping={damping!r},  # M' = ... - damping M"
-)
-TORQUE = "    torque=lambda M, *, k: -k * M * np.sqrt(M @ M),  # the rate of M beside: a friction that is quadratic"
+POTENTIAL = "    potential=lambda {0}, t, *, strength: strength * {0}[0] * np.cos(t),  # V, of {0}, g, the time t"
+DAMPING = "\n    damping={0!r},  # M' = ... - damping M"
+TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # the rate of M beside: quadratic friction"
+
+
+def forced(made: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
+    """The two files of a system under forces, tried.  Raises `InputError` for a system that takes none."""
+    from kreisel.runs.config import read
+    from kreisel.runs.own import load_system
+    from kreisel.runs.plan import make_plan
+
+    why = ""
+    for method in ("splitting", "dop853"):
+        files = {code: _forces(made, name), target: _of_forces(made, name, target, code, method)}
+        with tempfile.TemporaryDirectory() as folder:
+            for path, text in files.items():
+                Path(folder, path.name).write_text(text, encoding="utf-8")
+            try:
+                asked = read(Path(folder, target.name))
+                model = load_system(asked.name, asked.file)(**asked.parameters)
+                make_plan(model, asked.state, dt=asked.run.dt, steps=1, method=method, orientation=asked.orientation)
+            except InputError as error:
+                why = why or str(error).replace(f"{folder}/", "")
+            else:
+                return files
+    raise InputError(f"--perturbed: no forces of this kind for {made.model.system.name}: {why}")
 
 
 def _size(made: Example) -> float:
@@ -226,23 +277,30 @@ def _forces(made: Example, name: str) -> str:
     if called is None or made.model.n != 3:
         raise InputError(f"--perturbed: expected a system of `kreisel systems` with n = 3, got {system.name}.")
     parameters = ", ".join(f"{k}={v!r}" for k, v in made.parameters.items())
-    letters = [letter for letter, kind in system.space.components[1:] if kind == "vector"]
+    carried = [system.space.components[place] for place in system.space.carried]
+    letters = [letter for letter, kind in carried if kind == "vector"]
     size = _size(made)
-    forces = POTENTIAL.format(letter=letters[0], damping=size) if letters else TORQUE
+    forces = POTENTIAL.format(letters[0]) if letters else TORQUE
+    if letters and system.space.kinds[0] == "skew":
+        forces += DAMPING.format(size)
     return FORCES.format(
-        head=HEAD, title=system.title, made=f"{called}({parameters})", forces=forces, k=size, name=name
+        head=HEAD, title=system.title, made=f"{called}({parameters})", forces=forces, strength=size, name=name
     )
 
 
-def _of_forces(made: Example, name: str, target: Path, code: Path) -> str:
+def _of_forces(made: Example, name: str, target: Path, code: Path, method: str) -> str:
     system = made.model.system
     about = [
         f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}",
         *_comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it."),
     ]
-    lines = [f'file = "{code.name}"', f'name = "{name}"', *_with(f"# k = {_size(made)!r}", "the forces' own parameter")]
-    text = _text(made, about, lines, target).split("\n")
-    return "\n".join(line for line in text if not line.startswith(("# method", "# order")))
+    lines = [
+        f'file = "{code.name}"',
+        f'name = "{name}"',
+        *_with(f"# strength = {_size(made)!r}", "the forces' own parameter"),
+    ]
+    chosen = _with(f'method = "{method}"', "the forces and the integrable motion in turn; or dop853")
+    return _text(made, about, lines, target, chosen=chosen)
 
 
 LAGRANGIAN = """{head} --lagrangian: a body of your own by its Lagrangian; it needs the extra reduction (JAX).

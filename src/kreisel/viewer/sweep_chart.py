@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 MOST_PANELS = 3
 MOST_POINTS = 50_000
-FEW = 2  # values at least, of an axis of a map
+FEW = 200  # lanes, whose points are larger
 ENTRY = re.compile(r"(.+?)(?:\[([0-9]+(?:,[0-9]+)*)\])?")
 
 
@@ -44,26 +44,22 @@ def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light")
 
 
 def _axes_of(run: xr.Dataset) -> dict[str, np.ndarray]:
-    """One or two scalar quantities that vary: those with repeated values, a grid, come first."""
+    """One or two scalar quantities that vary: a grid, whose values occur in several lanes, comes first."""
     found = {
         str(name): np.asarray(v.values, dtype=float)
         for name, v in run.variables.items()
         if v.attrs.get("kind") == "input" and v.ndim == 1 and "flag_meanings" not in v.attrs
     }
-    gridded = {k: v for k, v in found.items() if FEW <= len(np.unique(v)) and len(np.unique(v)) ** 2 <= 4 * len(v) ** 2}
-    grids = {k: v for k, v in gridded.items() if len(np.unique(v)) < len(v)}
-    if len(grids) > 1:
-        return dict(list(grids.items())[:2])
-    chosen = grids or gridded
-    if not chosen:
-        return {"lane": np.arange(run.sizes["lane"], dtype=float)}
-    return dict(list(chosen.items())[:1])
+    varied = {k: v for k, v in found.items() if len(np.unique(v)) > 1}
+    grids = {k: v for k, v in varied.items() if len(np.unique(v)) < len(v)}
+    chosen = list(grids.items())[:2] or list(varied.items())[:1]
+    return dict(chosen) or {"lane": np.arange(run.sizes["lane"], dtype=float)}
 
 
 def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
     """What is most worth a look."""
     out: dict[str, np.ndarray] = {}
-    highest = [str(name) for name in run.variables if str(name).endswith("_max")]
+    highest = [str(name) for name in run.variables if str(name).endswith("_max") and name != "g_max"]
     for name in highest[-1:]:
         letter = name.removesuffix("_max")
         value = np.asarray(run[name].values) - np.asarray(run[f"{letter}_min"].values)
@@ -103,29 +99,27 @@ def _entry(run: xr.Dataset, show: str) -> np.ndarray:
 def _panel(
     figure: Figure, axes: Any, along: dict[str, np.ndarray], label: str, value: np.ndarray, theme: Theme
 ) -> None:
+    import pandas as pd
+
     tiny = label.startswith("largest change") or label.partition("[")[0].endswith("_drift")
-    if len(along) == 1:
-        ((name, x),) = along.items()
-        every = max(1, len(x) // MOST_POINTS)
-        axes.plot(x[::every], value[::every], ".", color=theme.colours[0], markersize=3, alpha=0.5)
-        places = np.unique(x)
-        if len(places) < len(x):
-            medians = [np.nanmedian(value[x == p]) if np.isfinite(value[x == p]).any() else np.nan for p in places]
-            axes.plot(places, medians, "-", color=theme.colours[1], linewidth=1.2, label="median")
-            axes.legend(fontsize=7)
-        if tiny and (value[np.isfinite(value)] > 0).any():
-            axes.set_yscale("log")
-        axes.set(xlabel=name, ylabel=label)
+    medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
+    logarithmic = tiny and bool((medians > 0).any())
+    if len(along) == 2:
+        (first, _), (second, _) = along.items()
+        table = medians.unstack()
+        shading: dict[str, Any] = {"norm": "log"} if logarithmic else {}
+        colours = axes.pcolormesh(
+            table.columns, table.index, table.values, cmap="viridis", shading="nearest", **shading
+        )
+        figure.colorbar(colours, ax=axes)
+        axes.grid(visible=False)
+        axes.set(xlabel=first, ylabel=second, title=label)
         return
-    (first, x), (second, y) = along.items()
-    columns, rows = np.unique(x), np.unique(y)
-    table = np.full((len(rows), len(columns)), np.nan)
-    for i, j in np.ndindex(table.shape):
-        here = value[(y == rows[i]) & (x == columns[j])]
-        if np.isfinite(here).any():
-            table[i, j] = np.nanmedian(here)
-    shading: dict[str, Any] = {"shading": "nearest"}
-    if tiny and (table[np.isfinite(table)] > 0).any():
-        shading["norm"] = "log"
-    figure.colorbar(axes.pcolormesh(columns, rows, table, cmap="viridis", **shading), ax=axes)
-    axes.set(xlabel=first, ylabel=second, title=label)
+    ((name, x),) = along.items()
+    every = max(1, len(x) // MOST_POINTS)
+    size = 5 if len(x) < FEW else 3
+    axes.plot(x[::every], value[::every], ".", color=theme.colours[0], markersize=size, alpha=0.6)
+    if len(medians) < len(x):
+        axes.plot(medians.index, medians.values, "-", color=theme.colours[1], linewidth=1.2, label="median")
+        axes.legend(fontsize=7)
+    axes.set(xlabel=name, ylabel=label, yscale="log" if logarithmic else "linear")
