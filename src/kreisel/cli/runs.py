@@ -275,9 +275,10 @@ def plot(
     from kreisel.storage.replacing import settled
 
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
-    require_figure(target, overwrite)
     where, theme = settled(archive), "dark" if dark else "light"
-    if is_sweep(where):
+    swept = is_sweep(where)
+    require_figure(target, overwrite)
+    if swept:
         if compare:
             raise InputError(f"--compare: expected archives of two runs, got the sweep {archive}. Leave it out.")
         save_sweep_figure(where, target, show, theme, overwrite)

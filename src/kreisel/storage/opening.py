@@ -39,8 +39,10 @@ LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 
 
 @explained
-def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
+def open_run(path: str | os.PathLike[str], *, grid: bool = False) -> xr.Dataset:
     """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; of an interrupted one the part that is done.
+
+    A sweep has the dimension `lane`, with `grid` those of its grid, as `kr.sweep` returns it.
 
     Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
     Kreisel, and for a damaged one, as it is opened or later as it is read (`kreisel check` says what is damaged).
@@ -49,6 +51,10 @@ def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
     if is_sweep(where):
         from kreisel.sweeps.sweep import open_sweep
 
+        if grid:
+            from kreisel.sweeps.grids import gridded
+
+            return gridded(open_sweep(where))
         return open_sweep(where)
     return open_archive(where)
 

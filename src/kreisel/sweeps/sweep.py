@@ -78,7 +78,10 @@ def sweep(
     overwrite: bool = False,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset by lane.
+    """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset.
+
+    Its dimensions are the quantities of the grid, with their values as coordinates, then `list` and `draw`; `lane` is
+    the number of each lane in the store.  Without a grid the dimension is `lane`, as in `kr.open_run(path)`.
 
     system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to project are the same
     design       what varies, a `kr.Design`
@@ -108,7 +111,9 @@ def sweep(
     }
     where = target(path)
     report = carry_out(description, where, workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress)
-    return watched_lanes(open_sweep(report.path))
+    from kreisel.sweeps.grids import gridded
+
+    return gridded(watched_lanes(open_sweep(report.path)))
 
 
 def _only_known(model: Model) -> None:
@@ -192,6 +197,9 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
 
     if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
+    from kreisel.sweeps.grids import by_lane
+
+    run = by_lane(run)
     failed = list(blocks.failed_lanes(run))
     ids = [lane for lane, _ in failed]
     table = pd.DataFrame({"message": [why for _, why in failed]}, index=pd.Index(ids, name="lane"))
