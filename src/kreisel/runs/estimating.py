@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import InputError
+from kreisel.kernels.engines import Engine
+from kreisel.method.scheme import Orbits
 from kreisel.runs.plan import Plan
 
 # Of the bytes of a Lagrange top's rows that an archive holds: the state 0.96, Casimirs and integrals 0.06.  A run
@@ -61,13 +63,7 @@ def free_at(path: Path) -> int:
 
 def estimate(plan: Plan, path: Path) -> Estimate:
     """From a pilot of some milliseconds, whose kernels the run then has."""
-    engine, steps, spent = plan.engine_at(plan.first), 1, 0.0
-    engine.advance(np.empty((1, *engine.z.shape)), 1)
-    while spent < PILOT_SECONDS / 2 and steps < plan.steps:
-        begun = time.perf_counter()
-        engine.advance(np.empty((1, *engine.z.shape)), steps)
-        spent, steps = time.perf_counter() - begun, 2 * steps
-    a_step = 2 * spent / steps
+    of_steps = _seconds_of_steps(plan)
     rows = np.repeat(plan.first[None], min(PILOT_ROWS, plan.rows), 0)
     with np.errstate(all="ignore"):
         plan.observe(rows[:1])  # its kernel
@@ -75,7 +71,29 @@ def estimate(plan: Plan, path: Path) -> Estimate:
         row = plan.observe(rows)
     a_row = (time.perf_counter() - begun) / len(rows)
     a_row += SECONDS_A_BYTE * sum(value.nbytes for value in row.values()) / len(rows)
-    return Estimate(plan.steps * a_step + plan.rows * a_row, bytes_of(plan)[0], free_at(path))
+    return Estimate(of_steps + plan.rows * a_row, bytes_of(plan)[0], free_at(path))
+
+
+def _seconds_of_steps(plan: Plan) -> float:
+    """By steps, or in closed form by rows beside what is set up in each call."""
+    engine, count = plan.engine_at(plan.first), 1
+    if isinstance(plan.scheme.motion, Orbits):
+        count = max(1, min(PILOT_ROWS, plan.rows // 8))
+        once, twice = (_spent(engine, rows, plan.every) for rows in (count, 2 * count))
+        return once + max(0.0, twice - once) / count * plan.rows
+    while (spent := _spent(engine, 1, count)) < PILOT_SECONDS / 2 and 8 * count < plan.steps:
+        count *= 2
+    return spent / count * plan.steps
+
+
+def _spent(engine: Engine, rows: int, every: int) -> float:
+    """Seconds of a call, the better of two: the first may set something up."""
+    out, spent = np.empty((rows, *engine.z.shape)), []
+    for _ in range(2):
+        begun = time.perf_counter()
+        engine.advance(out, every)
+        spent.append(time.perf_counter() - begun)
+    return min(spent)
 
 
 def size_text(size: float) -> str:
