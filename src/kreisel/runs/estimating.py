@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ class Estimate:
 
     seconds: float
     bytes: float
-    free: int
+    free: float
 
     @property
     def text(self) -> str:
@@ -53,12 +54,15 @@ def require_room(path: Path, least: float, instead: str) -> None:
         )
 
 
-def free_at(path: Path) -> int:
-    """The bytes that are free where a path is, or will be."""
-    folder = path.absolute()
-    while not folder.is_dir() and folder != folder.parent:
-        folder = folder.parent
-    return shutil.disk_usage(folder).free
+def free_at(path: Path) -> float:
+    """The bytes that are free where a path is, or will be; without a bound where nobody can say."""
+    try:
+        folder = path.absolute()
+        while not folder.is_dir() and folder != folder.parent:
+            folder = folder.parent
+        return shutil.disk_usage(folder).free
+    except OSError:  # a name that is too long, a folder that may not be entered: writing says so
+        return math.inf
 
 
 def estimate(plan: Plan, path: Path) -> Estimate:
@@ -98,6 +102,8 @@ def _spent(engine: Engine, rows: int, every: int) -> float:
 
 def size_text(size: float) -> str:
     """Bytes with a unit."""
+    if not math.isfinite(size):
+        return "unknown"
     for unit in ("bytes", "KB", "MB", "GB", "TB"):
         if size < 1000:
             return f"{size:.3g} {unit}"
