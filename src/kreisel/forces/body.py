@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
@@ -31,6 +31,7 @@ PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 INNER = (2, 4, 6, 8)  # orders
 
 
+@explained
 def perturbed(
     system: Model | Sequence[Model],
     *,

@@ -63,10 +63,10 @@ def choice_of(
         choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
         beside = _pilot(model, state, settings, orientation, auto_splitting.NUDGE)
         if auto_splitting.separates(steps, beside, choice, rate, *when[:2]):
-            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=7)
+            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
         elif choice.expected > (settings.tol or 0):
             said = MISSED.format(tol=settings.tol, expected=choice.expected)
-            warnings.warn(said, AccuracyWarning, stacklevel=7)
+            warnings.warn(said, AccuracyWarning, stacklevel=8)
         return [choice]
     out = []
     for i in range(len(lanes[0])):

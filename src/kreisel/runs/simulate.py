@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Stopped
+from kreisel.errors import InputError, Stopped, explained
 from kreisel.runs.breaks import Event, checked_events
+from kreisel.runs.doubts import warn_of
 from kreisel.runs.drift import watched
+from kreisel.runs.estimating import bytes_of, require_room
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.progress import Progress
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 
 
+@explained
 def simulate(
     system: Model,
     x0: StateLike,
@@ -81,12 +84,15 @@ def simulate(
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors
     for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
     a state is no longer finite, an implicit step is not solved or the archive cannot be written.  Warns with
-    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken).
+    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken), and
+    with `AccuracyWarning` where a step is more than half a turn of the body, where the energy oscillates by much of its
+    terms, and where no body has the moments (alpha beyond 2).
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
     plan = replace(make_plan(system, x0, orientation=orientation, **when, **choices), events=checked_events(events))
+    warn_of(plan)
     found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
     return watched(found, loaded=path is None)
 
@@ -103,11 +109,14 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
     from kreisel.storage.archive import Archive
     from kreisel.storage.opening import target
 
-    where, integration = target(path), Integration(plan)  # compiled before anything is made there
+    where = target(path)
+    require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
+    integration = Integration(plan)  # compiled before anything is made there
     with one_writer(where):
         return _write(Archive(where, plan, overwrite), integration, progress)
 
 
+@explained
 def resume(
     path: str | os.PathLike[str],
     *,

@@ -18,7 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.storage.reading import place
 from kreisel.storage.replacing import written
 from kreisel.viewer.bodies import known_shape
@@ -68,6 +68,7 @@ class View:
         return f"<kreisel view, {len(self.html) / 1e6:.1f} MB of HTML; .save('run.html') writes it>"
 
 
+@explained
 def view(
     run: xr.Dataset,
     *,

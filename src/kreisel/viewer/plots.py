@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from kreisel.errors import InputError, brief
+from kreisel.errors import InputError, brief, explained
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
 from kreisel.record.contract import Frame
@@ -33,6 +33,7 @@ MOST_ROWS = 200_000  # read for the picture of the path
 LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
 
 
+@explained
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light", style: str = "house") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
