@@ -105,7 +105,6 @@ def slopes(model: Any, start: Any, letter: str, method: str, order: Any, **more:
         (5, "M", {}),
         (8, "A", {"A": np.array([0.2, 0.1, 0.9])}),
         (11, "M", {}),
-        (12, "b", {"b": np.array([1.1, 2, 3])}),
     ],
 )
 def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any) -> None:
@@ -117,21 +116,21 @@ def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any)
 DAMPED = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), damping=(0.2, 0.3, 0.1))
 
 
-@pytest.mark.parametrize(("letter", "value"), [("damping", (0.2, 0.3, 0.1)), ("dt", 0.1), ("J", (1, 2, 3))])
-def test_damping_is_no_linear_constant(letter: str, value: Any) -> None:
+def test_damping_is_no_linear_constant() -> None:
     """The factors exp(-gamma dt) of a damped body follow dt, gamma and the moments."""
-    f = kr.differentiable(DAMPED, method="splitting", order=4)
+    f = kr.differentiable(DAMPED, method="splitting", order=(2, 2))
 
     def end(x: Any) -> Any:
-        return f({"M": MOVING["M"]}, **{"dt": 0.1, "steps": 3, letter: x})["M"]
+        return f({"M": MOVING["M"]}, dt=x[0], steps=3, damping=x[1:4], J=x[4:])["M"]
 
-    x = np.asarray(value, dtype=np.float64)
+    x, v = np.array([0.1, 0.2, 0.3, 0.1, 1, 2, 3]), np.array([0.1, 1, -1, 0.5, 1, 0.3, -0.4])
     with red.double():
-        _, found = jax.jvp(end, (jnp.asarray(x),), (jnp.ones(x.shape),))
-        expected = along(lambda y: np.asarray(end(jnp.asarray(y))), x, np.ones(x.shape))
+        made = jax.jit(end)
+        _, found = jax.jvp(made, (jnp.asarray(x),), (jnp.asarray(v),))
+        expected, value = along(lambda y: np.asarray(made(jnp.asarray(y))), x, v), np.asarray(made(jnp.asarray(x)))
     assert abs(expected).max() > 1e-3 and abs(np.asarray(found) - expected).max() < 1e-8
-    run = kr.simulate(DAMPED, {"M": MOVING["M"]}, dt=0.1, steps=3, method="splitting", order=4, project=False)
-    assert abs(np.asarray(f({"M": MOVING["M"]}, dt=0.1, steps=3)["M"]) - run.M.values[-1]).max() < 1e-14
+    run = kr.simulate(DAMPED, {"M": MOVING["M"]}, dt=0.1, steps=3, method="splitting", order=(2, 2), project=False)
+    assert abs(value - run.M.values[-1]).max() < 1e-14
 
 
 @pytest.mark.parametrize("n", [4, 5])
