@@ -18,6 +18,7 @@ KNOWN = [
     (lambda: kr.EulerTop(J=(1, 2, 4)), 2, 2),
     (lambda: kr.EulerTop(J=(1, 2, 4, 7)), 4, 4),  # so(4): four quadrics
     (lambda: kr.ZhukovskyVolterra(J=(1, 2, 4), h=(0, 1, 0)), 2, 2),
+    (lambda: kr.ZhukovskyVolterra(J=(1, 2, 4), h=(1, 2, 0)), 1, 1),
     (lambda: kr.ZhukovskyVolterra(J=(1, 2, 4), h=(1, 2, 3)), 0, 0),  # not integrable without an adjustment
     (lambda: kr.LagrangeTop(p=(0, 0, 1)), 10, 4),  # 7 of them are multiples of a linear one
     (lambda: kr.LagrangeTopMoving(A=(0, 0, 1), alpha=F(1, 2)), 10, 4),
@@ -43,6 +44,37 @@ def test_investigations_count_them_where_others_are_too_few() -> None:
     assert page.verdict == "undecided" and "4 as coefficients of Hirota-Kimura bases" in page.reason
     page = kr.lab.investigate(families.kahan_map(kr.ZhukovskyVolterra(J=(1, 2, 4), h=(0, 1, 0))), steps=1000)
     assert page.verdict == "integrable"
+
+
+@pytest.mark.parametrize("h", [(2, 3, 0), (0, -3, 0), (F(-1, 2), 5, 0)])
+@pytest.mark.parametrize("eps", [F(1, 3), F(-5, 2)])
+def test_the_adjusted_map_of_a_gyrostat_is_integrable(h: Any, eps: F) -> None:
+    """Two integrals, exactly over Q, and the step back; with another share of the adjustment they change."""
+    rng, w, k = np.random.default_rng(4), np.array([F(1), F(1, 2), F(1, 4)], dtype=object), eps * eps / 4
+    wheel = np.array([F(v) for v in h], dtype=object)
+    base = np.array([wheel[i] * w[2] / (w[i] - w[2]) for i in (0, 1)] + [F(0)], dtype=object)
+
+    def integrals(M: Any) -> list[F]:
+        D = 1 - k * (w[0] - w[2]) * (w[2] - w[1]) * M[2] * M[2]
+        forms = (lambda x: (x + wheel) @ (x + wheel), lambda x: x @ (w * x))
+        return [(f(M) - f(base)) / D for f in forms]
+
+    M = np.array([F(int(v), 7) for v in rng.integers(1, 9, 3)], dtype=object)
+    for share, holds in ((1, True), (F(1, 2), False), (-1, False)):
+        adjusted = families.adjusted_gyrostat(h, eps=eps, share=share)
+        new = adjusted.step(M)
+        assert (integrals(new) == integrals(M)) == holds
+        assert (families.adjusted_gyrostat(h, eps=-eps, share=share).step(new) == M).all()
+    rate = families.kahan_gyrostat(h, eps=F(1, 10**9)).step(M) - families.adjusted_gyrostat(h, eps=F(1, 10**9)).step(M)
+    assert 0 < max(abs(rate)) < F(1, 10**24)
+
+
+def test_bases_of_the_adjusted_map() -> None:
+    found = bases(families.adjusted_gyrostat())
+    assert (found.combinations, found.integrals) == (2, 2)
+    assert bases(families.adjusted_gyrostat(share=0)).integrals == 1
+    with pytest.raises(kr.InputError, match="h_3 = 0"):
+        families.adjusted_gyrostat((1, 2, 3))
 
 
 def test_integrals_of_a_polynomial_and_none_of_a_spoiled_map() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, vec, wedge
+from kreisel.errors import InputError
 from kreisel.kernels import layout
 from kreisel.lab.fields import fraction
 from kreisel.lab.search import exact_constants, explicit, model_of
@@ -102,8 +103,8 @@ def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3) -> Model:
     return model_of("kovalevskaya", n, Map(step=step), TWO_FIELDS_SPACE)
 
 
-def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3)) -> Subject:
-    """Kahan's map of a quadratic flow x' = flow(x) on numbers of any field."""
+def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment: Any = None) -> Subject:
+    """Kahan's map of a quadratic flow x' = flow(x) on numbers of any field; adjustment(x) is added to eps/2 flow'(x)."""
     eps = fraction(eps)
 
     def step(x: Array) -> Array:
@@ -111,6 +112,8 @@ def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3)) -> Subject
 
         rates, slopes = value_and_jacobian(lambda y: list(flow(np.array([*y, None], dtype=object)[:-1])), list(x), [])
         matrix = [[(i == j) - eps / 2 * v for j, v in enumerate(row)] for i, row in enumerate(slopes)]
+        if adjustment is not None:
+            matrix = [[v - w for v, w in zip(*rows, strict=True)] for rows in zip(matrix, adjustment(x), strict=True)]
         change, _ = eliminate(matrix, [eps * v for v in rates])
         return np.array([*(y + z for y, z in zip(x, change, strict=True)), None], dtype=object)[:-1]
 
@@ -147,6 +150,31 @@ def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), e
     return kahan(flow, ("M1", "M2", "M3"), eps)
 
 
+def adjusted_gyrostat(
+    h: Sequence[Any] = (2, 3, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3), share: Any = 1
+) -> Subject:
+    """Kahan's map of a gyrostat with h_3 = 0, adjusted so that it is integrable: M' = (M + h) x Omega, Omega_i = M_i/J_i.
+
+    With w = 1/J and c = (h_1 w_3/(w_1 - w_3), h_2 w_3/(w_2 - w_3), 0) the third equation has one more term,
+
+        (eps^2/4) (u(M) M3' - u(M') M3),   u(M) = h_1 w_1 (w_2 - w_3) (M - c)_1 + h_2 w_2 (w_1 - w_3) (M - c)_2,
+
+    of the third order in eps, `share` times.  (F(M) - F(c))/(1 - (eps^2/4) (w_1 - w_3) (w_3 - w_2) M_3^2) is conserved
+    for F = |M + h|^2 and F = <M, w M>.  Raises `InputError` unless h_3 = 0 and J_3 differs from J_1 and J_2.
+    """
+    wheel, w = exact_constants(h), 1 / exact_constants(J)
+    if wheel[2] != 0 or w[2] in (w[0], w[1]):
+        raise InputError(f"Expected h_3 = 0 and J_3 other than J_1 and J_2, got h = {tuple(h)}, J = {tuple(J)}.")
+    slope = wheel[:2] * w[:2] * (w[1::-1] - w[2]) * fraction(share) * fraction(eps) ** 2 / 4
+    c = wheel[:2] * w[2] / (w[:2] - w[2])
+
+    def adjustment(M: Array) -> list[list[Any]]:
+        u = slope[0] * (M[0] - c[0]) + slope[1] * (M[1] - c[1])
+        return [[0, 0, 0], [0, 0, 0], [-M[2] * slope[0], -M[2] * slope[1], u]]
+
+    return kahan(lambda M: _cross(M + wheel, w * M), ("M1", "M2", "M3"), eps, adjustment)
+
+
 def kahan_heavy_top(I3: Any = 1, tilt: Sequence[Any] = (0, 0, 1), I2: Any = 1, eps: Any = Fraction(1, 3)) -> Subject:
     """Kahan's map of M' = M x Omega + P x A, P' = P x Omega, with moments (1, I2, I3)."""
     A, w = exact_constants(tilt), 1 / exact_constants((1, I2, I3))
@@ -165,6 +193,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 __all__ = [
+    "adjusted_gyrostat",
     "kahan",
     "kahan_gyrostat",
     "kahan_heavy_top",
