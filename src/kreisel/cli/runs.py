@@ -109,20 +109,23 @@ def run(
         print_json({**summary, "drift": records(table), "broken": broken(table)})
         return shout(broken(table))
     say(f"{record.title}: {model}")
-    if summary["options"]:
-        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-    steps, rows = record.steps, summary["rows"]
-    say(f"{steps:,} steps of {record.dt:g} -> {asked.path} ({rows:,} rows)")
-    rest = seconds - SPENT["kernels"] - SPENT["steps"]
-    say(
-        f"{seconds:.2f} s: kernels loaded or compiled {SPENT['kernels']:.2f}, steps {SPENT['steps']:.2f}, integrals "
-        f"and archive {rest:.2f}"
-    )
+    _say_what_was_done(summary)
     print_drift(table)
     if figure:
         save_figure(result, asked.figure)
         say(f"figure: {asked.figure}")
     return shout(broken(table))
+
+
+def _say_what_was_done(summary: dict[str, Any]) -> None:
+    if summary["options"]:
+        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
+    say(f"{summary['steps']:,} steps of {summary['dt']:g} -> {summary['archive']} ({summary['rows']:,} rows)")
+    seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
+    say(
+        f"{seconds:.2f} s: kernels loaded or compiled {kernels:.2f}, steps {steps:.2f}, integrals and archive "
+        f"{seconds - kernels - steps:.2f}"
+    )
 
 
 def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) -> None:

@@ -68,9 +68,8 @@ def simulate(
                  order and the step that reach `tol` at the least cost (attributes dt, steps, options)
     tol          the largest error at the end relative to the largest entry (order="auto"); the relative one ("dop853")
     orientation  initial g, body to space: a rotation matrix, or for n = 3 a quaternion (w, x, y, z); then a variable
-    engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
-                 Clebsch; both are chosen by n and method unless given), "cuda" (an NVIDIA GPU, float64) or
-                 "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
+    engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
+                 both chosen by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
     observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
@@ -81,12 +80,10 @@ def simulate(
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
 
-    Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors
-    for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
-    a state is no longer finite, an implicit step is not solved or the archive cannot be written.  Warns with
-    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken), and
-    with `AccuracyWarning` where a step is more than half a turn of the body, where the energy oscillates by much of its
-    terms, and where no body has the moments (alpha beyond 2).
+    Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
+    Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when a state is no longer finite, an
+    implicit step is not solved or the archive cannot be written.  Warns with `ConservationWarning` where something that
+    the method conserves is not conserved (`kr.drift`, column broken), and with `AccuracyWarning` (`runs/doubts.py`).
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
