@@ -3,7 +3,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify known soak docs gallery investigate trial trial-short dist release-check clean help
 
@@ -27,16 +29,22 @@ help:
 	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
 	@echo "make work-precision  every method here against heyoka, diffrax, SciPy and MuJoCo; some minutes"
 
-$(STAMP): pyproject.toml constraints.txt
+# The demo needs Kreisel alone; everything else the extras and the tools too.
+$(CORE): pyproject.toml constraints.txt
 	@echo "== creating $(VENV) and installing kreisel with the pinned versions of constraints.txt"
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'kreisel needs Python 3.11 or newer: make PYTHON=python3.11 ...')"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt reboundx >/dev/null 2>&1 \
+	$(PIP) --editable .
+	@touch $(CORE)
+
+$(STAMP): $(CORE)
+	@echo "== installing the extras and the tools of the tests"
+	$(PIP) --editable ".[dev]"
+	@$(PIP) reboundx >/dev/null 2>&1 \
 	  || echo "== REBOUNDx needs a C compiler: the tests that compare with it are skipped"
 	@touch $(STAMP)
 
-demo: $(STAMP)
+demo: $(CORE)
 	@echo "== kreisel run examples/lagrange-top.toml"
 	@mkdir -p out
 	cd out && ../$(BIN)/kreisel run ../examples/lagrange-top.toml --overwrite
@@ -134,13 +142,13 @@ PEERS := $(VENV)-peers
 $(PEERS)/.installed: $(STAMP) benchmarks/peers.txt
 	@echo "== the peers, into $(PEERS)"
 	$(PYTHON) -m venv $(PEERS)
-	$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]" --requirement benchmarks/peers.txt
+	$(PIP:$(VENV)/%=$(PEERS)/%) --editable ".[dev]" --requirement benchmarks/peers.txt
 	@touch $@
 
 work-precision: $(PEERS)/.installed
 	$(PEERS)/bin/python benchmarks/work_precision.py
 
-CUDA := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cuda]" --requirement benchmarks/gpu.txt
+CUDA := $(PIP) --editable ".[dev,cuda]" --requirement benchmarks/gpu.txt
 
 bench-gpu: $(STAMP)
 	$(CUDA)

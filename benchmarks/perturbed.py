@@ -1,9 +1,10 @@
 """What a given error costs for perturbed bodies: splittings, `variational` and peers, all as a user calls them.
 
-    python benchmarks/perturbed.py [--long STEPS]      in an environment with peers.txt, if there are to be peers
+    python benchmarks/perturbed.py [--long STEPS | --cost]   with peers where peers.txt is installed
 
 Writes results/perturbed.json and its table on docs/perturbed.md; with --long, instead of the rest, what the energy and
-the Casimirs do over so many steps.  Each contender runs over a time of 100, and of 1e5 where that is said, with steps
+the Casimirs do over so many steps; with --cost, what a step takes beside its integrable motions and its kicks, each
+alone.  Each contender runs over a time of 100, and of 1e5 where that is said, with steps
 (or tolerances) that halve; counted are evaluations of the force and, of calls of kr.propagator(...).steps (of DOP853:
 of kr.simulate with one row), microseconds, the least of several calls, warm, on one core.  Batches: 64 lanes of a
 splitting, and heyoka's batch of the width of the machine's vectors, time of a trajectory.  The truth is the splitting
@@ -17,6 +18,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,7 +33,10 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel import algebra
 from kreisel.method.composition import symmetric_composition
+from kreisel.method.scheme import Steps
+from kreisel.method.splitting import Splitting
 from kreisel.method.splitting_coefficients import splitting
+from kreisel.runs.plan import make_plan
 
 RESULT = Path(__file__).parent / "results" / "perturbed.json"
 PAGE = Path(__file__).parents[1] / "docs" / "perturbed.md"
@@ -290,6 +295,34 @@ def long_run(steps: int, only: list[str]) -> dict[str, Any]:
     return out
 
 
+def costs(only: list[str], steps: int = 20_000, repetitions: int = 7) -> dict[str, Any]:
+    """Microseconds of processor time of a step, of its integrable motions alone and of its kicks alone."""
+    out: dict[str, Any] = {}
+    for problem in (p for p in problems() if p.name in only and p.end == TIME and p.row.ndim == 1):
+        oriented, dt = "g" in problem.start, 0.1
+        state = {k: v for k, v in problem.start.items() if k != "g"}
+        asked = {"dt": dt, "steps": steps, "order": ORDERS[1], "method": "splitting", "project": False}
+        plan = make_plan(problem.body, state, orientation=problem.start.get("g"), **asked)
+        body, whole = Splitting(problem.body, dt, ORDERS[1], oriented), plan.scheme
+        motions = {
+            "step": whole.motion,
+            "motions": Steps(body.drift, body.close),
+            "kicks": Steps(body.kick, None),
+        }
+        alone = {name: replace(whole, motion=m, kernel_key=None, definition_key=None) for name, m in motions.items()}
+        best = dict.fromkeys(alone, np.inf)
+        for _ in range(repetitions):
+            for name, scheme in alone.items():
+                engine = replace(plan, scheme=scheme).engine
+                engine.advance(np.empty((1, *plan.first.shape)), 10)
+                begun = time.process_time()
+                engine.advance(np.empty((1, *plan.first.shape)), steps)
+                best[name] = min(best[name], 1e6 * (time.process_time() - begun) / steps)
+        out[problem.name] = best | {"ratio": best["step"] / (best["motions"] + best["kicks"])}
+        print(problem.name, out[problem.name], flush=True)
+    return out
+
+
 def cheapest(rows: list[dict[str, float]], target: float, what: str) -> float | None:
     """The least of what reaches the error."""
     return min((row[what] for row in rows if row["error"] <= target and row[what] is not None), default=None)
@@ -315,6 +348,7 @@ def table(result: dict[str, Any]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--long", type=int, help="steps of the long run")
+    parser.add_argument("--cost", action="store_true", help="of the parts of a step, order (8, 6, 4)")
     parser.add_argument(
         "--only", nargs="*", default=[TILTED, *(problem.name for problem in problems())], help="problems"
     )
@@ -324,6 +358,9 @@ def main() -> None:
     if steps is not None:
         found = {**before.get("long", {}), **long_run(steps, asked.only)}
         RESULT.write_text(json.dumps({**before, "long": found}, indent=1) + "\n", encoding="utf-8")
+        return
+    if asked.cost:
+        RESULT.write_text(json.dumps({**before, "cost": costs(asked.only)}, indent=1) + "\n", encoding="utf-8")
         return
     result = {**before, **measure(asked.only)}
     result["problems"] = {**before.get("problems", {}), **result["problems"]}

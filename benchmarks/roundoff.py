@@ -1,17 +1,19 @@
 """What rounding does to a run: integrals and states after 10^5 to 10^9 steps, with and without the projection.
 
 maps        the same of the paper's maps, as they are timed
-integrals   the largest change of anything conserved, in units in the last place of its scale (`kr.drift`, ulps), at the
-            saved rows of a run; and the largest correction; of every system here by its own method
+integrals   the largest change of anything conserved, in units in the last place of its scale (`kr.drift`, ulps), at a
+            hundred rows where a projection was just made; and the largest correction; of every system here by its own
+            method
 states      the largest error of the state, over the number of steps, of random Lagrange tops, against the closed form
             of the iterates of the same map (`kr.at`), which makes no step
 against     the same over |z| of other maps and orders, n = 3, against the map itself in double-double (`reference.py`)
 condition   of the same problems: by how much a random change of the initial state by half a unit in the last place
             changes the state at the end
 longest     the first of `maps` for a hundred times the steps
+            (each run of these three takes at most `--seconds` of the processor, by fewer steps)
 picture     docs/round-off.png: one top by RK4, by DOP853, by the map as it is and by the projected map
 
-    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--part NAME]
+    python benchmarks/roundoff.py [--steps 1e8] [--lanes 100] [--seconds 60] [--part NAME]
 """
 
 from __future__ import annotations
@@ -34,7 +36,6 @@ from kreisel.runs.plan import make_plan
 from kreisel.system import REGISTRY
 
 ROWS = 100
-LONGEST = 60.0  # seconds of the processor for one run
 PARTS = ("integrals", "maps", "states", "against", "condition", "longest", "picture")
 PICTURE = Path(__file__).parents[1] / "docs" / "round-off.png"
 DT = 0.1
@@ -67,7 +68,7 @@ DEGENERATE = {
 }
 
 
-def integrals(steps: int, told: dict[str, Any], save: Callable[[], None]) -> None:
+def integrals(steps: int, seconds: float, told: dict[str, Any], save: Callable[[], None]) -> None:
     """For each system and n the worst change and correction, by its own method; the tops' maps with suris too.
 
     `told` takes what is found, and what stands there already is not run again.
@@ -76,7 +77,7 @@ def integrals(steps: int, told: dict[str, Any], save: Callable[[], None]) -> Non
         if what in told and told[what].get("asked") == count:
             continue
         try:
-            told[what] = _still(model, state, method, dt, count)
+            told[what] = _still(model, state, method, dt, count, seconds)
         except (kr.RunError, kr.InputError) as error:
             told[what] = {"not run": str(error)}
         told[what]["asked"] = count
@@ -103,14 +104,20 @@ def _cases(steps: int) -> Iterator[tuple[str, Any, Any, str, float, int]]:
             yield f"lagrange-top, {kind}, {method}", kr.LagrangeTop(p=(0, 0, 1)), state, method, DT, steps // 10
 
 
-def _still(model: Any, state: Any, method: str, dt: float, steps: int, longest: float = LONGEST) -> dict[str, Any]:
-    """After a hundredth of the steps and after all of them, or as many as can be made in `longest` seconds."""
+def _still(model: Any, state: Any, method: str, dt: float, steps: int, longest: float) -> dict[str, Any]:
+    """After about a hundredth of the steps and after all of them, or as many as can be made in `longest` seconds.
+
+    Rows are saved where a projection was just made, if as many were made.
+    """
     row: dict[str, Any] = {"dt": dt, "ulps": {}}
     count, seconds = max(steps // 100, ROWS), 0.0
-    kr.simulate(model, state, dt=dt, steps=ROWS, every=1, method=method, progress=False)  # compiles
+    short = kr.simulate(model, state, dt=dt, steps=ROWS, every=1, method=method, progress=False)  # compiles
+    often = int(short.attrs.get("projection", 1))
     while True:
         begun = time.process_time()
-        run = kr.simulate(model, state, dt=dt, steps=count, every=count // ROWS, method=method, progress=False)
+        every = count // ROWS if count < often * ROWS else round(count / ROWS / often) * often
+        told = {"dt": dt, "steps": every * ROWS, "every": every, "method": method}
+        run = kr.simulate(model, state, **told, progress=False)
         seconds = time.process_time() - begun
         table = kr.drift(run)
         table = table[table.conserved & (table.ulps < np.inf)]
@@ -123,10 +130,10 @@ def _still(model: Any, state: Any, method: str, dt: float, steps: int, longest: 
         count *= more
     correction = float(table.correction.max())
     return row | {
-        "steps": count,
+        "steps": every * ROWS,
         "correction": None if np.isnan(correction) else round(correction, 1),
         "every": run.attrs["projection"],
-        "ns": round(1e9 * seconds / count, 1),
+        "ns": round(1e9 * seconds / (every * ROWS), 1),
     }
 
 
@@ -310,6 +317,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser(__doc__, "roundoff")
     options.add_argument("--steps", type=float, default=1e8)
     options.add_argument("--lanes", type=int, default=100)
+    options.add_argument("--seconds", type=float, default=60.0)
     options.add_argument("--part", action="append", choices=PARTS)
     asked = options.parse_args(arguments)
     steps, parts = int(asked.steps), asked.part or PARTS
@@ -318,9 +326,12 @@ def main(arguments: list[str] | None = None) -> None:
         told = json.loads(asked.output.read_text())
     told |= {"machine": machine(), "steps": steps}
     if "integrals" in parts:
-        integrals(steps, told.setdefault("integrals", {}), lambda: write(told, asked.output))
+        integrals(steps, asked.seconds, told.setdefault("integrals", {}), lambda: write(told, asked.output))
     if "maps" in parts:
-        told["maps"] = {case.name: _still(case.model, case.states["standard"], "suris", DT, steps) for case in cases()}
+        told["maps"] = {
+            case.name: _still(case.model, case.states["standard"], "suris", DT, steps, asked.seconds)
+            for case in cases()
+        }
     if "states" in parts:
         told["states"] = states(min(steps, 10**8), asked.lanes)
     if "against" in parts:
@@ -329,7 +340,7 @@ def main(arguments: list[str] | None = None) -> None:
         told["condition"] = condition(min(steps, 10**6), asked.lanes)
     if "longest" in parts:
         case = cases()[0]
-        told["longest"] = _still(case.model, case.states["standard"], "suris", DT, 100 * steps, 60 * LONGEST)
+        told["longest"] = _still(case.model, case.states["standard"], "suris", DT, 100 * steps, 60 * asked.seconds)
     if "picture" in parts:
         told["picture"] = picture(steps)
     write(told, asked.output)

@@ -11,7 +11,9 @@ from typing import Any
 
 import pytest
 
-os.environ.setdefault("KREISEL_CACHE", str(Path(tempfile.gettempdir()) / f"kreisel-tests-{os.getuid()}"))
+os.environ.setdefault(
+    "KREISEL_CACHE", str(Path(tempfile.gettempdir()) / f"kreisel-tests-{getattr(os, 'getuid', str)()}")
+)
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_CACHE"]) / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")

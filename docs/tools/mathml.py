@@ -7,10 +7,13 @@ from docutils.utils.math.latex2mathml import tex2mathml
 
 FENCE = re.compile(r"<mo(?: class=\"math(?:open|close)\")?>([⟨⟩|{}])</mo>")
 
+MATRIX = re.compile(r"<mo>\(</mo>\s*<mtable>(.*?)</mtable>\s*<mo>\)</mo>", re.DOTALL)  # brackets by the style sheet
+
 
 def mathml(tex, block=False):
     """A formula; bars and brackets keep their height, and a prime is a superscript."""
     markup = tex2mathml(re.sub(r"'", r"^{\\prime}", tex), as_block=block)
+    markup = MATRIX.sub(r'<mtable class="matrix">\1</mtable>', markup)
     return FENCE.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', markup)
 
 

@@ -17,7 +17,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from kreisel.display import SHOWN
-from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, RunError
+from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, RunError, explained, hint
 from kreisel.system import NAMED, REGISTRY
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ __all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "RunError", "
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
 
 
+@explained
 def methods() -> list[Method]:
     """The records of all methods: what each is for, its orders, what it conserves; `kreisel methods` prints them."""
     from kreisel.method import METHODS
@@ -64,6 +65,7 @@ def methods() -> list[Method]:
     return list(METHODS.values())
 
 
+@explained
 def systems() -> list[str]:
     """The names of all systems, as in a TOML file; `kreisel systems NAME` prints a record."""
     return list(REGISTRY)
@@ -76,7 +78,7 @@ def __getattr__(name: str) -> Any:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
         return value
-    raise AttributeError(f"module 'kreisel' has no attribute {name!r}")
+    raise AttributeError(f"module 'kreisel' has no attribute {name!r}.{hint(name, __all__)}")
 
 
 def __dir__() -> list[str]:

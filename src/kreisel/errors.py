@@ -5,11 +5,15 @@ from __future__ import annotations
 import contextlib
 import difflib
 import errno
+import functools
 import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 LONGEST = 1500  # characters of a message: what was expected stands at its head, the fix at its end
 SHOWN = 100  # characters of a value in it
+BRIEF = 40  # of one in a call
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def printable(text: object) -> str:
@@ -108,3 +112,64 @@ def hint(word: object, known: Iterable[str]) -> str:
         return ""
     close = difflib.get_close_matches(word[:SHOWN], list(known), n=1, cutoff=0.5)
     return f" Did you mean {close[0]!r}?" if close else ""
+
+
+def explained(call: F) -> F:
+    """The same function or class, whose misfitting arguments are an `InputError` that says how to call it.
+
+    An error that is raised inside of it stays as it is.
+    """
+    if isinstance(call, type):
+        made = "__new__" if issubclass(call, tuple) else "__init__"
+        setattr(call, made, explained(getattr(call, made)))
+        for name, value in list(vars(call).items()):
+            if isinstance(value, classmethod) and not name.startswith("_"):
+                setattr(call, name, classmethod(explained(value.__func__)))
+        return call
+
+    @functools.wraps(call)
+    def checked(*given: Any, **named: Any) -> Any:
+        try:
+            return call(*given, **named)
+        except TypeError as error:
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                raise
+            raise InputError(_misfit(call, given, named)) from None
+
+    return checked  # type: ignore[return-value]
+
+
+def _misfit(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
+    """Why these arguments do not fit, and the call that would."""
+    import inspect
+
+    known = list(inspect.signature(call).parameters.values())
+    if known and known[0].name in ("self", "cls", "_cls"):
+        known, given = known[1:], given[1:]
+    what = call.__qualname__.removesuffix(".__init__").removesuffix(".__new__").split("<locals>.")[-1]
+    names, first = [p.name for p in known], [p.name for p in known if p.kind is p.POSITIONAL_OR_KEYWORD]
+    needed = [p.name for p in known if p.default is p.empty and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    filled = dict(zip(names, given, strict=False))
+    if unknown := next((name for name in named if name not in names), None):
+        there = ", ".join(names) or "none"
+        return f"{what} has no argument {shown(unknown)}.{hint(unknown, names)} Its arguments are: {there}."
+    if twice := next((name for name in first[: len(given)] if name in named), None):
+        return f"{what}: expected {twice} once, got it by position, {shown(filled[twice])}, and by name."
+    if len(given) > len(names):
+        most = f"at most {_arguments(len(names))}, {', '.join(names)}" if names else "no arguments"
+        return f"{what}: expected {most}, got {len(given)}."
+    by_name = {name: filled[name] for name in names[len(first) : len(given)]}
+    words = [name for name in first if name in needed or name in names[: len(given)]]
+    for name, value in (by_name | dict(named)).items():
+        text = shown(value)
+        words += [f"{name}={text if len(text) < BRIEF else '...'}"] if name not in words else []
+    words += [f"{name}=..." for name in needed if name not in words and name not in by_name and name not in named]
+    if by_name:
+        fault = f"expected {_arguments(len(first))} by position and the others by name, got {len(given)} by position"
+    else:
+        fault = f"expected {', '.join(n for n in needed if n not in filled and n not in named)}, got none"
+    return f"{what}: {fault}. Write {what}({', '.join(words)})."
+
+
+def _arguments(count: int) -> str:
+    return f"{count} argument{'s' * (count != 1)}"

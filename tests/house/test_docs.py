@@ -192,6 +192,14 @@ def test_a_cross_product_is_no_letter(tools) -> None:
     assert from_text("sum m x x^T") == r"\sum m x x^T" and from_text("f_i = b_i x_i") == "f_i = b_i x_i"
 
 
+def test_brackets_of_a_matrix_are_drawn_by_the_style_sheet(tools) -> None:
+    mathml = tools("mathml").mathml
+    markup = mathml(r"L = \begin{pmatrix}a & b \\ c & d\end{pmatrix}", True)
+    assert markup.count('<mtable class="matrix">') == 1 and "<mo>(</mo>" not in markup
+    assert "mtable.matrix" in (DOCS / "static" / "kreisel.css").read_text(encoding="utf-8")
+    assert "(</mo>" in mathml("f(x)")
+
+
 def test_the_key_of_a_page_changes_with_the_page_and_the_sources(tools, tmp_path: Path, monkeypatch) -> None:
     pages = tools("pages")
     monkeypatch.setattr(pages, "DOCS", tmp_path / "docs")

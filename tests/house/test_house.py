@@ -20,7 +20,7 @@ RANK = {  # a part imports what stands on its own line or above
     part: rank
     for rank, parts in enumerate(
         (
-            ("errors", "display"),
+            ("errors", "display", "stopwatch"),
             ("algebra",),
             ("record", "units"),
             ("baecklund", "implicit"),

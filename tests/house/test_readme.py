@@ -29,8 +29,8 @@ def test_first_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(row[0], row[1]) for row in rows[1:]] == [(row[0], row[1]) for row in claimed[1:]]
     for table in (rows, claimed):
         assert all(float(row[-1]) < 200 for row in table[1:])
-    assert (tmp_path / "top.png").stat().st_size > 10_000
-    assert (tmp_path / "top.zarr").is_dir()
+    assert (tmp_path / "first.png").stat().st_size > 10_000
+    assert (tmp_path / "first.zarr").is_dir()
 
 
 def test_the_gallery_has_as_many_pictures_as_the_readme_says() -> None:

@@ -529,6 +529,12 @@ def test_a_degenerate_lane_takes_nothing_from_the_others(name: str, n: int) -> N
     assert labels[0] == labels[1]
 
 
+def test_a_short_spectrum_is_projected_by_compiled_code() -> None:
+    """Neumann's is of O(n): in array code its projection costs 250 times as much, and K is 10^7."""
+    plan = random_plan("neumann", 40, "suris", 1, 1)
+    assert isinstance(plan.engine.projection, CompiledProjection) and plan.engine.projection.every <= 50_000
+
+
 @pytest.mark.parametrize(("n", "engine"), [(5, "large"), (9, "cpu"), (12, "large")])
 def test_orientations_of_large_n_stay_orthogonal(n: int, engine: str, often: int) -> None:
     draw = np.random.default_rng(2)

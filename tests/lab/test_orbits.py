@@ -181,7 +181,19 @@ def test_an_orbit_that_escapes_is_named() -> None:
     with pytest.raises(kr.InputError, match="finite numbers"):
         dynamics.dynamics(plane(area), np.array([np.nan, 0]), 2000)
     with pytest.raises(kr.InputError, match="recorded"):
-        dynamics.dynamics(plane(lambda x: array(np.sin(x[0]), x[1])), np.array([0.1, 0.2]), 2000)
+        dynamics.dynamics(plane(lambda x: array(np.arctan(x[0]), x[1])), np.array([0.1, 0.2]), 2000)
+
+
+def test_a_step_may_have_sines() -> None:
+    """Chirikov's standard map at K = 5: Lyapunov's exponent is near log(K/2), and areas stay."""
+
+    def standard(x):
+        p = x[1] + 5 * np.sin(x[0])
+        return array(x[0] + p, p)
+
+    found = dynamics.dynamics(plane(standard), np.array([0.1, 0.2]), 4000)
+    assert found.chaotic and abs(found.exponents[0] - math.log(2.5)) < 0.25
+    assert abs(found.exponents.sum()) < 1e-4
 
 
 def test_frequencies_of_a_rotation() -> None:

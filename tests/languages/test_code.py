@@ -43,7 +43,10 @@ def state(run: Any, row: int = -1) -> list[float]:
     return [float(v) for n in letters for v in np.ravel(run[n].values[row])]
 
 
-def by_c(folder: Path, text: str, name: str, calls: str) -> list[float]:
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)] or ["gcc"]
+
+
+def by_c(folder: Path, text: str, name: str, calls: str, compiler: str = "gcc") -> list[float]:
     """What a C program prints that makes these calls with a `body`."""
     (folder / f"{name}.h").write_text(text)
     program = f"""#include "{name}.h"
@@ -60,16 +63,17 @@ int main(void) {{
 """
     (folder / "main.c").write_text(program)
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run(["gcc", *flags, "main.c", "-o", "main", "-lm"], cwd=folder, check=True, timeout=120)
+    subprocess.run([compiler, *flags, "main.c", "-o", "main", "-lm"], cwd=folder, check=True, timeout=120)
     out = subprocess.run(["./main"], cwd=folder, check=True, capture_output=True, text=True, timeout=120).stdout
     return [float(word) for word in out.split()]
 
 
+@pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("case", CASES)
-def test_c_has_the_bits_of_the_kernel(case: str, tmp_path: Path) -> None:
+def test_c_has_the_bits_of_the_kernel(case: str, compiler: str, tmp_path: Path) -> None:
     text, run = text_and_run(case, "c")
     name = run.attrs["system"].replace("-", "_")
-    assert by_c(tmp_path, text, name, f"{name}_advance(&body, {STEPS});") == state(run)
+    assert by_c(tmp_path, text, name, f"{name}_advance(&body, {STEPS});", compiler) == state(run)
 
 
 def test_a_product_that_is_fused_elsewhere_has_other_bits(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.method import auto_splitting
+from kreisel.method import auto, auto_splitting
 from kreisel.runs.choosing import choices
 from kreisel.runs.settings import Settings
 
@@ -84,6 +84,25 @@ def test_one_splitting_is_not_its_own_witness() -> None:
     run = kr.simulate(body, start, dt=40.0, steps=1, order="auto", tol=1e-6)
     truth = kr.simulate(body, start, dt=0.01, steps=4000, every=4000, order=8)
     assert abs(run.m[-1] - truth.m[-1]).max() < 1e-5
+
+
+@pytest.mark.parametrize("slow", [0.0, 1e-3])
+def test_errors_that_grow_faster_than_the_time_take_shorter_steps(slow: float) -> None:
+    """The error h^4 (t + slow t^2), of which a pilot sees the first part alone."""
+
+    def steps(order: Any, h: float, count: int) -> auto_splitting.Pilot:
+        t = h * count
+        return auto_splitting.Pilot(np.array([[1.0, 3e-9 * h**4 * (t + slow * t * t)]]), 1.0)
+
+    tol, end = 1e-5, 2000.0
+    first = auto.Choice((8, 6, 4), 500, 1e-6, "splitting")
+    found = auto_splitting.witnessed(steps, first, 1.0, 500.0, end, tol)
+    assert (found.steps > first.steps) == (slow > 0)
+    for choice, below in ((first, slow == 0), (found, True)):
+        off = 3e-9 * (500 / choice.steps) ** 4 * (1280 + slow * 1280**2) * end / 1280
+        assert (off <= tol * 1.1) == below
+    hopeless = auto_splitting.witnessed(steps, first, 1.0, 500.0, end, 1e-10)
+    assert hopeless.steps > 7 * first.steps and hopeless.expected > 1e-10
 
 
 def test_orientations_by_lane() -> None:

@@ -701,3 +701,13 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     file.write_text(FILE.replace("quartic-top", "clebsch"))
     with pytest.raises(kr.InputError, match="Choose another name"):
         load_system("clebsch", file)
+
+
+def test_groups_are_compared_by_meaning() -> None:
+    """The same group made twice is one group; another basis is another."""
+    made = red.system(
+        "alike", group=red.SO(3), lagrangian=lambda W: -jnp.trace(W @ W), representation=red.trivial(red.SO(3))
+    )
+    assert made.space.letters == ("M",)
+    with pytest.raises(kr.InputError, match="expected one of the group SO"):
+        red.system("unlike", group=red.SO(3), lagrangian=lambda W: 0.0, representation=red.trivial(red.SO(4)))

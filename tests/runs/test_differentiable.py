@@ -42,6 +42,8 @@ CASES = [
     (HEAVY, MOVING, "kahan", 2),
     (kr.perturbed(TOP, potential=fluttering, params={"k": 0.1}), START, "splitting", 4),
     (kr.EulerTop(J=(1, 2, 3, 4)), {"M": M4}, "variational", 2),
+    (kr.EulerTop(J=(1, 2, 3)), {"M": MOVING["M"]}, "midpoint", 2),
+    (kr.Clebsch(b=(1, 2, 3.5)), MOVING, "suris", 2),
 ]
 
 
@@ -102,12 +104,55 @@ def slopes(model: Any, start: Any, letter: str, method: str, order: Any, **more:
         (4, "alpha", {"alpha": np.array(1.7)}),
         (5, "M", {}),
         (8, "A", {"A": np.array([0.2, 0.1, 0.9])}),
+        (11, "M", {}),
     ],
 )
 def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any) -> None:
     model, start, method, order = CASES[case]
     found, expected = slopes(model, start, letter, method, order, **more)
     assert abs(expected).max() > 1e-3 and abs(found - expected).max() < 1e-8
+
+
+DAMPED = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), damping=(0.2, 0.3, 0.1))
+
+
+def test_damping_is_no_linear_constant() -> None:
+    """The factors exp(-gamma dt) of a damped body follow dt, gamma and the moments."""
+    f = kr.differentiable(DAMPED, method="splitting", order=(2, 2))
+
+    def end(x: Any) -> Any:
+        return f({"M": MOVING["M"]}, dt=x[0], steps=3, damping=x[1:4], J=x[4:])["M"]
+
+    x, v = np.array([0.1, 0.2, 0.3, 0.1, 1, 2, 3]), np.array([0.1, 1, -1, 0.5, 1, 0.3, -0.4])
+    with red.double():
+        made = jax.jit(end)
+        _, found = jax.jvp(made, (jnp.asarray(x),), (jnp.asarray(v),))
+        expected, value = along(lambda y: np.asarray(made(jnp.asarray(y))), x, v), np.asarray(made(jnp.asarray(x)))
+    assert abs(expected).max() > 1e-3 and abs(np.asarray(found) - expected).max() < 1e-8
+    run = kr.simulate(DAMPED, {"M": MOVING["M"]}, dt=0.1, steps=3, method="splitting", order=(2, 2), project=False)
+    assert abs(value - run.M.values[-1]).max() < 1e-14
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_gradients_in_higher_dimensions_are_those_of_complex_steps(n: int) -> None:
+    """By one entry of m after twelve steps; a gradient that forgets the steps before the last is seen."""
+    rng, model = np.random.default_rng(n), kr.LagrangeTop(p=np.eye(n)[-1])
+    m, a = algebra.skew(rng.normal(size=n * (n - 1) // 2), n) / 2, np.eye(n)[0]
+    f = kr.differentiable(model, method="suris", order=1)
+    with red.double():
+        made = jax.jit(
+            jax.grad(lambda m, steps: f({"m": m, "a": a}, dt=0.1, steps=steps)["a"] @ np.arange(1.0, n + 1), 0),
+            static_argnums=1,
+        )
+        found, short = (np.asarray(made(jnp.asarray(m), steps)) for steps in (12, 1))
+    step, z = scheme(model, "suris", 0.1, 1, False), (m.astype(complex), a.astype(complex))
+    z[0][0, 1] += 1e-30j
+    z[0][1, 0] -= 1e-30j
+    for _ in range(12):
+        z = step.advance(*z)
+    expected = (z[1] @ np.arange(1, n + 1)).imag / 1e-30
+    assert abs(found[0, 1] - found[1, 0] - expected) < 1e-12
+    assert abs(short[0, 1] - short[1, 0] - expected) > 1e-2
 
 
 def test_a_derivative_without_that_of_rho_is_seen() -> None:

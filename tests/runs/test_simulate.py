@@ -186,7 +186,7 @@ def test_a_small_lane_is_measured_by_its_own_scale(top: object) -> None:
         mine, alone = kr.drift(run.isel(lane=lane)), kr.drift(kr.simulate(top, state, **options))
         assert np.allclose(mine.ulps, alone.ulps, rtol=0.5, atol=0.1)
     run["casimir"][-1, 1] *= 1 + 1e-9
-    assert kr.drift(run).ulps["casimir[1]"] > 1e6
+    assert kr.drift(run).ulps["casimir[1]"] > 1e4
 
 
 @pytest.mark.parametrize(("order", "text"), [(1, "O(dt)"), (2, "O(dt^2)")])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -121,3 +122,86 @@ def test_a_matrix_is_drawn_by_its_entries(name):
     lines = kr.plot(run).axes[0].lines
     assert [line.get_label() for line in lines] == [f"$M_{{{j}{k}}}$" for j in range(1, 5) for k in range(j + 1, 5)]
     assert all((line.get_ydata() == run.M.values[:, j, k]).all() for line, (j, k) in zip(lines, PLANES, strict=True))
+
+
+# -- kr.plot ------------------------------------------------------------------------------------------------------
+
+
+def test_no_curve_is_hidden_and_what_never_changes_is_named(run):
+    """A strip for each family, all of one scale; the families are those of kr.drift."""
+    figure = kr.plot(run)
+    strips = {axes.texts[0].get_text(): axes for axes in figure.subfigs[1].axes}
+    still = figure.subfigs[1].texts[-1].get_text() if len(figure.subfigs[1].texts) else ""
+    table = kr.drift(run).query("conserved")
+    families = {str(name).partition("[")[0] for name in table.index}
+    changed = {str(name).partition("[")[0] for name, row in table.iterrows() if row.max_change > 0}
+    assert set(strips) == changed and all(name in still for name in families - changed)
+    assert len({axes.get_ylim() for axes in strips.values()}) == 1
+    for axes in strips.values():
+        assert len(axes.lines) == 2 and np.nanmax(axes.lines[0].get_ydata()) < axes.get_ylim()[1]
+
+
+def test_the_picture_says_what_it_shows(run):
+    sphere = kr.plot(run).subfigs[0].axes[0]
+    assert {text.get_text() for text in sphere.get_legend().get_texts()} == {"tip of $a$", "start"}
+    assert {"x", "y", "z", "gravity"} <= {text.get_text() for text in sphere.texts}
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    x0 = top.state(m=np.outer((1, 1.3, 1.6, 2), (0.1, 0.2, 1.5)), a=(0.6, 0, 0.8))
+    many = kr.plot(kr.simulate(top, x0, dt=0.05, steps=100, progress=False))
+    legend = [text.get_text() for text in many.subfigs[0].axes[0].get_legend().get_texts()]
+    assert legend == ["lane 0", "lane 1", "lane 2", "lane 3", "start"] and "4 lanes" in many.get_suptitle()
+
+
+def test_beyond_three_dimensions_the_whole_run_is_shown():
+    four = kr.LagrangeTop(p=(0, 0, 0, 1))
+    m = np.triu(np.ones((4, 4)), 1)
+    run = kr.simulate(four, four.state(m=m - m.T, a=(0.6, 0, 0, 0.8)), dt=0.05, steps=1000, progress=False)
+    first, whole = kr.plot(run).subfigs[0].axes
+    assert len(first.lines) == 4 and "to time 50" in whole.get_title()
+    assert len(whole.lines[0].get_xdata()) == 1001 and whole.get_legend().get_texts()[0].get_text() == "start"
+
+
+def test_a_figure_for_a_journal(run, tmp_path):
+    figure = kr.plot(run, style="journal")
+    assert figure.get_figwidth() * 25.4 == pytest.approx(183) and figure.get_suptitle() == ""
+    figure.savefig(tmp_path / "a.pdf")
+    assert b"/Type0" in (tmp_path / "a.pdf").read_bytes() or b"/TrueType" in (tmp_path / "a.pdf").read_bytes()
+    figure.savefig(tmp_path / "a.svg")
+    axes = figure.subfigs[1].axes[0]
+    assert axes.xaxis.label.get_size() == 8 and axes.texts[0].get_fontfamily() == ["serif"]
+    with pytest.raises(kr.InputError, match=r"style must be .* Did you mean 'journal'"):
+        kr.plot(run, style="jurnal")
+
+
+def test_figures_show_themselves(run):
+    for figure in (kr.plot(run), charts.plot_series(analysis.rates(run))):
+        shown = figure._repr_mimebundle_()
+        assert set(shown) == {"image/png", "text/plain"} and shown["image/png"].startswith(b"\x89PNG")
+
+
+# -- films --------------------------------------------------------------------------------------------------------
+
+
+def test_a_film_shows_the_motion(run, tmp_path):
+    from PIL import Image
+
+    view = kr.view(kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), run.isel(time=0), dt=0.05, steps=100, progress=False))
+    with Image.open(view.movie(tmp_path / "a.gif", seconds=0.4, fps=10)) as film:
+        assert film.n_frames == 4 and film.info["duration"] == 100
+        pictures = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            pictures.append(np.array(film.convert("L"), dtype=float))
+    moved = [np.mean(abs(a - b) > 40) for a, b in pairwise(pictures)]
+    assert min(moved) > 1e-3  # the body and its tip, not the words alone
+    assert max(moved) < 0.3
+
+
+def test_films_that_cannot_be(run, tmp_path):
+    with pytest.raises(kr.InputError, match=r"ends in \.gif or \.mp4"):
+        kr.view(run).movie(tmp_path / "a.avi")
+    far = kr.simulate(kr.LagrangeTop(p=(0, 0, 1)), run.isel(time=0), dt=2.0, steps=10, progress=False)
+    with pytest.raises(kr.InputError, match="too far apart"):
+        kr.view(far).movie(tmp_path / "a.gif")
+    with pytest.raises(kr.InputError, match="seconds"):
+        kr.view(run).movie(tmp_path / "a.gif", seconds=-1)

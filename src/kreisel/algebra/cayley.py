@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.algebra.backend import Array, identity, mat, solve, vec
-from kreisel.algebra.skew import SECOND, THIRD, act, axial, bracket, cross, dot, hat
+from kreisel.algebra.skew import SECOND, THIRD, act, axial, bracket, cross, dot, hat, wedge
 
 
 def resolvent(X: Array, V: Array) -> Array:
@@ -57,12 +57,19 @@ def cayley(X: Array) -> Array:
     return cayley_columns(X, identity(X.shape[-1]) + 0 * X)
 
 
-def cayley_conjugate(X: Array, M: Array) -> Array:
-    """cay(X) M cay(X)^-1 for skew X and M (..., n, n); for n = 3 the turned axial vector."""
+def cayley_conjugate(X: Array, M: Array, axis: Array | None = None) -> Array:
+    """cay(X) M cay(X)^-1 for skew X and M (..., n, n); for n = 3 the turned axial vector.
+
+    `axis`: a vector with X axis = 0, where X commutes with the part of M that does not touch it.  Then M axis alone is
+    turned: that part is the same in every step, and so would its rounding errors be.
+    """
     if hasattr(M, "record_conjugate"):
         return M.record_conjugate(X)
     if X.shape[-1] == 3:
         return hat(cayley_act(X, axial(M)))
+    if axis is not None:
+        y = act(M, axis)
+        return M + wedge((cayley_act(X, y) - y) / vec(dot(axis, axis)), axis)
     return cayley_columns(X, cayley_columns(X, M).mT).mT
 
 
@@ -71,11 +78,11 @@ def rate(kind: str, X: Array, z: Array) -> Array:
     return act(X, z) if kind == "vector" else bracket(X, z)
 
 
-def turned(kind: str, X: Array, z: Array) -> Array:
-    """A component turned by cay(X): cay(X) z for vectors, cay(X) z cay(X)^T for matrices."""
+def turned(kind: str, X: Array, z: Array, axis: Array | None = None) -> Array:
+    """A component turned by cay(X): cay(X) z for vectors, cay(X) z cay(X)^T for matrices; see `cayley_conjugate`."""
     if kind == "vector":
         return cayley_act(X, z)
-    return cayley_conjugate(X, z) if kind == "skew" else cayley_columns(X, cayley_columns(X, z).mT).mT
+    return cayley_conjugate(X, z, axis) if kind == "skew" else cayley_columns(X, cayley_columns(X, z).mT).mT
 
 
 def cayley_plane(x: Array, y: Array, v: Array) -> Array:

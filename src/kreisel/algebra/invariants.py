@@ -143,22 +143,55 @@ def bordered_spectrum(m: Array, b: Array, p: Array, most: int = 4) -> Array:
     return stack(out)
 
 
-def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, plane: bool = False, most: int = 8) -> Array:
+def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, most: int = 8) -> Array:
     """Coefficients of (nu + kappa mu) det(mu - nu B - M) - <Q, adj(mu - nu B - M) Q> in nu and mu.
 
     The characteristic polynomial of lambda B + M + Q Q^T / lambda (kappa = 0), and its deformation by
-    the discrete Clebsch map.  Coefficients that do not depend on M and Q are left out, and with `plane`, for
-    M = x ^ q and Q in the plane of x and q, those of degree 4 and more in M and Q, which vanish there.
+    the discrete Clebsch map.  Coefficients that do not depend on M and Q are left out.
     For n > `most` only those of mu^(n-1) ... mu^(n-most).
     """
     n = M.shape[-1]
     c, adj = pencil_on(M, B, Q, most + 1)
     out = []
     for k in range(1, min(n, most) + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has B alone
-        for i in range(k - 1, k - 2 if plane else -1, -2):
+        for i in range(k - 1, -1, -2):
             term = -dot(Q, adj[k - 1][i])
             term = term + (c[k][i - 1] if i > 0 else 0) + (kappa * c[k + 1][i] if k < n else 0)
             out.append(term)
+    return stack(out)
+
+
+def plane_spectrum(
+    x: Array, q: Array, b: Array, alpha: Array | int, beta: Array | int, kappa: Array | int, most: int = 8
+) -> Array:
+    """`pencil_spectrum` for B = diag(b), M = x ^ q and Q = alpha x + beta q: what does not vanish there, in O(n).
+
+    With R = (mu - nu B)^-1 it is det(mu - nu B) ((nu + kappa mu) (<x, Rx><q, Rq> - <x, Rq>^2) - <Q, RQ>), and of that
+    for every k the coefficient of mu^(n-k) nu^(k-1).  [matrix determinant lemma]
+    """
+    n = b.shape[-1]
+    most = min(n, most)
+    powers = [(x, q)]
+    while len(powers) < most // 2 + 1:
+        powers.append((b * powers[-1][0], b * powers[-1][1]))
+
+    def moments(i: int, j: int) -> list[Array]:  # <v_i, B^k v_j>, k < most
+        return [dot(powers[(k + 1) // 2][i], powers[k // 2][j]) for k in range(most)]
+
+    xx, xq, qq = moments(0, 0), moments(0, 1), moments(1, 1)
+    QQ = [alpha * alpha * xx[k] + 2 * alpha * beta * xq[k] + beta * beta * qq[k] for k in range(most)]
+    area = [sum(xx[i] * qq[k - i] - xq[i] * xq[k - i] for i in range(k + 1)) for k in range(most)]
+    e: list[Any] = [1]  # det(mu - nu B) = sum e_k mu^(n-k) nu^k  [Newton's identities]
+    traces: list[Array] = []
+    power = b
+    for k in range(1, most):
+        traces.append(power.sum(-1))
+        e.append(-sum(e[k - i] * traces[i - 1] for i in range(1, k + 1)) / k)
+        power = b * power
+    out = []
+    for k in range(most):  # mu^(n-k-1) nu^k
+        terms = [e[k - j] * ((kappa * area[j] if k + 1 < n else 0) - QQ[j]) for j in range(k + 1)]
+        out.append(sum(terms) + sum(e[k - 1 - j] * area[j] for j in range(k)))
     return stack(out)
 
 

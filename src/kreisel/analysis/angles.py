@@ -9,7 +9,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
 from kreisel.analysis.events import events
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 VERTICAL = 1e-9  # sin(theta) below which precession and spin cannot be separated
 
 
+@explained
 def rotations(run: xr.Dataset) -> Rotation:
     """The orientations g (body to space) as one `scipy.spatial.transform.Rotation`, n = 3; of an ensemble row by row.
 
@@ -43,6 +44,7 @@ def rotations(run: xr.Dataset) -> Rotation:
     return Rotation.from_quat(orientation_of(run).reshape(-1, 4), scalar_first=True)
 
 
+@explained
 def quaternions(run: xr.Dataset) -> Array:
     """The unit quaternions (w, x, y, z) of the orientation, (time, 4) or (time, lane, 4), without jumps of sign.
 
@@ -55,6 +57,7 @@ def quaternions(run: xr.Dataset) -> Array:
     return q * signs[..., None]
 
 
+@explained
 def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """Euler's angles phi, theta, psi of the body against time: g = R_3(phi) R_1(theta) R_3(psi), n = 3, in rad.
 
@@ -119,6 +122,7 @@ def _snapped(v: Array) -> Array:
     return near if np.abs(v - near).max() < 1e-12 and abs(near).sum() == 1 else v
 
 
+@explained
 def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """Tilt and the rates of Euler's angles at every row, from the state alone: no orientation, no differences.
 
@@ -164,6 +168,7 @@ def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
     return rates
 
 
+@explained
 def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
     """Nutation and precession measured in a run, beside the closed form where one is known (`kr.nutation`).
 

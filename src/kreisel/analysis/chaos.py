@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kreisel.algebra import Array, axial, dot, unit
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.propagator import propagator
@@ -30,6 +30,7 @@ MOST = 10**9
 TINY = 1e-300
 
 
+@explained
 def megno(
     system: Model,
     x0: StateLike,

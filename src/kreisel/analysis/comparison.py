@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import drift
 from kreisel.runs.run_record import RunRecord
@@ -56,6 +56,7 @@ class Comparison:
         return plot_comparison(self, theme=theme)
 
 
+@explained
 def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
     """Two runs of the same system at the times that both saved.
 

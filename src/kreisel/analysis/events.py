@@ -10,7 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.carrying import Carrier, depends_on_time
 from kreisel.analysis.quantities import Quantity, label, of_state
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
@@ -24,6 +24,7 @@ NUDGE = 1e-5  # of an interval, for its slope
 NEAR = 1e-11  # after the first correction, to the size of the values: the second one then meets round-off
 
 
+@explained
 def events(
     run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = None, system: Model | None = None
 ) -> xr.Dataset:

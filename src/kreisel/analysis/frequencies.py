@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.runs import harmonics
 from kreisel.runs.settings import whole_number
 from kreisel.storage.reading import a_run
@@ -63,6 +63,7 @@ class Lines:
         return plot_lines(self, theme=theme)
 
 
+@explained
 def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: int = 3) -> Lines:
     """The strongest lines of a quantity, real or complex, of one trajectory.
 
@@ -187,6 +188,7 @@ class _Finder:
         return np.conj(amplitude) / 2 * np.exp(-1j * omega * self.t)
 
 
+@explained
 def power_spectrum(run: xr.Dataset, quantity: Quantity) -> xr.Dataset:
     """The power spectral density of a quantity against the angular frequency, with the window of Hann.
 

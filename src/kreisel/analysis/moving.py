@@ -10,7 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.carrying import Carrier
 from kreisel.analysis.events import rows_of
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
@@ -27,6 +27,7 @@ ROWS_AT_ONCE = 20_000
 SMOOTH, BESIDE_CORNERS = 8, 1e-9  # pieces, and the relative error that will do in more
 
 
+@explained
 def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str = BODY) -> xr.DataArray:
     """The angular velocity of every row, (time, axis) or (time, lane, axis) for n = 3, else skew (..., n, n).
 
@@ -54,6 +55,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning})
 
 
+@explained
 def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | None = None) -> xr.DataArray:
     """The position x of a body in space at every row, (time, axis) or (time, lane, axis): x' = g U, U = dH/dP.
 

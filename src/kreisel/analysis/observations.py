@@ -344,7 +344,7 @@ def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
         known_names = [*space.letters, *table, *observables]
         raise InputError(
             f"observations: expected variables among {', '.join(known_names)}, got {shown(name)}."
-            f"{hint(letter, known_names)} For another quantity give observables={'NAME': function}."
+            f"{hint(letter, known_names)} For another quantity give observables={{'NAME': function}}."
         )
 
     def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.analysis.events import events
 from kreisel.analysis.quantities import Quantity, label, series
+from kreisel.errors import explained
 from kreisel.runs.settings import whole_number
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model
 
 
+@explained
 def section(
     run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = True, system: Model | None = None
 ) -> xr.Dataset:
@@ -26,6 +28,7 @@ def section(
     return events(run, quantity, value, rising=rising, system=system)
 
 
+@explained
 def return_map(
     run: xr.Dataset,
     quantity: Quantity,

@@ -70,6 +70,7 @@ BAECKLUND = Baecklund(
     darboux=clebsch.darboux,
     block=block,
     spin=spin,
+    axis="e",
     case=rational_case,
     pair_case=gaussian_case,
     odd=-1,

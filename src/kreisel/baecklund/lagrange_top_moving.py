@@ -51,6 +51,7 @@ BAECKLUND = Baecklund(
     darboux=lambda M, P, e, *, rho, lam: rest.darboux(M, P, e, rho=rho, lam=1 / lam),
     block=rest.block,
     spin=spin,
+    axis="A",
     largest_step=lambda M, P, *, A: rest.largest_step(-M, P, p=A),
     case=rational_case,
     pair_case=gaussian_case,

@@ -1,4 +1,4 @@
-"""The command line: run, resume, check, plot, view, systems, methods, verify, bench.
+"""The command line: new, run, resume, sweep, check, plot, view, export, systems, methods, verify, investigate, bench.
 
 Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where
 something that the method conserves is not conserved (the archive is kept); 128 and more for signals.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import sys
 
-from kreisel.cli import code, runs, subjects  # noqa: F401 - each registers its commands
+from kreisel.cli import code, new, runs, subjects  # noqa: F401 - each registers its commands
 from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
 from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trouble
 

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from kreisel.cli.output import app, parameter_of
+from kreisel.cli.output import app, parameter_of, system_names
 from kreisel.errors import InputError
-
-if TYPE_CHECKING:
-    from kreisel.record.model import Model
 
 
 @app.command()
 def code(
-    subject: Annotated[str, typer.Argument(help="A system by name, or the TOML file of a run.")],
+    subject: Annotated[
+        str, typer.Argument(help="A system by name, or the TOML file of a run.", autocompletion=system_names)
+    ],
     language: Annotated[str, typer.Option(help="c, js or julia.")] = "c",
-    method: Annotated[str | None, typer.Option(help="As in [run]; one that makes steps, or exact.")] = None,
-    order: Annotated[int | None, typer.Option(help="As in [run].")] = None,
+    method: Annotated[str | None, typer.Option(help=r"As in \[run]; one that makes steps, or exact.")] = None,
+    order: Annotated[int | None, typer.Option(help=r"As in \[run].")] = None,
     dt: Annotated[float | None, typer.Option(help="The step; 0.01 for a system by name.")] = None,
     n: Annotated[int, typer.Option("--n", help="The dimension, for a system by name.")] = 3,
     given: Annotated[
@@ -40,20 +39,22 @@ def code(
     from kreisel.bodies import find
     from kreisel.languages.source import code as text_of
     from kreisel.runs.config import read
+    from kreisel.runs.examples import example
     from kreisel.runs.own import load_system
 
     g: Any = None
     if subject.endswith(".toml"):
         if given:
             raise InputError("--set: expected a system by name, got a TOML file, which has its parameters itself.")
-        asked = read(Path(subject))
+        asked = read(Path(subject).expanduser())
         model = load_system(asked.name, asked.file)(**asked.parameters)
         state, g, run = asked.state, asked.orientation, asked.run
         method, project = method or run.method, project and run.project
         order = order if order is not None or not isinstance(run.order, int) else run.order
         dt = run.dt if dt is None else dt
     else:
-        model, state = _example(find(subject), n, dict(parameter_of(text) for text in given or ()))
+        made = example(find(subject), n, dict(parameter_of(text) for text in given or ()))
+        model, state = made.model, made.state
         if orientation and model.system.velocity is not None:
             g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
         dt = 0.01 if dt is None else dt
@@ -62,41 +63,3 @@ def code(
         text_of(model, body, dt=dt, language=language, method=method, order=order, orientation=g, project=project),
         end="",
     )
-
-
-def _example(system: Any, n: int, given: dict[str, Any]) -> tuple[Model, dict[str, Any]]:
-    """A model, and a state of it, with numbers of no meaning but for those that are given."""
-    n = system.n or n
-    steps = [float(i + 1) for i in range(n)]
-    upright = [0.0] * (n - 1) + [1.0]
-    values: dict[str, Any] = {
-        "scalar": 1.0,
-        "symmetric": [[i * (i == j) for j in steps] for i in steps],
-        "dimension": n,
-    }
-    params = {
-        p.letter: upright if p.fixed else values.get(p.kind, steps) for p in system.parameters if p.default is None
-    }
-    spin = [0.1 * (i + 1) for i in range(n * (n - 1) // 2)]
-    states: dict[str, Any] = {
-        "skew": [0.1, 0.2, 1.5] if n == 3 else _skew(spin, n),
-        "vector": [0.6, *[0.0] * (n - 2), 0.8],
-        "symmetric": values["symmetric"],
-    }
-    try:
-        model = system(**{**params, **given})
-        state = {letter: states[kind] for letter, kind in system.space.components}
-        model.state(**state)
-    except (InputError, KeyError) as error:
-        raise InputError(
-            f"{system.name}: {error} Write a TOML file with [system], [state] and [run], and give its name: "
-            "`kreisel code run.toml`."
-        ) from error
-    return model, state
-
-
-def _skew(entries: list[float], n: int) -> list[list[float]]:
-    place = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n) for j in range(i + 1, n))}
-    return [
-        [entries[place[i, j]] if i < j else -entries[place[j, i]] if j < i else 0.0 for j in range(n)] for i in range(n)
-    ]

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Simulate spinning bodies and keep every first integral to round-off.",
@@ -36,9 +35,59 @@ TOO_MUCH = "Usual cause: an n or a number of lanes that is too large. Use fewer,
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
 
 
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help=r"A value in place of the file's: run.dt=0.01, 'system.p=\[0, 0, 2]'; may be repeated."),
+]
+OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if Kreisel wrote it.")]
+
+
 def a_path(text: str, *names: str) -> Any:
-    """An argument, or an option of these names, that is a path; Kreisel itself says whether it can be read."""
-    return typer.Option(*names, readable=False, help=text) if names else typer.Argument(readable=False, help=text)
+    """An argument, or an option of these names, that is a path, ~ expanded; Kreisel says whether it can be read."""
+    known: dict[str, Any] = {"readable": False, "callback": _from_home, "help": text}
+    return typer.Option(*names, **known) if names else typer.Argument(**known)
+
+
+def _from_home(path: Path | None) -> Path | None:
+    try:
+        return None if path is None else path.expanduser()
+    except RuntimeError:
+        raise InputError(f"expected a path, got {shown(str(path))}: there is no such user.") from None
+
+
+def _version(asked: bool) -> None:
+    if not asked:
+        return
+    from importlib.metadata import version
+
+    import kreisel
+
+    beside = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "xarray", "zarr"))
+    print(f"kreisel {kreisel.__version__} (Python {sys.version.split()[0]}, {beside})")
+    raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the versions.")
+    ] = False,
+) -> None:
+    """Simulate spinning bodies and keep every first integral to round-off."""
+
+
+def system_names(begun: str) -> list[str]:
+    """The systems whose names begin so, for the shell."""
+    from kreisel.bodies import KNOWN
+
+    return [name for name in KNOWN if name.startswith(begun)]
+
+
+def method_names(begun: str) -> list[str]:
+    """The methods whose names begin so, for the shell."""
+    from kreisel.method import METHODS
+
+    return [name for name in METHODS if name.startswith(begun)]
 
 
 def condition(faults: list[str]) -> str:
@@ -100,23 +149,44 @@ def finding_data(finding: Any) -> dict[str, Any]:
     }
 
 
-def save_figure(result: Any, target: Path, compare: Any = None, theme: str = "light", style: str = "house") -> None:
+def save_figure(
+    result: Any,
+    target: Path,
+    compare: Any = None,
+    theme: str = "light",
+    style: str = "house",
+    overwrite: bool = True,
+) -> None:
     """Draw a run, beside another if there is one, into a file."""
     from kreisel.storage.replacing import written
     from kreisel.viewer.plots import plot as draw
 
-    require_figure(target)
-    with written(target) as scratch:
-        mark = {".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]
-        draw(result, compare=compare, theme=theme, style=style).savefig(scratch, metadata={mark: "Kreisel"})
+    require_figure(target, overwrite)
+    with written(target, overwrite) as scratch:
+        draw(result, compare=compare, theme=theme, style=style).savefig(scratch, metadata=_mark(target))
 
 
-def require_figure(target: Path) -> None:
+def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, overwrite: bool) -> None:
+    """Draw the summaries of a sweep into a file."""
+    from kreisel.storage.replacing import written
+    from kreisel.sweeps.sweep import open_sweep
+    from kreisel.viewer.sweep_chart import sweep_figure
+
+    with written(target, overwrite) as scratch:
+        sweep_figure(open_sweep(store), show, theme).savefig(scratch, metadata=_mark(target))
+
+
+def _mark(target: Path) -> dict[str, str]:
+    """By which Kreisel knows its own figures."""
+    return {{".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]: "Kreisel"}
+
+
+def require_figure(target: Path, overwrite: bool = True) -> None:
     """Raises `InputError` where no figure can be written."""
     from kreisel.runs.config import FIGURES
     from kreisel.storage.replacing import require_file
 
-    require_file(target)
+    require_file(target, overwrite)
     if target.suffix.lower() not in FIGURES:
         raise InputError(f"Expected the name of a figure that ends in {', '.join(FIGURES)}; got {str(target)!r}.")
 

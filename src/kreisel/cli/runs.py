@@ -14,6 +14,8 @@ import typer
 from kreisel.cli.output import (
     AsJson,
     Overwrite,
+    OverwriteFile,
+    Set,
     a_path,
     app,
     condition,
@@ -23,17 +25,42 @@ from kreisel.cli.output import (
     records,
     require_figure,
     save_figure,
+    save_sweep_figure,
     say,
     shout,
     warnings_in_the_table,
 )
 from kreisel.errors import InputError
+from kreisel.stopwatch import SPENT
+
+MAY_BE_LONG = 1_000_000  # steps times n: a pilot says how long they take
+LONG_SECONDS, LARGE = 20.0, 1e9  # beyond them an estimate is said before the run
+
+SWEEP_HELP = """\
+Simulate many lanes that differ in parameters, states or settings.
+
+The same command goes on after a kill.
+
+\b
+\\[sweep]                  beside \\[system], \\[state], \\[run], \\[output] of a run
+rng = 1                  the seed of the random draws
+draws = 50               how many of them
+save = \\["drift", "extremes"]   also "frequencies", "trajectories"
+block, memory            lanes in a block, MiB of arrays in a worker (256)
+\\[sweep.grid]             every combination
+system.alpha = { from = 0.2, to = 1.8, count = 20 }   or a list; spacing = "log"
+\\[sweep.list]             values that go together, as many of each
+run.dt = \\[0.1, 0.05]
+\\[sweep.random]           uniform, loguniform = \\[a, b], normal = \\[mean, deviation], sphere = radius
+state."m\\[2]" = { uniform = \\[1.0, 3.0] }
+"""
 
 
 @app.command()
 def run(
-    config: Annotated[Path, a_path("A TOML file; see examples/.")],
+    config: Annotated[Path, a_path("A TOML file; `kreisel new` writes one.")],
     overwrite: Overwrite = False,
+    changes: Set = None,
     as_json: AsJson = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
     project: Annotated[
@@ -50,20 +77,17 @@ def run(
     from kreisel.runs.run_record import RunRecord
     from kreisel.runs.simulate import simulate
 
-    asked = read(config)
+    asked = read(config, changes or ())
     model = load_system(asked.name, asked.file)(**asked.parameters)
     if figure:
         require_figure(asked.figure)
     begun = time.perf_counter()
+    settings = msgspec.structs.asdict(asked.run.but(project=asked.run.project and project))
+    settings["orientation"], state = asked.orientation, model.state(**asked.state)
+    SPENT.clear()
+    _say_how_long(model, state, settings, asked)
     with warnings_in_the_table():
-        result = simulate(
-            model,
-            model.state(**asked.state),
-            **msgspec.structs.asdict(asked.run.but(project=asked.run.project and project)),
-            orientation=asked.orientation,
-            path=asked.path,
-            overwrite=overwrite,
-        )
+        result = simulate(model, state, **settings, path=asked.path, overwrite=overwrite)
     seconds = time.perf_counter() - begun
     table, record = drift(result), RunRecord.from_attrs(result.attrs)
     summary = {
@@ -76,6 +100,8 @@ def run(
         "steps": record.steps,
         "rows": int(result.sizes["time"]),
         "seconds": round(seconds, 3),
+        "seconds_of_kernels": round(SPENT["kernels"], 3),
+        "seconds_of_steps": round(SPENT["steps"], 3),
     }
     if as_json:
         if figure:
@@ -83,14 +109,35 @@ def run(
         print_json({**summary, "drift": records(table), "broken": broken(table)})
         return shout(broken(table))
     say(f"{record.title}: {model}")
-    if summary["options"]:
-        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-    say(f"{record.steps:,} steps of {record.dt:g} in {seconds:.2f} s -> {asked.path} ({summary['rows']:,} rows)")
+    _say_what_was_done(summary)
     print_drift(table)
     if figure:
         save_figure(result, asked.figure)
         say(f"figure: {asked.figure}")
     return shout(broken(table))
+
+
+def _say_what_was_done(summary: dict[str, Any]) -> None:
+    if summary["options"]:
+        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
+    say(f"{summary['steps']:,} steps of {summary['dt']:g} -> {summary['archive']} ({summary['rows']:,} rows)")
+    seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
+    say(
+        f"{seconds:.2f} s: kernels loaded or compiled {kernels:.2f}, steps {steps:.2f}, integrals and archive "
+        f"{seconds - kernels - steps:.2f}"
+    )
+
+
+def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) -> None:
+    """On stderr, before a run that may be long."""
+    if asked.run.steps * model.n < MAY_BE_LONG or asked.run.order == "auto":
+        return
+    from kreisel.runs.estimating import estimate
+    from kreisel.runs.plan import make_plan
+
+    found = estimate(make_plan(model, state, **settings), asked.path)
+    if found.seconds > LONG_SECONDS or found.bytes > LARGE:
+        say(f"{found.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
 
 
 @app.command()
@@ -116,22 +163,23 @@ def resume(
     return shout(broken(table))
 
 
-@app.command()
+@app.command(help=SWEEP_HELP)
 def sweep(
-    config: Annotated[Path, a_path("A TOML file with a section [sweep]; see examples/sweep.toml.")],
+    config: Annotated[Path, a_path(r"A TOML file with a section \[sweep]; `kreisel new NAME --sweep` writes one.")],
     workers: Annotated[
         int | None, typer.Option("--workers", help="Processes here, by default one a core; 0: this one, without Dask.")
     ] = None,
     scheduler: Annotated[str | None, typer.Option("--scheduler", help="The address of a Dask scheduler.")] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
+    changes: Set = None,
 ) -> None:
-    """Simulate many lanes that differ in parameters, states or settings; the same command goes on after a kill."""
+    """`SWEEP_HELP`."""
     from kreisel.runs.config import read_sweep
     from kreisel.sweeps.broken_lanes import broken_lanes
     from kreisel.sweeps.sweep import carry_out, failures, open_sweep
 
-    description, file, path = read_sweep(config)
+    description, file, path = read_sweep(config, changes or ())
     report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
     result = open_sweep(report.path)
     worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
@@ -225,14 +273,26 @@ def plot(
     style: Annotated[str, typer.Option("--style", help="house, or journal: 183 mm wide, 8 points, a serif face.")] = (
         "house"
     ),
+    overwrite: OverwriteFile = False,
+    show: Annotated[str | None, typer.Option("--show", help="Of a sweep: the variable to draw, a_max[2].")] = None,
 ) -> None:
-    """Draw the figure of an archive."""
-    from kreisel.storage.opening import open_archive
+    """Draw the figure of an archive; of a sweep a summary of its lanes over one or two of what varies."""
+    from kreisel.storage.opening import is_sweep, open_archive
     from kreisel.storage.replacing import settled
 
-    result = open_archive(settled(archive))
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
-    save_figure(result, target, open_archive(settled(compare)) if compare else None, "dark" if dark else "light", style)
+    where, theme = settled(archive), "dark" if dark else "light"
+    swept = is_sweep(where)
+    require_figure(target, overwrite)
+    if swept:
+        if compare:
+            raise InputError(f"--compare: expected archives of two runs, got the sweep {archive}. Leave it out.")
+        save_sweep_figure(where, target, show, theme, overwrite)
+    elif show is not None:
+        raise InputError(f"--show: expected a sweep, got the run {archive}. Leave it out.")
+    else:
+        beside = open_archive(settled(compare)) if compare else None
+        save_figure(open_archive(where), target, beside, theme, style, overwrite)
     say(f"figure: {target}")
 
 
@@ -252,24 +312,31 @@ def view(
     host: Annotated[
         str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="0: one that is free.")] = 0,
+    port: Annotated[int, typer.Option("--port", help="The port of --serve; 0 takes any free one.")] = 0,
+    overwrite: OverwriteFile = False,
 ) -> None:
-    """Write the interactive page of an archive: one HTML file that opens offline."""
-    from kreisel.storage.opening import open_archive
+    """Write the interactive page of an archive: one HTML file that opens offline; of a sweep that of one lane."""
+    from kreisel.storage.opening import is_sweep, open_archive
     from kreisel.storage.replacing import require_file, settled
+    from kreisel.sweeps.one_lane import one_lane
     from kreisel.viewer.page import view as page_of
 
+    where = settled(archive)
+    swept = is_sweep(where)
     if serve:
+        if swept:
+            raise InputError(f"--serve: expected a run, got the sweep {archive}. `kreisel view` shows a lane.")
         _serve(archive, host, port, lane)
         return
-    result = open_archive(settled(archive))
+    target = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
+    require_file(target, overwrite)
+    shown = one_lane(where, lane[0] if lane else 0) if swept else open_archive(where)
+    page = page_of(shown, lane=None if swept else lane or None, body=body, mesh=mesh)
     if movie is not None:
-        page_of(result, lane=lane or None, body=body, mesh=mesh).movie(movie)
+        page.movie(movie)
         say(f"film: {movie}")
         return
-    target = out or (archive if archive.name else archive.resolve()).with_suffix(".html")
-    require_file(target)
-    page_of(result, lane=lane or None, body=body, mesh=mesh).save(target)
+    page.save(target)
     say(f"page: {target}")
 
 

@@ -9,7 +9,19 @@ from typing import Annotated, Any
 
 import typer
 
-from kreisel.cli.output import AsJson, a_path, app, finding_data, parameter_of, print_finding, print_json, say, width
+from kreisel.cli.output import (
+    AsJson,
+    a_path,
+    app,
+    finding_data,
+    method_names,
+    parameter_of,
+    print_finding,
+    print_json,
+    say,
+    system_names,
+    width,
+)
 from kreisel.errors import (
     InputError,
 )
@@ -17,7 +29,9 @@ from kreisel.errors import (
 
 @app.command()
 def systems(
-    name: Annotated[str | None, typer.Argument(help="One system, for its whole record.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="One system, for its whole record.", autocompletion=system_names)
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List the systems, or print the record of one."""
@@ -36,7 +50,9 @@ def systems(
 
 @app.command()
 def methods(
-    name: Annotated[str | None, typer.Argument(help="One method, for its whole record.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="One method, for its whole record.", autocompletion=method_names)
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List the methods, or print the record of one."""
@@ -170,7 +186,7 @@ def investigate(
     given = dict(parameter_of(text) for text in constants or [])
     file = what.endswith(".py")
     found = (
-        investigation.investigate_file(Path(what), **known, **given)
+        investigation.investigate_file(Path(what).expanduser(), **known, **given)
         if file
         else investigation.investigate(what, **known, **given)
     )

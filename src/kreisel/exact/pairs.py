@@ -77,7 +77,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
     def close(*z: Array, **consts: Array) -> State:
-        own = turned_with_body(body.system.space.kinds, z[:2], consts) if spins else z[:2]
+        own = turned_with_body(body.system.space.kinds, z[:2], consts, record.axis) if spins else z[:2]
         return (*own, *(_turned(g, SPINS if spins else (), **consts) for g in z[2:]))
 
     numbers = dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0)

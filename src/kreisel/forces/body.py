@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import kicks
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
@@ -31,6 +31,7 @@ PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 INNER = (2, 4, 6, 8)  # orders
 
 
+@explained
 def perturbed(
     system: Model | Sequence[Model],
     *,
@@ -257,9 +258,8 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
             "damping=..."
         )
-    if system.product and (
-        record.potential is None or record.names(ORIENTATION) or record.functions.keys() > {"potential"}
-    ):
+    others = record.loaded or record.damping or record.inertia or record.coupling
+    if system.product and (record.potential is None or record.names(ORIENTATION) or others):
         raise InputError(
             f"{system.name}: expected several bodies with one potential, of {', '.join(_carried(system))}, t,"
             " got none, or other forces. Forces that take g are those of a body alone, or of bodies in pairs."

@@ -76,12 +76,14 @@ class Slopes(NamedTuple):
     outputs: dict[str, str]
 
 
-def recorded(function: Callable[..., Any], kinds: Sequence[str], n: int, known: Mapping[str, Any]) -> Record | None:
+def recorded(
+    function: Callable[..., Any], kinds: Sequence[str], n: int, known: Mapping[str, Any], most: int = MOST_LINES
+) -> Record | None:
     """A step on recorded numbers, None where it has a loop, is too long or cannot be recorded.
 
     `known`: constants with the name of each recorded entry, a string, in place of its number.
     """
-    tape = Tape(most=MOST_LINES)
+    tape = Tape(most=most)
     count = sum(layout.coordinate_count(kind, n) for kind in kinds)
     flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
     try:

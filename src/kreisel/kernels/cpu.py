@@ -47,6 +47,9 @@ EXACT = 'cache=True, nogil=True, error_model="numpy"'
 FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
 MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
+FEW = (
+    20  # invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes
+)
 
 HEAD = '''"""Made by kreisel.kernels.cpu by recording {name}; not to be edited."""
 from math import cos, exp, log, sin, sqrt
@@ -211,7 +214,8 @@ def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool
     by_arrays = observed.function is scheme.observe
     if by_arrays and scheme.n > arrays.MOST_N:
         return None
-    if not (by_arrays and (arrays_only or scheme.n > MOST_N)):
+    short = observed.own <= 2 * scheme.n and sum(map(len, observed.members.values())) <= FEW
+    if not (by_arrays and (arrays_only or (scheme.n > MOST_N and not short))):
         more = scheme.basis if by_arrays else {}
         constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **more}), len(z))
         program, too_long = _program_between(scheme, columns, observed)

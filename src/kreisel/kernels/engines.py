@@ -91,6 +91,11 @@ def engine_of(
 
 
 def _require_map(scheme: Scheme, name: str) -> None:
+    if isinstance(scheme.motion, CoupledSteps):
+        raise InputError(
+            f"engine={shown(name)}: expected lanes that are independent, got bodies that act on each other in pairs. "
+            "Use engine='cpu'."
+        )
     if not isinstance(scheme.motion, Steps):
         raise InputError(
             f"engine={shown(name)} runs maps, not method={shown(scheme.name)} for this system. Use engine='cpu'."

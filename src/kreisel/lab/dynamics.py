@@ -1,7 +1,7 @@
 """Orbits of a map in floats: Lyapunov's exponents, SALI and GALI from the tangent map, frequencies, sections.
 
-The tangent map is the step itself on dual numbers, recorded and compiled like any step; of a Lagrangian in JAX it is
-its derivative by the implicit function theorem.
+The tangent map is that of `kreisel.kernels.adjoint`, derived from the record of the step and compiled; of a Lagrangian
+in JAX it is its derivative by the implicit function theorem.
 
     exponents   lim log |Dphi^k v| / k of k vectors, kept apart by QR     [Benettin et al., Meccanica 15 (1980)]
     GALI_j      volume of the box of j unit tangent vectors; SALI the smaller of |v + w|, |v - w| for j = 2.  On a
@@ -20,14 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array, objects
+from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.kernels.cpu import CpuEngine
+from kreisel.kernels.adjoint import code_of, recorded
 from kreisel.lab import exact
-from kreisel.lab.exact import Dual
 from kreisel.lab.fields import fraction
 from kreisel.lab.subject import Subject
-from kreisel.method.scheme import JaxSteps, Scheme, Steps
+from kreisel.method.scheme import JaxSteps, Scheme
 
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
@@ -35,6 +34,7 @@ ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
 CLEAR = 5.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
 STARTS = 50
+MOST_LINES = 20_000  # of a step
 NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
 
 
@@ -81,46 +81,96 @@ class Dynamics:
 
 
 class CompiledOrbit:
-    """A compiled step, with tangent vectors (k, d) along: a lane for each; a point is x (d,)."""
+    """A compiled step, with tangent vectors (k, d) along; a point is x (d,)."""
 
     def __init__(self, what: Subject, x: Array, vectors: Array | None = None):
         self.what = what
         start = np.asarray(x, dtype=np.float64)
         if start.shape != (what.dim,) or not np.isfinite(start).all():
             raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}, got {shown(x)}.")
-        rows = start[None]
-        if vectors is not None:
-            rows = np.concatenate([np.broadcast_to(start, vectors.shape), vectors], 1)
-        scheme = _scheme(what, vectors is not None)
-        if isinstance(scheme.motion, JaxSteps):
-            from kreisel.kernels.jax import JaxEngine
-
-            self._kernel: Any = JaxEngine(scheme, rows, 1.0)
-        else:
-            self._kernel = CpuEngine(scheme, rows)
+        count = 0 if vectors is None else len(vectors)
+        orbit = _ByJax if what.model is not None and what.model.system.numbers == "jax" else _ByKernels
+        self._orbit: Any = orbit(what, start.copy(), np.zeros((count, what.dim)) if vectors is None else vectors)
 
     @property
     def vectors(self) -> Array:
         """The tangent vectors (k, d)."""
-        return self._kernel.z[:, self.what.dim :]
+        return self._orbit.vectors
 
     def put(self, vectors: Array) -> None:
         """Other tangent vectors."""
-        self._kernel.z[:, self.what.dim :] = vectors
+        self._orbit.vectors = vectors
 
     def advance(self, steps: int, rows: int = 1) -> Array:
         """`rows` points (rows, d), `steps` steps apart.  Raises `RunError` where the orbit escapes."""
-        out = np.empty((rows, *self._kernel.z.shape))
-        self._kernel.advance(out, steps)
-        points = out[:, 0, : self.what.dim]
+        points = self._orbit.advance(steps, rows)
         if not (np.abs(points) < FURTHEST).all():
             raise RunError(f"The orbit of {self.what.name} escapes, or meets a pole. Choose another start.")
         return points
 
 
+class _ByKernels:
+    """By the kernels of the recorded step: `forward`, and `push` where there are vectors."""
+
+    def __init__(self, what: Subject, x: Array, vectors: Array):
+        self.x, self.vectors = x, vectors
+        scalars = {k: np.asarray(v, dtype=object) for k, v in what.floats.items() if np.ndim(v) == 0}
+        names = {k: np.array(f"c{i}", dtype=object) for i, k in enumerate(scalars)}
+        fixed = {k: v for k, v in what.floats.items() if np.ndim(v) > 0}
+        own = replace(what, step=partial(what.step, **fixed))
+        record = recorded(lambda x, **known: (_called(own, x, known),), [f"R^{what.dim}"], 3, names, MOST_LINES)
+        if record is None:
+            raise InputError(
+                f"The step of {what.name} could not be recorded: expected a formula of at most {MOST_LINES:,} "
+                "operations, without a loop, got a longer one."
+            )
+        self._code = code_of(record, None, len(names), 0)
+        self._known = np.array([float(v) for v in scalars.values()]), np.zeros((1, 0))
+
+    def advance(self, steps: int, rows: int) -> Array:
+        if not len(self.vectors):
+            points = np.empty((rows, len(self.x)))
+            self._code.forward(self.x, *self._known, points, steps, steps)
+            self.x = points[-1].copy()
+            return points
+        points = np.empty((rows, len(self.x)))
+        columns = np.ascontiguousarray(self.vectors.T)
+        count = columns.shape[1]
+        empty = np.zeros((len(self._known[0]), count)), np.zeros((1, 0, count))
+        for row in range(rows):
+            self._code.push(False)(self.x, *self._known, columns, *empty, np.empty((1, *columns.shape)), steps)
+            self._code.forward(self.x, *self._known, points[row : row + 1], steps, steps)
+            self.x = points[row].copy()
+        self.vectors = columns.T
+        return points
+
+
+class _ByJax:
+    """By JAX: a lane for each vector."""
+
+    def __init__(self, what: Subject, x: Array, vectors: Array):
+        from kreisel.kernels.jax import JaxEngine
+
+        self._dim, self._count = len(x), len(vectors)
+        rows = np.concatenate([np.tile(x, (len(vectors), 1)), vectors], axis=1) if len(vectors) else x[None]
+        self._kernel = JaxEngine(_scheme(what, len(vectors) > 0), rows, 1.0)
+
+    @property
+    def vectors(self) -> Array:
+        return self._kernel.z[:, self._dim :] if self._count else np.zeros((0, self._dim))
+
+    @vectors.setter
+    def vectors(self, vectors: Array) -> None:
+        self._kernel.z[:, self._dim :] = vectors
+
+    def advance(self, steps: int, rows: int) -> Array:
+        out = np.empty((rows, *self._kernel.z.shape))
+        self._kernel.advance(out, steps)
+        return out[:, 0, : self._dim]
+
+
 def _scheme(what: Subject, tangent: bool) -> Scheme:
-    """The step as a scheme, with a tangent vector or without."""
-    jax_numbers = what.model is not None and what.model.system.numbers == "jax"
+    """The step of JAX as a scheme, with a tangent vector or without."""
     constants = {k: np.asarray(v) for k, v in what.floats.items() if np.ndim(v) == 0}
     fixed = {k: v for k, v in what.floats.items() if np.ndim(v) > 0}
     return Scheme(
@@ -130,24 +180,12 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
         axes={k: np.ndim(v) for k, v in constants.items()},
         n=3,
         prepare=lambda z: z,
-        motion=JaxSteps(_pushed_by_jax(what.step, _Fixed(fixed)))
-        if jax_numbers
-        else Steps(_pushed(replace(what, step=partial(what.step, **fixed)))),
+        motion=JaxSteps(_pushed_by_jax(what.step, _Fixed(fixed))),
         observe=lambda z, /, **constants: {},
         reopen=lambda z: z,
         outcomes={},
-        recordable=not jax_numbers,
+        recordable=False,
     )
-
-
-def _pushed(what: Subject) -> Callable[..., tuple[Array, ...]]:
-    def step(x: Array, v: Array | None = None, /, **constants: Array) -> tuple[Array, ...]:
-        if v is None:
-            return (_called(what, x, constants),)
-        new = _called(what, objects(Dual(x[i], v[i : i + 1]) for i in range(what.dim)), constants)
-        return objects(y.value if isinstance(y, Dual) else y for y in new), exact.slopes(new, 1)[:, 0]
-
-    return step
 
 
 class _Fixed(dict[str, Array]):
@@ -179,8 +217,8 @@ def _called(what: Subject, x: Array, constants: dict[str, Array]) -> Array:
         return np.asarray(what.step(x, **constants), dtype=object)
     except (TypeError, AttributeError) as error:
         raise InputError(
-            f"The step of {what.name} could not be recorded: {error}. It must be a formula in + - * / and whole "
-            "powers, without branches and functions of NumPy."
+            f"The step of {what.name} could not be recorded: {error}. It must be a formula in + - * /, whole "
+            "powers, sqrt, sin, cos, exp and log, without branches."
         ) from error
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.lab import report
 from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS, Clues, Finding
@@ -59,6 +59,7 @@ class Investigation:
 RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10**9), "seed": (0, 2**63)}
 
 
+@explained
 def investigate(
     what: Model | System | str | Subject | Callable[..., Any],
     *,
@@ -131,8 +132,9 @@ def investigate_file(file: Path, **options: Any) -> Investigation:
     found: list[Any] = models or list(own_systems(defined).values())
     if len(found) != 1:
         raise InputError(
-            f"{file} must define one thing to investigate at its top level: a function step with names or n, or a "
-            f"model or system of its own, got {len(found)}."
+            f"{file}: expected one thing to investigate at its top level, got {len(found)}. Write where the map lives "
+            'and a function step, such as the two lines `names = ("x", "y")` and `def step(x): return x[1], 2 - x[0] - '
+            "x[1] ** 2`; on e*(3) `n = 3` and `def step(M, P): ...`; or one model or system of your own."
         )
     return investigate(found[0], **options)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.kernels.printing import Line
 from kreisel.kernels.projection.program import Program
 from kreisel.kernels.projection.text import FLAT, TAU, gain_of, projection_block
@@ -30,6 +30,7 @@ PIECE = re.compile(r"def (\w+)\((.*)\):\n")
 MARKS = {"c": "@name@_"}  # of names that would meet those of other files
 
 
+@explained
 def code(
     system: Model,
     x0: StateLike,

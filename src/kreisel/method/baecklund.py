@@ -113,7 +113,7 @@ class Product:
         z = self._stage(z, consts, False) if self.single else z
         own, g = z[: self.count], z[self.count :]
         if self.spins:
-            own = turned_with_body(self.model.system.space.kinds, own, consts)
+            own = turned_with_body(self.model.system.space.kinds, own, consts, self.record.axis)
         return (*own, *(_turned_by_constants(h, consts, self.rest, self.record.spin is not None) for h in g))
 
     def _stage(self, z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
@@ -243,10 +243,12 @@ def spin_turns(model: Model, own: tuple[Array, ...], dt: float) -> dict[str, Arr
     return _constant_turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
 
 
-def turned_with_body(kinds: tuple[str, ...], own: tuple[Array, ...], consts: dict[str, Array]) -> tuple[Array, ...]:
+def turned_with_body(
+    kinds: tuple[str, ...], own: tuple[Array, ...], consts: dict[str, Array], axis: str
+) -> tuple[Array, ...]:
     """The state in a body turned by `SPINS`."""
     for half in SPINS:
-        own = tuple(algebra.turned(kind, -consts[half], x) for x, kind in zip(own, kinds, strict=True))
+        own = tuple(algebra.turned(kind, -consts[half], x, consts[axis]) for x, kind in zip(own, kinds, strict=True))
     return own
 
 

@@ -146,8 +146,8 @@ METHOD = Method(
     orders=ORDERS,
     default=2,
     poisson="no",
-    conserves="linear integrals; at order 2 deformed integrals of the Euler top (n = 3, 4), of Lagrange's of equal "
-    "moments, of Clebsch's case, and of a gyrostat whose wheel is across a principal axis",
+    conserves="linear integrals; at order 2 deformed integrals of the Euler top (n = 3, 4), of Lagrange's top with "
+    "equal moments, of Clebsch's case and of gyrostats with the wheel across a principal axis",
     sources=("kahan1993", "hirota2000", "petrera2011"),
     make=kahan,
     composed=COMPOSED,

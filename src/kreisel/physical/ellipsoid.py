@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.physical.measures import RATE, SI, Units, convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.record.model import Model, State
 from kreisel.system.kirchhoff import SYSTEM as Kirchhoff
@@ -22,6 +22,7 @@ def _cyclic(v: Any) -> tuple[Array, Array, Array]:
     return np.asarray(v), np.roll(v, -1), np.roll(v, -2)
 
 
+@explained
 @dataclass(frozen=True)
 class Ellipsoid:
     """Homogeneous ellipsoid in an ideal fluid at rest at infinity, in SI units.

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.inertia import CLOSE, Principal, inertia_tensor, principal
 from kreisel.physical.measures import RATE, convert_fields, in_range, scales_of, si_number, si_numbers, three
@@ -32,6 +32,7 @@ class AxisStability(NamedTuple):
     period: float  # s, of the disturbance in the body; inf unless stable
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class FreeBody:
     """A rigid body without torque, in SI units.

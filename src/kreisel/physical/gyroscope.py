@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.physical.measures import (
     MOMENT,
     RATE,
@@ -35,6 +35,7 @@ class Motion(NamedTuple):
     nutation: Array  # theta'
 
 
+@explained
 @dataclass(frozen=True)
 class Gyroscope:
     """Heavy symmetric top on a fixed point, in SI units.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.physical.inertia import inertia_tensor, mass_tensor
 from kreisel.physical.measures import RATE, STANDARD_GRAVITY, convert_fields, in_range, scales_of, si_number, si_numbers
 from kreisel.record.model import Model, State
@@ -17,6 +17,7 @@ from kreisel.system.heavy_top import SYSTEM as HeavyTop
 from kreisel.units import Scales
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class HeavyBody:
     """Any rigid body on a fixed point in gravity, in SI units.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.units import Scale, Scales, si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
@@ -78,6 +78,7 @@ def in_range(what: str, value: Callable[[], Any]) -> Any:
     return got
 
 
+@explained
 @dataclass(frozen=True)
 class Units:
     """Units of a scaled system: mass in kg, length in m, time in s.  Raises `InputError` unless all are > 0."""

@@ -10,10 +10,11 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.bodies import satellite
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.physical.measures import convert_fields, in_range, si_number
 
 
+@explained
 class Primary(NamedTuple):
     """What is orbited: gravitational parameter mu, m^3/s^2; radius, m; k of its magnetic dipole, T m^3."""
 
@@ -30,6 +31,7 @@ SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class Orbit:
     """A Kepler orbit, at its pericentre at t = 0, in SI units.

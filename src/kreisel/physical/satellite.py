@@ -12,7 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.bodies import BODIES, satellite
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
 from kreisel.physical.measures import convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.physical.orbit import SATURN, SUN, Orbit
@@ -26,6 +26,7 @@ ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
 SOLAR_PRESSURE = 4.56e-6  # N/m^2 on what absorbs, at the distance of the Earth: 1361 W/m^2 over the speed of light
 
 
+@explained
 class Plate(NamedTuple):
     """A flat plate: outward normal and centre along the body axes, from the centre of mass, m; area, m^2."""
 
@@ -34,6 +35,7 @@ class Plate(NamedTuple):
     area: Any
 
 
+@explained
 class Harmonics(NamedTuple):
     """Of a body's own field, of degrees 3 and 4, about its centre of mass along the body axes.
 
@@ -61,6 +63,7 @@ class Frequencies(NamedTuple):
     roll_yaw_fast: float
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class Satellite:
     """A rigid satellite on a Kepler orbit, in SI units: a run of it is in SI units too.
@@ -271,6 +274,7 @@ class Satellite:
         return scales_of(1.0, M=("kg m^2/s", 1.0), energy=joule, work=joule, balance=joule)
 
 
+@explained
 class Asteroid(Satellite):
     """A moon or an asteroid on its orbit: a `Satellite` whose shape is an ellipsoid of constant density."""
 

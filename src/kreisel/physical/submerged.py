@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis import path
 from kreisel.bodies import BODIES
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.free_body import UPRIGHT, FreeBody, attitude_quaternion
 from kreisel.physical.measures import STANDARD_GRAVITY, convert_fields, scales_of, si_number, si_numbers, three
@@ -37,6 +37,7 @@ class Course(NamedTuple):
     angular_velocity: Array
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class SubmergedBody:
     """A rigid body deep in a fluid: a run of it is in SI units.
@@ -183,6 +184,7 @@ def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
     return si_numbers(value, "1", name, shapes)
 
 
+@explained
 def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: Any = 1.0, period: float = 0.0) -> Array:
     """A 6 x 6 matrix of added mass from a text file, in SI: six rows of six numbers, or WAMIT's numeric output.
 

@@ -227,6 +227,7 @@ class Baecklund:
     block(*state)                the part of the momentum that does not touch the carried vector; g also turns by
                                  cay(eps/2 block), in the body for the rest frame, in space for the moving frame
     spin(*state)                 the constant rest of the angular velocity for unequal moments, in the state's frame
+    axis                         of spin in a moving frame: the name of a parameter
     largest_step(*state)         the largest real eps
     case, pair_case(n, draw)     (state, params, e, mu, rho) with everything rational, for the laws; in the latter e, mu
                                  and rho are complex, over Q(i)
@@ -242,6 +243,7 @@ class Baecklund:
     block: Function
     darboux: Function | None = None
     spin: Function | None = None
+    axis: str = ""
     largest_step: Function | None = None
     case: Function | None = None
     pair_case: Function | None = None

@@ -35,6 +35,8 @@ class State(Mapping[str, Array]):
         self._components, self._kinds = dict(components), dict(kinds)
 
     def __getitem__(self, letter: str) -> Array:
+        if letter not in self._components:
+            raise KeyError(f"this state has the components {', '.join(self._components)}, not {letter!r}")
         return self._components[letter]
 
     def __getattr__(self, letter: str) -> Array:
@@ -129,6 +131,17 @@ class Model:
                 f"which {', '.join(lost)} is not finite. Use other units."
             )
         return found
+
+    def __getattr__(self, name: str) -> Any:
+        system = None if name.startswith("_") else self.__dict__.get("system")
+        if system is None:
+            raise AttributeError(name)
+        if name in self.params:
+            raise AttributeError(f"the parameter {name} of {system.name} is .params[{name!r}]")
+        raise AttributeError(
+            f"{system.name} has no attribute {name!r}.{hint(name, dir(self))} Functions take it as their first "
+            "argument: kr.simulate(system, x0, dt=..., steps=...)."
+        )
 
     @property
     def key(self) -> tuple[Any, ...]:

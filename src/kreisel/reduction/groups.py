@@ -22,7 +22,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.reduction import linear, newton
 from kreisel.reduction.double import double, jax
 
@@ -86,6 +86,12 @@ class Group:
 
     def __repr__(self) -> str:
         return f"<{self.name}, dimension {self.dim}, {self.retraction}>"
+
+    def same(self, other: Any) -> bool:
+        """Whether the other is this group: the same basis, retraction and form of the momenta, whatever its name."""
+        if not isinstance(other, Group) or (self.retraction, self.skew) != (other.retraction, other.skew):
+            return False
+        return np.array_equal(self.basis, other.basis)
 
     @property
     def dim(self) -> int:
@@ -217,6 +223,7 @@ def _cayley_stays(group: Group) -> bool:
 # -- ready-made ------------------------------------------------------------------------------------
 
 
+@explained
 def SO(n: int) -> Group:
     """Rotations of R^n, n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2."""
     if not isinstance(n, int) or n < 2:
@@ -265,6 +272,7 @@ def product(*groups: Group) -> Group:
     return Group(name, np.concatenate(blocks), "" if cayley else "exponential")
 
 
+@explained
 def matrix_group(basis: Sequence[Any] | Array, name: str = "G", retraction: str = "") -> Group:
     """A group of one's own by a basis (d, N, N) of its Lie algebra.  Raises `InputError` unless it is closed."""
     return Group(name, np.asarray(basis), retraction)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, invariants
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.record.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
@@ -31,6 +31,7 @@ LEGENDRE = (
 )
 
 
+@explained
 def system(
     name: str,
     *,
@@ -67,8 +68,11 @@ def system(
     if lagrangian is None and discrete is None:
         raise InputError("A system needs a Lagrangian: give lagrangian=L(Omega, P), discrete=Lambda(W, P), or both.")
     rep = standard(group) if representation is None else representation
-    if rep.group is not group:
-        raise InputError(f"The representation belongs to {rep.group.name}, another group than {group.name}.")
+    if not rep.group.same(group):
+        raise InputError(
+            f"representation: expected one of the group {group.name}, got one of {rep.group.name}, whose basis or "
+            f"retraction is another. Make both from the same group: red.standard(G), red.trivial(G), group=G."
+        )
     record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
     return record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
 

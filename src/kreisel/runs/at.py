@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError, RunError, shown
-from kreisel.method import scheme
+from kreisel.errors import InputError, RunError, explained, shown
+from kreisel.method import default_method, find, scheme
 from kreisel.runs.plan import Plan, initial_parts, planned
 from kreisel.runs.settings import (
     Settings,
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike
 
 
+@explained
 def at(
     system: Model,
     x0: StateLike,
@@ -106,17 +107,32 @@ def plan_of_times(
 
     check_model(model)
     state = checked_state(model, x0)
-    made = scheme(model, named(method, "method"), dt, whole_order(order), orientation is not None)
+    record, oriented = find(named(method, "method")), orientation is not None
+    if not record.applies(model):
+        raise InputError(_without(model, record.name, oriented))
+    made = scheme(model, record.name, dt, whole_order(order), oriented)
     if made.orbits is None:
-        raise InputError(
-            f"No closed form of method={shown(method)} for {model.system.name} is known here, with n = {model.n}"
-            f"{' and an orientation' * (orientation is not None)}. Use kr.simulate; for a Lagrange top method='exact'."
-        )
+        raise InputError(_without(model, record.name, oriented))
     settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
     plan = planned(model, made, settings, initial_parts(model, state, orientation), "cpu")
     engine = ClosedForm(plan.scheme, plan.first, dt, reach)
     plan.engine = engine
     return plan, engine
+
+
+def _without(model: Model, method: str, oriented: bool) -> str:
+    """That there is no closed form, and what there is for this system."""
+    exact = find("exact")
+    known = exact.applies(model) and scheme(model, "exact", 1.0, None, oriented).orbits is not None
+    if method != "exact" and known:
+        way = "method='exact' knows its flow: kr.at(system, x0, times)."
+    else:
+        way = (
+            f"Steps of method={default_method(model, stepped=True)!r} reach the same times: kr.simulate(system, x0, "
+            "dt=..., times=[...]), in order and from 0 on."
+        )
+    also = " and an orientation" * oriented
+    return f"kr.at: no closed form of method={method!r} is known for {model.system.name}, n = {model.n}{also}. {way}"
 
 
 def wanted_times(times: Any) -> np.ndarray:

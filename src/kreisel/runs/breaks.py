@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kreisel import algebra
-from kreisel.errors import InputError, RunError, shown
+from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
@@ -35,6 +35,7 @@ SAME = 1e-12  # relative: what an impulse leaves as it is
 POINTS = 3
 
 
+@explained
 @dataclass(frozen=True)
 class Event:
     """Where a quantity of the state changes its sign: the run stops there, or an action changes the state.

@@ -26,6 +26,10 @@ CHAOTIC = (
     "chaos: the error at the end may be far larger than tol = {tol:g}. What such a motion does on average is still "
     "right; its state is known for a shorter time."
 )
+MISSED = (
+    "order='auto': expected an error of at most tol = {tol:g}, got {expected:.1g} with the best steps of those tried "
+    "in a run longer than the pilots. Use a larger tol, or say order and dt."
+)
 
 
 def choices(
@@ -56,10 +60,13 @@ def choice_of(
     lanes = auto.with_lanes(model, parts)
     if not each or len(lanes[0]) == 1:
         steps, rate = _pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
-        choice = auto_splitting.choose(steps, rate, *when)
+        choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
         beside = _pilot(model, state, settings, orientation, auto_splitting.NUDGE)
         if auto_splitting.separates(steps, beside, choice, rate, *when[:2]):
-            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=7)
+            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
+        elif choice.expected > (settings.tol or 0):
+            said = MISSED.format(tol=settings.tol, expected=choice.expected)
+            warnings.warn(said, AccuracyWarning, stacklevel=8)
         return [choice]
     out = []
     for i in range(len(lanes[0])):

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.method import METHODS, default_method
 from kreisel.record.contract import System
 from kreisel.record.model import Model
@@ -25,6 +25,7 @@ SOFTWARE = """@software{{kreisel,
 }}"""
 
 
+@explained
 def cite(what: xr.Dataset | Model | System) -> str:
     """BibTeX of what a run used: Kreisel in its version, the source of the system, the sources of the method.
 

@@ -11,20 +11,15 @@ from typing import Any
 import msgspec
 
 from kreisel.errors import InputError, hint, shown
-from kreisel.runs.settings import Settings, with_steps
+from kreisel.runs.settings import Settings
 from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
+SETTINGS = (*(field.name for field in msgspec.structs.fields(Settings)), "t_end")
+OUTPUT = ("path", "figure")
 LARGEST_FILE = 16 << 20
 FIGURES = (".png", ".pdf", ".svg")
-
-
-class Output(msgspec.Struct, forbid_unknown_fields=True):
-    """[output]: where to."""
-
-    path: str
-    figure: str | None = None
 
 
 @dataclass(frozen=True)
@@ -44,12 +39,43 @@ class Config:
     figure: Path
 
 
-def read(path: Path) -> Config:
-    """Read and check a TOML file.
+def read(path: Path, changes: Sequence[str] = ()) -> Config:
+    """Read and check a TOML file, with `changes` such as "run.dt=0.01" made first.
 
     Relative output paths are relative to the current folder, the file of [system] to the TOML file.
     """
-    return parse(_load(path), str(path), path.parent)
+    return parse(changed(_load(path), changes), str(path), path.parent)
+
+
+def changed(data: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """The configuration with each "SECTION.KEY=VALUE" in place, VALUE as in TOML; a bare word is a string."""
+    for text in changes:
+        place, sign, value = (part.strip() for part in text.partition("="))
+        section, *keys = place.split(".", 3 if place.startswith("sweep.") else 1)
+        if section == "sweep" and len(keys) > 1:  # sweep.grid.state.m[2] is one quantity
+            keys = [keys[0], ".".join(keys[1:])]
+        if not sign or not value or not keys or not all(keys):
+            near = f" Did you mean run.{place}?" if sign and place in SETTINGS else ""
+            raise InputError(f"--set takes SECTION.KEY=VALUE, such as run.dt=0.01, got {shown(text)}.{near}")
+        table = data
+        for key in (section, *keys[:-1]):
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise InputError(f"--set {place}: expected a section {section}, got the value {shown(table)} there.")
+        table[keys[-1]] = _toml_value(value)
+    return data
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        (found,) = tomllib.loads(f"value = {text}").values()
+    except (ValueError, RecursionError):
+        if any(c in text for c in "[]{}=\n\"'"):
+            raise InputError(
+                f"--set: expected a value as in TOML, such as 0.01 or [0, 0, 1], got {shown(text)}."
+            ) from None
+        return text
+    return found
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -69,12 +95,12 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is not valid TOML: {error}") from None
 
 
-def read_sweep(path: Path) -> tuple[dict[str, Any], Path | None, Path]:
+def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | None, Path]:
     """The description of a sweep in a TOML file, the file of a system of the user's own, and where the sweep goes.
 
     What [sweep] says is checked when the sweep begins.  Raises `InputError`.
     """
-    return parse_sweep(_load(path), str(path), path.parent)
+    return parse_sweep(changed(_load(path), changes), str(path), path.parent)
 
 
 def parse_sweep(
@@ -84,13 +110,13 @@ def parse_sweep(
     _check_sections(shallow(data, source), (*SECTIONS, "sweep"), source)
     tables = {section: _section(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
-    _convert({"dt": 1.0, "steps": 1, **tables["run"]}, Settings, "run", source)  # what is missing may vary
+    _check_keys(tables["run"], SETTINGS, "run", source)
     _, file, system = _system(tables["system"], source, folder)
-    output = _convert(tables["output"], Output, "output", source)
-    if output.figure is not None:
+    _check_keys(tables["output"], OUTPUT, "output", source)
+    if "figure" in tables["output"]:
         raise InputError(f"{source}: a sweep draws no figure; leave figure out of [output].")
     description = {**{k: dict(tables[k]) for k in ("state", "run", "sweep")}, "system": system}
-    return description, file, _output_path(output.path, "path", source)
+    return description, file, _output_path(tables["output"], "path", source)
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
@@ -101,14 +127,17 @@ def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Pa
     del system["name"]
     state = dict(tables["state"])
     orientation = state.pop("orientation", None)
+    _check_keys(tables["run"], SETTINGS, "run", source)
+    if "dt" not in tables["run"]:
+        raise InputError(f"{source}: [run] needs dt, a step in the system's unit of time, got nothing.")
     try:
-        timed = with_steps(tables["run"])
+        run = Settings.checked(**tables["run"])
     except InputError as error:
         raise InputError(f"{source}: in [run], {error}") from None
-    run = _convert(timed, Settings, "run", source)
-    output = _convert(tables["output"], Output, "output", source)
-    path = _output_path(output.path, "path", source)
-    figure = path.with_suffix(".png") if output.figure is None else _output_path(output.figure, "figure", source)
+    _check_keys(tables["output"], OUTPUT, "output", source)
+    path = _output_path(tables["output"], "path", source)
+    drawn = "figure" in tables["output"]
+    figure = _output_path(tables["output"], "figure", source) if drawn else path.with_suffix(".png")
     if figure.suffix.lower() not in FIGURES:
         raise InputError(f"{source}: figure must end in {', '.join(FIGURES)}, got {shown(str(figure))}.")
     if path.absolute() in (figure.absolute(), *figure.absolute().parents):
@@ -139,11 +168,13 @@ def _system(table: Mapping[str, Any], source: str, folder: Path) -> tuple[str, P
     file = system.pop("file", None)
     if file is not None and (not isinstance(file, str) or not file.endswith(".py") or "\0" in file):
         raise InputError(f'{source}: file in [system] must name a Python file, such as "my_top.py", got {shown(file)}.')
-    return name, folder / file if file else None, system
+    return name, folder / Path(file).expanduser() if file else None, system
 
 
-def _output_path(text: str, key: str, source: str) -> Path:
-    return place(text, f"{source}: {key} in [output] must name a file or folder to make")
+def _output_path(output: Mapping[str, Any], key: str, source: str) -> Path:
+    if key not in output:
+        raise InputError(f'{source}: [output] needs {key}, such as {key} = "top.zarr", got nothing.')
+    return place(output[key], f"{source}: {key} in [output] must name a file or folder to make")
 
 
 def _section(data: Mapping[str, Any], section: str, source: str) -> Mapping[str, Any]:
@@ -160,15 +191,3 @@ def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, so
             raise InputError(
                 f"{source}: [{section}] has the key {shown(key)}; expected are {', '.join(names)}.{hint(key, names)}"
             )
-
-
-def _convert(table: Mapping[str, Any], kind: Any, section: str, source: str) -> Any:
-    fields = msgspec.structs.fields(kind)
-    _check_keys(table, [field.name for field in fields], section, source)
-    for field in fields:
-        if field.required and field.name not in table:
-            raise InputError(f"{source}: [{section}] needs {field.name}, got nothing.")
-    try:
-        return msgspec.convert(dict(table), kind)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{source}: in [{section}], {error}.".replace("`$.", "`")) from None

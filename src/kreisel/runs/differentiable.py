@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, hint, shown
+from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.kernels import layout
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
@@ -49,6 +49,7 @@ class Step(NamedTuple):
     arrays: bool = False
 
 
+@explained
 def differentiable(
     system: Model, *, method: str | None = None, order: int | tuple[int, ...] | None = None
 ) -> Callable[..., dict[str, Array]]:
@@ -71,6 +72,7 @@ def differentiable(
         raise InputError(f"differentiable: expected parameters of one body, got a batch {system.batch}. Use jax.vmap.")
     step = _step_of(system, named(method, "method"), whole_order(order))
 
+    @explained
     def motion(
         state: Mapping[str, Any], *, dt: Any, steps: int, every: int | None = None, **parameters: Any
     ) -> dict[str, Array]:

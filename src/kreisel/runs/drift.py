@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-from kreisel.errors import AccuracyWarning, ConservationWarning, InputError
+from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, explained
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.storage.reading import a_run
 
@@ -52,6 +52,7 @@ def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np
         raise InputError(f"{what} cannot be read: {why}. `kreisel check` says what is damaged.") from error
 
 
+@explained
 def drift(run: xr.Dataset) -> pd.DataFrame:
     """One row for each Casimir, integral and invariant relation of a run.
 
@@ -59,7 +60,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     conserved   whether the method conserves it; a map conserves its deformed integrals, names ending in _eps
     start       value at the first saved time
     max_change  largest |change| since then
-    ulps        max_change in units of eps_machine times the scale of the integral, which is the size of its terms
+    ulps        max_change in units of eps_machine times the scale of the integral, which is the size of its terms: the
+                largest of its value, of the rounding errors of its formula, and of its change, over eps_machine, if
+                every entry of the state changes by eps_machine times the largest one, the root mean square
     slope       least-squares slope of the change against time
     correction  the largest distance by which the projection had to put the state back for this family of integrals,
                 in units of eps_machine |state|; NaN for a run without projection, and for what is not conserved
@@ -89,7 +92,7 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
         judge = _Judge(run, scan)
         for part, label in enumerate(scan.labels):
             lane, width = judge.worst(part)
-            unit = MACHINE_EPSILON * scan.value_scale[lane, part]
+            unit = MACHINE_EPSILON * max(scan.value_scale[lane, part], scan.step_scale[lane, part])
             rows[label] = {
                 "kind": scan.kind,
                 "conserved": scan.conserved,
@@ -127,25 +130,25 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
         conserved = [name for name in _watched(run) if run.variables[name].attrs.get("conserved")]
         rows = _rows(run, conserved, sloping=False)
         if sentences := [_sentence(name, row) for name, row in rows.items() if row["broken"]]:
-            warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
-    if run.attrs.get("method") == "splitting":
-        _warn_of_a_long_step(run)
+            warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=4)
+    _warn_of_a_long_step(run)
     return run
 
 
 def _warn_of_a_long_step(run: xr.Dataset) -> None:
-    """Warns with `AccuracyWarning` where the energy, less work, of a splitting oscillates by much of its terms."""
+    """Warns with `AccuracyWarning` where the energy, less work, oscillates by much of its terms."""
     kept = ["balance"] if "work" in run.variables else ["total_energy", "energy"]
     name = next((name for name in kept if name in run.variables), None)
-    if name is None or run.attrs.get("impulses") or run.attrs.get("events"):
+    if name is None or run.attrs.get("impulses") or run.attrs.get("events") or run[name].attrs.get("conserved"):
         return
     ((_, row),) = _rows(run, [name], sloping=False).items()
     if row["max_change"] > LOOSE * lane_scales(run[name], "evaluation_scale").max():
         warnings.warn(
-            f"{name} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the perturbation is too large for "
-            "this step and order, and the state is off. Use a smaller dt, order=8, or order='auto' with tol=....",
+            f"{name} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the step is too long for this "
+            "motion and order, and the state is off. Use a smaller dt or a higher order; baecklund and splitting "
+            "choose both for order='auto' with tol=....",
             AccuracyWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

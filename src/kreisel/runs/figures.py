@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method.exact import motion
@@ -47,6 +47,7 @@ class Figures:
         return self.precession / self.period
 
 
+@explained
 def nutation(system: Model, x0: StateLike) -> Figures:
     """The figures of the motion through x0, for `kr.LagrangeTop`, `kr.LagrangeTopMoving`, `kr.SymmetricTop`, n = 3.
 

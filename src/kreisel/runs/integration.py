@@ -20,6 +20,7 @@ from kreisel.method.scheme import Flow, Orbits
 from kreisel.runs.breaks import BREAKS, Breaks, Stop
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import of_forces
+from kreisel.stopwatch import SPENT
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
@@ -224,6 +225,7 @@ class Integration:
 
         steps = advance(look)
         seconds = time.perf_counter() - begun
+        SPENT["steps"] += seconds
         self.tick(steps * self.plan.lanes)
         if seconds < TICK_SECONDS:
             self._burst = min(2 * self._burst, 1 << 40)

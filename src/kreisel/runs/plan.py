@@ -34,6 +34,7 @@ from kreisel.runs.settings import (
     within_tolerances,
 )
 from kreisel.runs.timetable import Timetable
+from kreisel.stopwatch import spent_on
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
@@ -114,16 +115,17 @@ class Plan:
 
     def engine_at(self, z: Floats) -> Engine:
         """The same at z."""
-        return engine_of(
-            self.scheme,
-            z.copy(),
-            name=self.where,
-            dt=self.dt,
-            steps=self.steps,
-            every=self.every,
-            printer=self.printer,
-            project=self.settings.project,
-        )
+        with spent_on("kernels"):
+            return engine_of(
+                self.scheme,
+                z.copy(),
+                name=self.where,
+                dt=self.dt,
+                steps=self.steps,
+                every=self.every,
+                printer=self.printer,
+                project=self.settings.project,
+            )
 
     @property
     def rows(self) -> int:
@@ -209,7 +211,8 @@ class Plan:
             return None
         from kreisel.kernels.cpu import compiled_observe
 
-        return compiled_observe(self.scheme, self.variables, self.lanes, self.settings.observe)
+        with spent_on("kernels"):
+            return compiled_observe(self.scheme, self.variables, self.lanes, self.settings.observe)
 
 
 def make_plan(model: Model, x0: StateLike, *, orientation: OrientationLike | None = None, **asked: Any) -> Plan:

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, shown
+from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.kernels import layout
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
@@ -47,6 +47,7 @@ FEW_NUMBERS = 64
 AT_REST = 16  # engines that are kept for the next call, for each number of lanes
 
 
+@explained
 def propagator(
     system: Model,
     *,
@@ -104,6 +105,7 @@ class Propagator(StateForms):
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
 
+    @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None) -> Any:
         """The state after n steps of dt; with `every`, rows along a first axis: the steps 0, every, 2 every, ... and n.
 
@@ -125,6 +127,7 @@ class Propagator(StateForms):
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
 
+    @explained
     def to(self, state: Any, times: Any, time: float = 0.0) -> Any:
         """The state at a time, or at times (times,) along a first axis, in order, from the state at `time`.
 
@@ -145,6 +148,7 @@ class Propagator(StateForms):
             out.append(self.returned(walk.z, t))
         return self._returned(np.array(out) if wanted.ndim else out[0], state, batch)
 
+    @explained
     def until(
         self, state: Any, quantity: Callable[[Any], Any], end: float, *, time: float = 0.0, rising: bool | None = None
     ) -> Crossing:
@@ -299,6 +303,7 @@ class Propagator(StateForms):
         parts = layout.restore(x, self._kinds, self.model.n)
         return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
 
+    @explained
     def at(self, state: Any, times: Any) -> Any:
         """The state at a time, or at times (times,) along a first axis, negative ones too; of a map, so many steps on.
 

@@ -15,6 +15,7 @@ from kreisel.bodies import BODIES
 from kreisel.errors import InputError, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
+from kreisel.record.contract import System
 from kreisel.record.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
@@ -169,8 +170,10 @@ def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
 def check_model(model: Any) -> None:
     """Raises `InputError` for what is not a system with its parameters."""
     if not isinstance(model, Model):
+        needs = ", ".join(f"{p.letter}=..." for p in model.parameters) if isinstance(model, System) else ""
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)), got {shown(model)}."
+            f"{f' Give it {needs} first.' if needs else ''}"
         )
     if BODIES.get(model.system.name, model.system) is not model.system:
         raise InputError(
@@ -211,9 +214,12 @@ def checked_state(model: Model, x0: Any) -> State:
     """The state of this system that a user gave.  Raises `InputError`."""
     if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
+        several = ""
+        if isinstance(x0, list | tuple) and x0 and all(isinstance(x, Mapping) for x in x0):
+            several = " Of several states make one with a batch axis in front: each component stacked, (lanes, ...)."
         raise InputError(
             f"The initial state must come from system.state({letters}), or be a dict or a row of a run, got "
-            f"{shown(x0)}."
+            f"{shown(x0)}.{several}"
         )
     if hasattr(x0, "data_vars"):  # a row of a run, which has more than the state
         missing = [letter for letter in model.system.space.letters if letter not in x0]
@@ -251,17 +257,17 @@ def _checked_order(value: Any) -> Any:
     if value is None or isinstance(value, str):
         return value
     if isinstance(value, tuple | list) and value and all(_is_whole(v) for v in value):
-        return tuple(int(v) for v in value)
+        return tuple(int(whole(v)) for v in value)
     if not _is_whole(value):
         raise InputError(
             "order: expected a whole number, or 'auto' with method='baecklund', or some with method='splitting', got "
             f"{shown(value)}."
         )
-    return int(value)
+    return int(whole(value))
 
 
 def _is_whole(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return isinstance(whole(value), int) and not isinstance(whole(value), bool)
 
 
 def whole_order(value: Any) -> Any:
@@ -274,16 +280,24 @@ def whole_order(value: Any) -> Any:
 
 def whole_number(value: Any, name: str) -> int:
     """A number of steps, 1 or more.  Raises `InputError`."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer) or value != value // 1 or value < 1:
+    value = whole(value)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise InputError(f"{name} must be a whole number, 1 or more, got {shown(value)}.")
     if value > MOST_STEPS:
         raise InputError(f"{name}: expected at most {MOST_STEPS:,}, got {shown(value)}, which is out of reach.")
     return int(value)
 
 
+def whole(value: Any) -> Any:
+    """An int where the value is a whole number of any kind, 1e6 or one of NumPy too; else the value itself."""
+    number = value.item() if isinstance(value, np.generic | np.ndarray) and not value.ndim else value
+    return int(number) if isinstance(number, float) and number.is_integer() else number
+
+
 def within(value: Any, name: str, least: int, most: int) -> int:
     """A whole number from `least` to `most`.  Raises `InputError`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+    value = whole(value)
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise InputError(f"{name}: expected a whole number from {least:,} to {most:,}, got {shown(value)}.")
     return int(value)
 

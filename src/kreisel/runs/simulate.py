@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Stopped
+from kreisel.errors import InputError, Stopped, explained
 from kreisel.runs.breaks import Event, checked_events
+from kreisel.runs.doubts import warn_of
 from kreisel.runs.drift import watched
+from kreisel.runs.estimating import bytes_of, require_room
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan, make_plan
 from kreisel.runs.progress import Progress
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 
 
+@explained
 def simulate(
     system: Model,
     x0: StateLike,
@@ -65,9 +68,8 @@ def simulate(
                  order and the step that reach `tol` at the least cost (attributes dt, steps, options)
     tol          the largest error at the end relative to the largest entry (order="auto"); the relative one ("dop853")
     orientation  initial g, body to space: a rotation matrix, or for n = 3 a quaternion (w, x, y, z); then a variable
-    engine       "cpu" (compiled, all cores), "large" (the same in O(n) a step for Lagrange tops and Neumann, O(n^2) for
-                 Clebsch; both are chosen by n and method unless given), "cuda" (an NVIDIA GPU, float64) or
-                 "cuda-float32": the same step, one thread a lane, for ensembles of many lanes and n <= 10
+    engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
+                 both chosen by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
     observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
@@ -78,15 +80,16 @@ def simulate(
     overwrite    replace an archive that exists (the old one stays until the new one is whole)
     progress     show a progress bar on stderr; default: when stderr is a terminal
 
-    Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors
-    for n = 3), the Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when
-    a state is no longer finite, an implicit step is not solved or the archive cannot be written.  Warns with
-    `ConservationWarning` where something that the method conserves is not conserved (`kr.drift`, column broken).
+    Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
+    Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when a state is no longer finite, an
+    implicit step is not solved or the archive cannot be written.  Warns with `ConservationWarning` where something that
+    the method conserves is not conserved (`kr.drift`, column broken), and with `AccuracyWarning` (`runs/doubts.py`).
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
     plan = replace(make_plan(system, x0, orientation=orientation, **when, **choices), events=checked_events(events))
+    warn_of(plan)
     found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
     return watched(found, loaded=path is None)
 
@@ -103,11 +106,14 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
     from kreisel.storage.archive import Archive
     from kreisel.storage.opening import target
 
-    where, integration = target(path), Integration(plan)  # compiled before anything is made there
+    where = target(path)
+    require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
+    integration = Integration(plan)  # compiled before anything is made there
     with one_writer(where):
         return _write(Archive(where, plan, overwrite), integration, progress)
 
 
+@explained
 def resume(
     path: str | os.PathLike[str],
     *,

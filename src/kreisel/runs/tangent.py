@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError
+from kreisel.errors import InputError, RunError, explained
 from kreisel.runs.differentiable import differentiable
 from kreisel.runs.run_record import RunRecord
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@explained
 def tangent(run: xr.Dataset) -> Array:
     """J (d, d) = d(end state)/d(initial state) of a run of one trajectory, in independent coordinates.
 

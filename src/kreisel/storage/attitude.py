@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.runs.geometry import orientation_of
 from kreisel.runs.settings import flag
 from kreisel.storage.opening import open_run, target
@@ -44,6 +44,7 @@ SUFFIX = ".aem"
 LONGEST = 2**53 // 10**6  # seconds, whose microseconds a double counts
 
 
+@explained
 def write_aem(
     run: xr.Dataset | str | os.PathLike[str],
     out: str | os.PathLike[str],

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, shown
+from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.runs.settings import flag
 from kreisel.storage.opening import open_run, target, too_large
 from kreisel.storage.replacing import require_file, written
@@ -26,6 +26,7 @@ TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
 ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has its rows
 
 
+@explained
 def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet, or text in .csv.
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.describing import in_memory, parameters_of, saved_times
-from kreisel.runs.drift import KINDS
+from kreisel.runs.drift import KINDS, read_values
 from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.plan import TIMES, Plan, plan_of
 from kreisel.runs.run_record import FORMAT, RunRecord
@@ -38,8 +38,11 @@ MOST_INDEXED = 10**7  # times that are held in memory
 LARGEST_CHUNK = 1 << 30  # bytes: a thousand times what is written
 
 
-def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
+@explained
+def open_run(path: str | os.PathLike[str], *, grid: bool = False) -> xr.Dataset:
     """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; of an interrupted one the part that is done.
+
+    A sweep has the dimension `lane`, with `grid` those of its grid, as `kr.sweep` returns it.
 
     Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
     Kreisel, and for a damaged one, as it is opened or later as it is read (`kreisel check` says what is damaged).
@@ -48,6 +51,10 @@ def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
     if is_sweep(where):
         from kreisel.sweeps.sweep import open_sweep
 
+        if grid:
+            from kreisel.sweeps.grids import gridded
+
+            return gridded(open_sweep(where))
         return open_sweep(where)
     return open_archive(where)
 
@@ -172,10 +179,21 @@ def open_archive(path: Path, indexed: bool = True) -> xr.Dataset:
         known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
         if indexed and known_place and name not in run.xindexes:
             try:
-                run = run.set_xindex(name)
+                run = _indexed(run, name)
             except Exception as error:  # whatever a damaged chunk makes the libraries raise
                 raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
     return ordered(run)
+
+
+def _indexed(run: xr.Dataset, name: str) -> xr.Dataset:
+    """The same as `set_xindex`, which asks of each coordinate whether it is Dask's or Pint's: that imports both."""
+    import pandas as pd
+    import xarray as xr
+
+    variable = run.variables[name]
+    index = xr.indexes.PandasIndex(pd.Index(read_values(variable), name=name), name)
+    made = index.create_variables({name: variable})
+    return run.assign_coords(xr.Coordinates(made, {name: index}))
 
 
 def ordered(run: xr.Dataset) -> xr.Dataset:

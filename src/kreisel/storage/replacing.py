@@ -39,6 +39,7 @@ FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote 
     (b"\x89HDF\r\n\x1a\n", b"kreisel_"),
     (b"PAR1", b"kreisel"),
     (b"CCSDS_AEM_VERS", b"COMMENT Kreisel"),
+    (b"# Written by `kreisel new`", b"`kreisel new`"),
 )
 HEAD = 1 << 20  # bytes at either end of a file in which its mark is looked for
 

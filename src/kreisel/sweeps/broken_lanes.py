@@ -59,7 +59,7 @@ def watched_lanes(result: xr.Dataset) -> xr.Dataset:
     """The sweep itself.  Warns with `ConservationWarning` where lanes are broken, as `broken_lanes` says."""
     sentences = broken_lanes(result)
     if sentences:
-        warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=3)
+        warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=4)
     return result
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, explained, hint, shown
 
 MOST_LANES = 10**7
 LARGEST_DESCRIPTION = 32 << 20  # bytes of JSON
@@ -30,6 +30,7 @@ RANGES = {
 KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class Design:
     """What varies in a sweep; the lanes are grid x together x draws, the last fastest.

@@ -16,6 +16,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, on_disk
 from kreisel.runs.describing import TIME, dimensions, saved_times, versions
+from kreisel.runs.estimating import LEAST, require_room
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
 from kreisel.storage.opening import require_sound
@@ -138,6 +139,10 @@ class Store:
         add("failed", (), (), {"long_name": "whether a lane failed", **flags}, dtype=np.dtype("u1"), fill_value=MISSING)
         return out
 
+    def _require_room(self, arrays: Mapping[str, Mapping[str, Any]]) -> None:
+        numbers = sum(math.prod(a["shape"]) for a in arrays.values() if a["dtype"] == np.dtype("f8"))
+        require_room(self.path, LEAST * 8 * numbers, "Save less (save, every), fewer lanes, or choose another disk.")
+
     def _create(self, overwrite: bool) -> None:
         from kreisel.storage.verified import made_array
 
@@ -156,11 +161,13 @@ class Store:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             versions=json.dumps(versions()),
         )
+        arrays = self._arrays()
+        self._require_room(arrays)
         group = self._store.create(record.to_attrs(), overwrite)
         if TRAJECTORIES in self.sweep.save:
             times = saved_times(plan)
             made_array(group, "time", data=times, chunks=times.shape, dimension_names=("time",), attributes=TIME)
-        for name, layout in self._arrays().items():
+        for name, layout in arrays.items():
             made_array(group, name, **layout)
         (self.part / manifest.BLOCKS).mkdir()
         if TRAJECTORIES in self.sweep.save:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, Interrupted, shown
+from kreisel.errors import InputError, Interrupted, explained, shown
 from kreisel.record.model import Model
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
@@ -56,6 +56,7 @@ class Report:
         self.peak_MiB = max(self.peak_MiB, counts["peak_MiB"])
 
 
+@explained
 def sweep(
     system: Model,
     x0: StateLike,
@@ -79,7 +80,10 @@ def sweep(
     overwrite: bool = False,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset by lane.
+    """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset.
+
+    Its dimensions are the quantities of the grid, with their values as coordinates, then `list` and `draw`; `lane` is
+    the number of each lane in the store.  Without a grid the dimension is `lane`, as in `kr.open_run(path)`.
 
     system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to impulses are the same
     design       what varies, a `kr.Design`
@@ -109,7 +113,9 @@ def sweep(
     }
     where = target(path)
     report = carry_out(description, where, workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress)
-    return watched_lanes(open_sweep(report.path))
+    from kreisel.sweeps.grids import gridded
+
+    return gridded(watched_lanes(open_sweep(report.path)))
 
 
 def _only_known(model: Model) -> None:
@@ -186,12 +192,16 @@ def open_sweep(path: Path) -> xr.Dataset:
     return dataset(path, verified(path, manifest.read(path), every_array=True, partial=not record.complete))
 
 
+@explained
 def failures(run: xr.Dataset) -> pd.DataFrame:
     """The lanes of a sweep that failed: a row for each, with its message and the numbers that varied."""
     import pandas as pd
 
     if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
+    from kreisel.sweeps.grids import by_lane
+
+    run = by_lane(run)
     failed = list(blocks.failed_lanes(run))
     ids = [lane for lane, _ in failed]
     table = pd.DataFrame({"message": [why for _, why in failed]}, index=pd.Index(ids, name="lane"))

@@ -77,7 +77,7 @@ def half_turn(M, a1, a3, e, eps):
 
 def turned(M, P, a1, a3, e, eps):
     V = half_turn(M, a1, a3, e, eps)
-    return cayley_conjugate(-V, M), cayley_act(-V, P)
+    return cayley_conjugate(-V, M, e), cayley_act(-V, P)
 
 
 def kick(P, a1, b, eps):  # the change of M in a step

@@ -55,7 +55,7 @@ def turn(M, P, *, A, alpha, eps):  # W^T M W and W^T P with W = cay(U) cay(-V) c
     V, P = project_out(U, A) / mat(dot(A, A)), cayley_act(-U, P)
     spins = [mat((1 - alpha) / (alpha + pairing(V, V))) * V] if M.shape[-1] == 3 else [-V, V / mat(alpha)]
     for S in spins:
-        M, P = cayley_conjugate(-S, M), cayley_act(-S, P)
+        M, P = cayley_conjugate(-S, M, A), cayley_act(-S, P)
     return M, P
 
 

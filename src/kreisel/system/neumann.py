@@ -6,9 +6,8 @@ Dirac bracket of T*S^(n-1), F' = {H, F}.  [Suris 2001, section 7, end; dimension
 potential by errata E6 and E7; the map is Adler's]
 """
 
-from kreisel.algebra import cayley_plane, dot, log, mat, vec, wedge
-from kreisel.algebra.invariants import pencil_spectrum
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra import dot, log, mat, vec, wedge
+from kreisel.algebra.invariants import plane_spectrum
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
 from kreisel.record.contract import Frame, Map, Parameter, Relation, System
@@ -27,9 +26,11 @@ def kick(x, q, h, *, b, eps):
 
 
 def turn(x, q, eps):
-    """cay(-(eps/2) x ^ q) on both: a great circle."""
-    y = -eps / 2 * q
-    return cayley_plane(x, y, x), cayley_plane(x, y, q)
+    """cay(-(eps/2) x ^ q) on both: a great circle, <x, q> = 0."""
+    xx, qq = dot(x, x), dot(q, q)
+    both = eps / 2 * xx * qq
+    s = vec(eps / (1 + eps / 2 * both))
+    return x + s * (vec(xx) * q - vec(both) * x), q - s * (vec(qq) * x + vec(both) * q)
 
 
 def step(x, q, *, b, eps):
@@ -75,8 +76,8 @@ def energy(x, q, *, b, eps=0):
 
 
 def spectrum(x, q, *, b, eps=0):
-    M = wedge(x, q)
-    return pencil_spectrum(M, diagonal(b), clebsch.shifted(M, x, eps=eps), eps * eps * dot(x, x) / 4, plane=True)
+    xx, along = dot(x, x), eps * dot(x, q)  # x + eps/2 (x ^ q) x = (1 + eps/2 <x, q>) x - eps/2 |x|^2 q
+    return plane_spectrum(x, q, b, 1 + along / 2, -eps * xx / 2, eps * eps * xx / 4)
 
 
 def lax(x, q, *, b, lam):

@@ -25,7 +25,7 @@ from kreisel.viewer.thinning import mixed
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST_FRAMES = 100_000  # numbers of a page: rows of one body with three coordinates
+MOST_FRAMES = 100_001  # numbers of a page: rows of one body with three coordinates
 DENSE = 0.8  # radians: eight states a turn
 FINE = 0.35  # radians between computed states
 COMPUTED = 8_000  # states of a replay, of all bodies

@@ -18,7 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.storage.reading import place
 from kreisel.storage.replacing import written
 from kreisel.viewer.bodies import known_shape
@@ -68,6 +68,7 @@ class View:
         return f"<kreisel view, {len(self.html) / 1e6:.1f} MB of HTML; .save('run.html') writes it>"
 
 
+@explained
 def view(
     run: xr.Dataset,
     *,
@@ -102,7 +103,7 @@ def view(
 @cache
 def scripts() -> tuple[str, str]:
     """three.js with uPlot, and the page's own script."""
-    return _asset("library.min.js"), "\n".join(map(_asset, ("drawing.js", "charts.js", "page.js")))
+    return _asset("library.min.js"), "\n".join(map(_asset, ("lines.js", "drawing.js", "charts.js", "page.js")))
 
 
 @cache

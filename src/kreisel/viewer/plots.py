@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from kreisel.errors import InputError, brief
+from kreisel.errors import InputError, brief, explained
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
 from kreisel.record.contract import Frame
@@ -33,6 +33,7 @@ MOST_ROWS = 200_000  # read for the picture of the path
 LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
 
 
+@explained
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light", style: str = "house") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
@@ -227,34 +228,20 @@ def _draw_drifts(part: Any, runs: list[xr.Dataset], records: list[RunRecord], th
     first, last = min(ends), max(ends) if max(ends) > min(ends) else record.dt
     time = np.linspace(0, last, 400)[1:]
     width = MACHINE_EPSILON * np.sqrt(time / record.dt)
-    top = max(
-        [
-            width[-1],
-            *(float(np.nanmax(v, initial=0)) for _, _, all_ in others for k, v in all_.items() if k in families),
-        ]
-    )
-    top = max([top, *(float(np.nanmax(v, initial=0.0)) for v in families.values())])
+    drawn = [*families.values(), *(v for *_, found in others for k, v in found.items() if k in families)]
+    top = max([width[-1], *(float(np.nanmax(v, initial=0.0)) for v in drawn)])
     for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
         for other_run, other, found in others:
             if family in found:
-                axes.plot(
-                    _thinned_time(other_run), found[family], color=theme.faint, label=brief(other.method, MOST_TITLE)
-                )
+                named = brief(other.method, MOST_TITLE)
+                axes.plot(_thinned_time(other_run), found[family], color=theme.faint, label=named)
         colour = theme.colours[number % len(theme.colours)]
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=brief(record.method, MOST_TITLE))
-        axes.plot(
-            time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
-        )
+        walk = r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
+        axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=walk)
         axes.set(yscale="log", xlim=(first, last), ylim=(1e-17, 30 * top))
-        axes.text(
-            0.01,
-            0.96,
-            family.replace("_eps", " of the map"),
-            transform=axes.transAxes,
-            va="top",
-            fontsize="small",
-            parse_math=False,
-        )
+        plain = {"fontsize": "small", "parse_math": False}
+        axes.text(0.01, 0.96, family.replace("_eps", " of the map"), transform=axes.transAxes, va="top", **plain)
         axes.locator_params(axis="y", numticks=4)
     for axes in panels.flat[len(families) :]:
         axes.set_visible(False)
@@ -266,15 +253,8 @@ def _draw_drifts(part: Any, runs: list[xr.Dataset], records: list[RunRecord], th
     handles, labels = panels.flat[0].get_legend_handles_labels()
     part.legend(handles, labels, loc="outside lower left", ncols=3)
     if still:
-        part.text(
-            0.99,
-            0.005,
-            f"no change at all: {', '.join(still)}",
-            ha="right",
-            va="bottom",
-            fontsize="small",
-            parse_math=False,
-        )
+        same = f"no change at all: {', '.join(still)}"
+        part.text(0.99, 0.005, same, ha="right", va="bottom", fontsize="small", parse_math=False)
 
 
 def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:

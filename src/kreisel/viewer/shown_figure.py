@@ -1,15 +1,27 @@
-"""A figure that shows itself in a notebook, whether or not pyplot is loaded."""
+"""A figure that shows itself in a notebook, whether or not pyplot is loaded, and is saved in its own style."""
 
 from __future__ import annotations
 
 import io
 from typing import Any
 
+import matplotlib as mpl
 from matplotlib.figure import Figure
+
+FILES = ("savefig.", "pdf.", "ps.", "svg.")
 
 
 class ShownFigure(Figure):
-    """A figure of matplotlib with a picture for notebooks."""
+    """A figure of matplotlib with a picture for notebooks; settings of files are those when it was made."""
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, **options)
+        self._for_files = {key: value for key, value in mpl.rcParams.items() if key.startswith(FILES)}
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """As of matplotlib."""
+        with mpl.rc_context(self._for_files):
+            super().savefig(fname, **options)
 
     def _repr_png_(self) -> bytes:
         out = io.BytesIO()

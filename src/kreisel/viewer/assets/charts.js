@@ -58,7 +58,7 @@ const Charts = (() => {
     place(time) {
       this.time = time;
       const over = this.plot.over, x = this.plot.valToPos(Math.min(Math.max(time, this.D.time[0]), this.D.time[this.D.count - 1]), "x");
-      Object.assign(this.cursor.style, { left: `${over.offsetLeft + x - 1}px`, top: `${over.offsetTop}px`, height: `${over.clientHeight}px` });
+      Object.assign(this.cursor.style, { transform: `translateX(${over.offsetLeft + x - 1}px)`, top: `${over.offsetTop}px`, height: `${over.clientHeight}px` });
     }
 
     timeAt(clientX) {

@@ -96,12 +96,13 @@
     if (!state.moved) return;
     state.moved = false;
     stage?.pose(state.frame, state.part, state.time, length());
-    drift.place(state.time); section.place(state.time);
-    $("scrub").value = state.frame;
     document.body.dataset.frame = state.frame;
     document.body.dataset.time = state.time;
-    const now = performance.now(); // text is dear
-    if (state.playing && now - state.told < 120) return;
+    const now = performance.now(), since = state.playing ? now - state.told : Infinity;
+    if (since < (stage?.soft ? 300 : 0)) return; // without a GPU the browser takes 0.04 s to paint them
+    $("scrub").value = state.frame;
+    drift.place(state.time); section.place(state.time);
+    if (since < 120) return;
     state.told = now;
     const stretch = below(D.edges, state.time), rows = $("table").tBodies[0].rows;
     D.series.forEach((s, i) => { rows[i].cells[4].textContent = s.change[stretch].toExponential(1); });
@@ -251,12 +252,10 @@
   }
 
   function begin() {
-    try { stage = new Drawing.Stage($("scene")); } catch (error) {
-      $("scene").hidden = true; $("callout").hidden = false;
-    }
+    try { stage = new Drawing.Stage($("scene")); } catch { $("scene").hidden = true; }
     choices();
     redraw();
-    if (stage) stage.size(); else { $("callout").textContent = "This browser offers no WebGL, which the picture needs; charts and table are whole."; $("callout").hidden = false; }
+    if (stage) { document.documentElement.dataset.soft = stage.soft; stage.size(); } else { $("callout").textContent = "This browser offers no WebGL, which the picture needs; charts and table are whole."; $("callout").hidden = false; }
     listen();
     if (new URLSearchParams(location.search).has("play") || D.autoplay) play(true);
     document.body.dataset.count = D.count;

@@ -1,0 +1,345 @@
+"""The command new: a commented TOML file of any system or body, and the Python file that goes with it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from kreisel.cli.output import OverwriteFile, a_path, app, say, system_names
+from kreisel.errors import InputError
+from kreisel.record.contract import Parameter, System
+from kreisel.runs.examples import Example, example
+
+HEAD = "# Written by `kreisel new`"  # by which --overwrite knows that the file is Kreisel's
+STEPS, EVERY = 10_000, 5
+SWEEP_STEPS, SWEEP_EVERY = 2048, 4
+VARIED = 10  # values of what varies
+WIDTH = 118
+
+
+@app.command()
+def new(
+    name: Annotated[
+        str | None,
+        typer.Argument(help="A system (kreisel systems); with --lagrangian any name.", autocompletion=system_names),
+    ] = None,
+    out: Annotated[Path | None, a_path("The file to write, by default NAME.toml.", "--out", "-o")] = None,
+    n: Annotated[int | None, typer.Option("--n", help="The dimension, or the sites of a chain.")] = None,
+    perturbed: Annotated[bool, typer.Option("--perturbed", help="Under forces of your own, in a Python file.")] = False,
+    satellite: Annotated[bool, typer.Option("--satellite", help="A satellite on its orbit, in SI units.")] = False,
+    swept: Annotated[bool, typer.Option("--sweep", help="Many lanes, for `kreisel sweep`.")] = False,
+    lagrangian: Annotated[
+        bool, typer.Option("--lagrangian", help="A body of your own by its Lagrangian, in a Python file.")
+    ] = False,
+    overwrite: OverwriteFile = False,
+) -> None:
+    """Write a commented TOML file that runs as it is: kreisel new lagrange-top, then kreisel run lagrange-top.toml."""
+    from kreisel.bodies import KNOWN, find
+
+    if sum((perturbed, satellite, lagrangian)) > 1 or (swept and (perturbed or lagrangian)):
+        raise InputError("kreisel new: expected one of --perturbed, --satellite, --lagrangian, --sweep, got several.")
+    if satellite and name is None:
+        name = "satellite"
+    if name is None:
+        raise InputError("kreisel new: expected a system, such as lagrange-top; `kreisel systems` lists them.")
+    if satellite and not name.startswith("satellite"):
+        raise InputError(f"--satellite: expected satellite, satellite-with-wheel or no name, got {name!r}.")
+    if lagrangian and (name in KNOWN or not name.replace("-", "").replace("_", "").isalnum()):
+        raise InputError(f"--lagrangian: expected a name of your own, such as my-top, got {name!r}.")
+    target = out or Path(f"{'my-' * perturbed}{name}{'-sweep' * swept}.toml")
+    if target.suffix != ".toml":
+        raise InputError(f"--out: expected a file that ends in .toml, got {str(target)!r}.")
+    code = target.with_name(target.stem.replace("-", "_") + ".py")
+    if lagrangian:
+        files = {code: LAGRANGIAN.format(head=HEAD, name=name), target: _of_lagrangian(name, target, code)}
+    elif perturbed:
+        files = forced(example(find(name), n), f"my-{name}", target, code)
+    else:
+        files = {target: text_of(example(find(name), n), target, swept)}
+    _write(files, overwrite)
+    say(f"{' and '.join(map(str, files))} written; next: kreisel {'sweep' if swept else 'run'} {target}")
+
+
+def _write(files: Mapping[Path, str], overwrite: bool) -> None:
+    from kreisel.storage.replacing import require_file, written
+
+    for path in files:
+        require_file(path, overwrite)
+    for path, text in files.items():
+        with written(path, overwrite) as scratch:
+            scratch.write_text(text, encoding="utf-8")
+
+
+def text_of(made: Example, target: Path, swept: bool = False) -> str:
+    """The TOML file of a run or a sweep."""
+    system = made.model.system
+    lines = [f'name = "{system.name}"', *_parameters(system, made.parameters)]
+    return _text(made, _about(system, target, "sweep" if swept else "run"), lines, target, swept)
+
+
+def _text(
+    made: Example,
+    about: list[str],
+    system: list[str],
+    target: Path,
+    swept: bool = False,
+    chosen: list[str] | None = None,
+) -> str:
+    lines = [*about, "", "[system]", *system, "", "[state]", *_state(made), "", "[run]"]
+    lines += _run(made, *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
+    lines += _methods(made) if chosen is None else chosen
+    lines += _with('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
+    if swept:
+        lines += ["", *_sweep(made)]
+    stem = Path(target.name).with_suffix("")
+    lines += ["", "[output]", f'path = "{stem}.zarr"']
+    return "\n".join(lines if swept else [*lines, f'# figure = "{stem}.png"   # or .pdf, .svg']) + "\n"
+
+
+def _about(system: System, target: Path, command: str) -> list[str]:
+    words = f"{system.title}: {system.equations}.  {system.frame.value.capitalize()} frame.  [{system.source}]"
+    scaling = [f"Units: {system.scaling}", *([system.notes] if system.notes else [])]
+    return [f"{HEAD} {system.name}; run it by: kreisel {command} {target}", *_comments(words, *scaling)]
+
+
+def _comments(*paragraphs: str) -> list[str]:
+    import textwrap
+
+    return [f"# {line}" for text in paragraphs for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]
+
+
+def _with(setting: str, meaning: str) -> list[str]:
+    """A setting and its meaning, behind it or above."""
+    line = f"{setting:<27}  # {' '.join(meaning.split())}"
+    return [line] if len(line) <= WIDTH else [*_comments(meaning), setting]
+
+
+def _parameters(system: System, given: Mapping[str, Any]) -> list[str]:
+    lines: list[str] = []
+    for p in system.parameters:
+        meaning = f"{p.kind}: {p.meaning}"
+        if p.letter in given:
+            lines += _with(f"{p.letter} = {_toml(given[p.letter])}", meaning)
+        elif (value := _default(p)) is not None:
+            lines += _with(f"# {p.letter} = {_toml(value)}", f"{meaning}; this is the default")
+    return lines
+
+
+def _default(p: Parameter) -> Any:
+    value = p.default.tolist() if hasattr(p.default, "tolist") else p.default
+    return None if isinstance(value, list) and p.kind == "array" else value
+
+
+def _state(made: Example) -> list[str]:
+    kinds, n = dict(made.model.system.space.components), made.model.n
+    words = {"skew": "axial vector" if n == 3 else f"skew matrix {n} x {n}", "symmetric": f"symmetric matrix {n} x {n}"}
+    lines: list[str] = []
+    for letter, value in made.state.items():
+        lines += _with(f"{letter} = {_toml(value)}", words.get(kinds[letter], f"{len(value)} numbers"))
+    if made.orientation is not None:
+        lines += _with(f"orientation = {_toml(made.orientation)}", "g, body to space, as w, x, y, z; carried along")
+    return lines
+
+
+def _run(made: Example, steps: int, every: int) -> list[str]:
+    return [
+        *_with(f"dt = {made.dt!r}", "step, in the unit of time"),
+        *_with(f"steps = {steps:_}", f"or t_end = {steps * made.dt:g}"),
+        *_with(f"every = {every}", f"save every {every}th state"),
+    ]
+
+
+def _methods(made: Example) -> list[str]:
+    from kreisel.method import METHODS
+
+    others = [m.name for m in METHODS.values() if m.applies(made.model) and m.name != made.method]
+    orders, default = METHODS[made.method].order_text, METHODS[made.method].default
+    beside = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
+    return [
+        *_with(f'# method = "{made.method}"', f"the default here{beside}"),
+        *([] if default is None else _with(f"# order = {_toml(default)}", f"the default; {made.method} has {orders}")),
+    ]
+
+
+def _sweep(made: Example) -> list[str]:
+    """[sweep]: a parameter, or the momentum, from 0.8 to 1.2 of the example's."""
+    quantity, value = _varied(made)
+    low, high = _ends(value)
+    return [
+        "[sweep]",
+        *_with('save = ["drift", "extremes", "frequencies"]', 'of each lane; also "trajectories"'),
+        "# rng = 1                      # the seed of what is drawn in [sweep.random]",
+        "# draws = 50",
+        "",
+        "[sweep.grid]                   # every combination of these; a list of values, or a range",
+        f'{quantity} = {{ from = {low!r}, to = {high!r}, count = {VARIED} }}   # spacing = "log"',
+        "",
+        "# [sweep.random]               # uniform, loguniform = [a, b], normal = [mean, deviation], sphere = radius",
+        f"# {quantity} = {{ uniform = [{low!r}, {high!r}] }}",
+    ]
+
+
+def _varied(made: Example) -> tuple[str, float]:
+    free = not made.model.system.space.constraints and made.model.system.perturbation is None
+    for letter, kind in made.model.system.space.components:
+        if free and kind == "skew" and made.model.n == 3:
+            place = max(range(3), key=lambda k: abs(made.state[letter][k]))
+            return f'state."{letter}[{place}]"', made.state[letter][place]
+    numbers = [(k, v) for k, v in made.parameters.items() if isinstance(v, float)]
+    vectors = [(k, v) for k, v in made.parameters.items() if isinstance(v, list) and isinstance(v[-1], float)]
+    for letter, value in numbers:
+        if all(_allowed(made, letter, end) for end in _ends(value)):
+            return f"system.{letter}", value
+    for letter, vector in vectors:
+        if vector[-1] and all(_allowed(made, letter, [*vector[:-1], end]) for end in _ends(vector[-1])):
+            return f'system."{letter}[{len(vector) - 1}]"', vector[-1]
+    return "run.dt", made.dt
+
+
+def _ends(value: float) -> tuple[float, float]:
+    low, high = sorted((round(0.8 * value, 12), round(1.2 * value, 12)))
+    return low, high
+
+
+def _allowed(made: Example, letter: str, value: Any) -> bool:
+    try:
+        made.model.system(**{**made.parameters, letter: value})
+    except InputError:
+        return False
+    return True
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        rows = [_toml(v) for v in value]
+        if value and isinstance(value[0], list):
+            return "[\n" + "".join(f"    {row},\n" for row in rows) + "]"
+        return f"[{', '.join(rows)}]"
+    return repr(value) if isinstance(value, int) else repr(float(value)) if not isinstance(value, str) else f'"{value}"'
+
+
+FORCES = """{head} --perturbed: {title} under forces of your own.
+# The potential's force is derived.  Functions use NumPy's operations, no branches; `help(kr.perturbed)` has all kinds.
+
+import numpy as np
+
+import kreisel as kr
+
+BODY = kr.perturbed(
+    kr.{made},
+{forces}
+    params={{"strength": {strength!r}}},  # what the function names after *; the TOML file may give it anew
+    name="{name}",
+)
+"""
+POTENTIAL = "    potential=lambda {0}, t, *, strength: strength * {0}[0] * np.cos(t),  # V, of {0}, g, the time t"
+DAMPING = "\n    damping={0!r},  # M' = ... - damping M"
+TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # the rate of M beside: quadratic friction"
+
+
+def forced(made: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
+    """The two files of a system under forces, tried.  Raises `InputError` for a system that takes none."""
+    from kreisel.runs.config import read
+    from kreisel.runs.own import load_system
+    from kreisel.runs.plan import make_plan
+
+    why = ""
+    for method in ("splitting", "dop853"):
+        files = {code: _forces(made, name), target: _of_forces(made, name, target, code, method)}
+        with tempfile.TemporaryDirectory() as folder:
+            for path, text in files.items():
+                Path(folder, path.name).write_text(text, encoding="utf-8")
+            try:
+                asked = read(Path(folder, target.name))
+                model = load_system(asked.name, asked.file)(**asked.parameters)
+                make_plan(model, asked.state, dt=asked.run.dt, steps=1, method=method, orientation=asked.orientation)
+            except InputError as error:
+                why = why or str(error).replace(f"{folder}/", "")
+            else:
+                return files
+    raise InputError(f"--perturbed: no forces of this kind for {made.model.system.name}: {why}")
+
+
+def _size(made: Example) -> float:
+    """A hundredth of the rate of the motion."""
+    return round(0.0005 / made.dt, 6)
+
+
+def _forces(made: Example, name: str) -> str:
+    from kreisel.system import NAMED
+
+    system = made.model.system
+    called = next((title for title, record in NAMED.items() if record is system), None)
+    if called is None or made.model.n != 3:
+        raise InputError(f"--perturbed: expected a system of `kreisel systems` with n = 3, got {system.name}.")
+    parameters = ", ".join(f"{k}={v!r}" for k, v in made.parameters.items())
+    carried = [system.space.components[place] for place in system.space.carried]
+    letters = [letter for letter, kind in carried if kind == "vector"]
+    size = _size(made)
+    forces = POTENTIAL.format(letters[0]) if letters else TORQUE
+    if letters and system.space.kinds[0] == "skew":
+        forces += DAMPING.format(size)
+    return FORCES.format(
+        head=HEAD, title=system.title, made=f"{called}({parameters})", forces=forces, strength=size, name=name
+    )
+
+
+def _of_forces(made: Example, name: str, target: Path, code: Path, method: str) -> str:
+    system = made.model.system
+    about = [
+        f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}",
+        *_comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it."),
+    ]
+    lines = [
+        f'file = "{code.name}"',
+        f'name = "{name}"',
+        *_with(f"# strength = {_size(made)!r}", "the forces' own parameter"),
+    ]
+    chosen = _with(f'method = "{method}"', "the forces and the integrable motion in turn; or dop853")
+    return _text(made, about, lines, target, chosen=chosen)
+
+
+LAGRANGIAN = """{head} --lagrangian: a body of your own by its Lagrangian; it needs the extra reduction (JAX).
+# Kreisel derives the equations of motion, a symmetric discretization of order 2 and its implicit map, which is Poisson.
+
+import jax.numpy as jnp
+
+from kreisel import reduction as red
+
+J = (0.5, 0.5, 1.5)  # mass tensor: the moment about axis 1 is J2 + J3
+
+
+def lagrangian(Omega, P, *, c=1.0):  # T - V; Omega a skew matrix, P the vertical seen from the body
+    return -jnp.trace(Omega @ (jnp.array(J)[:, None] * Omega)) / 2 - c * P[2]
+
+
+TOP = red.system("{name}", group=red.SO(3), lagrangian=lagrangian, title="{name}")
+"""
+
+
+def _of_lagrangian(name: str, target: Path, code: Path) -> str:
+    stem = Path(target.name).with_suffix("")
+    return f"""{HEAD} {name} --lagrangian; run it by: kreisel run {target}
+# The Lagrangian stands in {code.name}, which is run, because this file names it.  It needs the extra reduction (JAX).
+
+[system]
+file = "{code.name}"
+name = "{name}"
+c = 1.0                      # the Lagrangian's own parameter
+
+[state]
+M = [0.1, 0.2, 1.5]          # axial vector: the angular momentum, in the body
+P = [0.6, 0.0, 0.8]          # 3 numbers: the vertical, seen from the body
+
+[run]
+dt = 0.05
+steps = 2_000
+every = 2
+
+[output]
+path = "{stem}.zarr"
+"""

@@ -1,0 +1,163 @@
+"""An example of every system and body: parameters, a state on its phase space, a step that fits its motion."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from kreisel.bodies import BODIES
+from kreisel.errors import InputError, RunError
+from kreisel.record.contract import Parameter, System
+from kreisel.record.model import Model
+from kreisel.runs.doubts import rate
+from kreisel.runs.plan import make_plan
+
+A_STEP = 0.05  # rad of the motion
+TRIED = 400  # combinations of values
+SITES = 8  # of a chain
+HALVED = 12  # times at most, until a method takes the step
+UNIT = ((0.6, 0.0, 0.8), (0.0, 0.8, 0.6), (0.0, 1.0, 0.0))  # vectors of length 1, to the last bit
+SPINS = ((0.6, 0.8, 0.0), (0.0, 0.6, 0.8), (0.8, 0.0, 0.6), (0.0, 0.0, 1.0))
+UPRIGHT = [1.0, 0.0, 0.0, 0.0]
+SATELLITE = {"moments": [0.00665, 0.03325, 0.03326], "semi_major_axis": 6_878_137.0, "inclination": 1.7}
+# Bodies in SI units: their parameters, state, orientation and step.
+OF_BODIES: dict[str, dict[str, Any]] = {
+    "satellite": {"parameters": SATELLITE, "state": {"M": [0.0, 0.0, 3.682e-5]}, "dt": 60.0},
+    "satellite-with-wheel": {
+        "parameters": {**SATELLITE, "wheel": [0.0, 0.02, 0.0]},
+        "state": {"M": [0.0, 0.02, 3.682e-5]},
+        "dt": 0.5,
+    },
+    "submerged-body": {
+        "parameters": {
+            "mass_matrix": [[21.0, 0, 0, 0, 0, 0], [0, 38.0, 0, 0, 0, 0], [0, 0, 38.0, 0, 0, 0],
+                            [0, 0, 0, 0.108, 0, 0], [0, 0, 0, 0, 3.208, 0], [0, 0, 0, 0, 0, 3.2]],
+            "weight": 196.133,
+            "buoyancy": 196.133,
+            "center_of_mass": [0.02, 0.0, -0.02],
+        },
+        "state": {"M": [0.0, 0.06, 0.16], "P": [31.46, 0.02, 0.0]},
+        "dt": 0.02,
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Example:
+    """Plain numbers: parameters, state, orientation (None for what does not turn), the step and the method."""
+
+    model: Model
+    parameters: dict[str, Any]
+    state: dict[str, Any]
+    orientation: list[Any] | None
+    dt: float
+    method: str
+
+
+def example(system: System, n: int | None = None, given: Mapping[str, Any] | None = None) -> Example:
+    """Of a system, in n dimensions or with so many sites.  Raises `InputError` where none is found."""
+    body = OF_BODIES.get(system.name) if system is BODIES.get(system.name) else None
+    if body is not None:
+        parameters = {**body["parameters"], **(given or {})}
+        return _planned(system(**parameters), parameters, body["state"], [*UPRIGHT], body["dt"])
+    size = n or system.n or (SITES if system.space.name.startswith("(so(3)") else 3)
+    last: Exception = InputError(f"{system.name}: no example was found.")
+    for parameters in itertools.islice(_parameters(system, size, given or {}), TRIED):
+        try:
+            model = system(**parameters)
+        except InputError as error:
+            last = error
+            continue
+        for state in itertools.islice(_states(model), TRIED):
+            try:
+                model.state(**state)
+                turns = model.n == 3 and system.velocity is not None
+                return _planned(model, parameters, state, [*UPRIGHT] if turns else None, None)
+            except (InputError, RunError) as error:
+                last = error
+    raise InputError(f"{system.name}: {last}") from last
+
+
+def _planned(
+    model: Model, parameters: dict[str, Any], state: dict[str, Any], orientation: list[Any] | None, dt: float | None
+) -> Example:
+    """With the longest step that its method takes, if none is given."""
+    wanted = dt or rounded(A_STEP / (rate(_plan(model, state, None, 1e-6)) or 1.0))
+    needed = orientation if model.system.perturbation is not None else None
+    for _ in range(HALVED):
+        try:
+            plan = _plan(model, state, needed, wanted)
+            return Example(model, parameters, state, orientation, wanted, plan.scheme.name)
+        except InputError:
+            wanted = rounded(wanted / 2)
+    plan = _plan(model, state, needed, wanted)
+    return Example(model, parameters, state, orientation, wanted, plan.scheme.name)
+
+
+def _plan(model: Model, state: dict[str, Any], orientation: list[Any] | None, dt: float) -> Any:
+    return make_plan(model, state, dt=dt, steps=1, orientation=orientation)
+
+
+def rounded(x: float) -> float:
+    """The next smaller one of 1, 2, 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(x))
+    digit = next(d for d in (5, 2, 1) if d * power <= x * (1 + 1e-9))
+    return float(f"{digit * power:.0e}")
+
+
+def _parameters(system: System, n: int, given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Values that may suit, each parameter's own first."""
+    needed = [p for p in system.parameters if (p.default is None or p.kind == "dimension") and p.letter not in given]
+    for values in itertools.product(*(_values(p, n, place) for place, p in enumerate(needed))):
+        yield {**dict(zip((p.letter for p in needed), values, strict=True)), **given}
+
+
+def _values(p: Parameter, n: int, place: int) -> list[Any]:
+    upright = [0.0] * (n - 1) + [1.0]
+    if p.kind == "dimension":
+        return [n]
+    if p.kind == "scalar":
+        return [[1.0, 1.5, 0.5, 0.8, 1.2, 0.3][(place + k) % 6] for k in range(6)]
+    growing = [[1.0 + k, 2.0 * 0.6**k, 0.1 + 0.1 * k][place % 3] for k in range(n)]
+    if p.kind == "vector":
+        return [upright] if p.fixed else [[round(v, 3) for v in growing], [0.2 + 0.3 * k for k in range(n)]]
+    diagonal = [1.0 + 0.2 * k for k in range(n)]
+    return [diagonal, [[round((i != j) / (1 + 0.1 * (i + j)), 2) for j in range(n)] for i in range(n)]]
+
+
+def _states(model: Model) -> Iterator[dict[str, Any]]:
+    """States that may lie on the phase space."""
+    n, components = model.n, model.system.space.components
+    if model.system.space.name in ("(so(3)*)^n", "(S^2)^(2n)"):
+        spins = [SPINS[k % len(SPINS)] for k in range(n)]
+        yield {letter: [spin["xyz".index(letter[-1])] for spin in spins] for letter, _ in components}
+        return
+    choices: list[list[Any]] = []
+    for place, (_, kind) in enumerate(components):
+        before = [k for _, k in components[:place]].count("vector")
+        if kind == "skew":
+            few = [[0.1, 0.2, 1.5], [0.8, 0.2, -0.6]] if n == 3 else [_skew(n, place)]
+            choices.append([few[(place + k) % len(few)] for k in range(len(few))])
+        elif kind == "symmetric":
+            choices.append([[[1.0 + 0.3 * i if i == j else 0.1 for j in range(n)] for i in range(n)]])
+        else:
+            choices.append(_vectors(n, before))
+    for values in itertools.product(*choices):
+        yield dict(zip((letter for letter, _ in components), values, strict=True))
+
+
+def _skew(n: int, place: int) -> list[list[float]]:
+    return [[0.0 if i == j else round((1 if j > i else -1) * (0.2 * (i + j) - 0.3 * place), 3) for j in range(n)]
+            for i in range(n)]  # fmt: skip
+
+
+def _vectors(n: int, place: int) -> list[list[float]]:
+    """Of length 1, and what is orthogonal to them for the next place; the last of them without a 0."""
+    ends, between = ((0.8, -0.6), 0.5) if place else ((0.6, 0.8), 0.0)
+    found = [list(UNIT[place % 3])] if n == 3 else []
+    found.append([ends[0], *[between] * (n - 2), ends[1]])
+    even = [0.48, 0.6, 0.64] if n == 3 else [n**-0.5] * n
+    return [*found, [even[1], -even[0], *[0.0] * (n - 2)] if place else even]

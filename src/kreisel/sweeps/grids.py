@@ -1,0 +1,89 @@
+"""A sweep with an axis for each quantity of its grid, in place of the lanes; read lazily, as before."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from kreisel.algebra import Array
+from kreisel.storage.reading import parsed
+from kreisel.sweeps.design import SECTIONS, Lanes
+
+LIST, DRAW, LANE = "list", "draw", "lane"
+
+
+class _Folded(BackendArray):
+    """A variable whose axis of lanes is the product of several."""
+
+    def __init__(self, flat: xr.Variable, sizes: tuple[int, ...]):
+        self.flat, self.sizes, self.place = flat, sizes, flat.dims.index(LANE)
+        self.dtype = flat.dtype
+        self.shape = (*flat.shape[: self.place], *sizes, *flat.shape[self.place + 1 :])
+
+    def __getitem__(self, key: Any) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
+
+    def _values(self, key: tuple[Any, ...]) -> Array:
+        before, after = key[: self.place], key[self.place + len(self.sizes) :]
+        grid = key[self.place : self.place + len(self.sizes)]
+        index = [np.atleast_1d(np.arange(size)[k]) for k, size in zip(grid, self.sizes, strict=True)]
+        lanes, back = np.unique(np.ravel_multi_index(np.ix_(*index), self.sizes).ravel(), return_inverse=True)
+        together = len(lanes) > 0 and lanes[-1] - lanes[0] == len(lanes) - 1
+        chosen: Any = slice(int(lanes[0]), int(lanes[-1]) + 1) if together else lanes
+        values = np.asarray(self.flat[(*before, chosen, *after)].values)
+        axis = sum(np.ndim(k) > 0 or isinstance(k, slice) for k in before)
+        shape = tuple(len(i) for i, k in zip(index, grid, strict=True) if np.ndim(k) > 0 or isinstance(k, slice))
+        found = values.take(back, axis)
+        return found.reshape(*found.shape[:axis], *shape, *found.shape[axis + 1 :])
+
+
+def gridded(run: xr.Dataset) -> xr.Dataset:
+    """A sweep by lane as one by grid: dimensions of the quantities' names, then list and draw where there are such.
+
+    The values of the grid are coordinates, and `lane` has the number of each lane.  A sweep without a grid is itself.
+    """
+    description = parsed(run.attrs["sweep"], "The attribute sweep")
+    lanes = Lanes({section: description[section] for section in SECTIONS}, description["sweep"])
+    if not lanes.grid:
+        return run
+    names, sizes, coords = [], [], {}
+    for quantities, size in lanes.axes:
+        axis = DRAW if not quantities else LIST if quantities[0] in lanes.listed else quantities[0].name
+        if quantities and axis != LIST and lanes.tables[quantities[0]].ndim > 1:
+            axis = f"{axis}_index"
+        if not quantities and not lanes.draws:  # of one, which nothing makes
+            continue
+        names.append(axis)
+        sizes.append(size)
+        for quantity in quantities:
+            old, values = run.variables[quantity.name], lanes.tables[quantity]
+            attrs = {k: v for k, v in old.attrs.items() if not k.startswith("flag_")}
+            coords[quantity.name] = xr.Variable((axis, *old.dims[1:]), values, attrs)
+    numbers = np.arange(math.prod(sizes)).reshape(sizes)
+    coords[LANE] = xr.Variable(tuple(names), numbers, {"long_name": "number of the lane"})
+    folded = {}
+    for name, variable in run.variables.items():
+        if name in coords:
+            continue
+        if LANE in variable.dims:
+            place = variable.dims.index(LANE)
+            dims = (*variable.dims[:place], *names, *variable.dims[place + 1 :])
+            data = indexing.LazilyIndexedArray(_Folded(variable, tuple(sizes)))
+            variable = xr.Variable(dims, data, variable.attrs)
+        folded[name] = variable
+    return xr.Dataset({k: v for k, v in folded.items() if k not in run.coords}, {
+        **coords, **{k: v for k, v in folded.items() if k in run.coords}}, run.attrs)  # fmt: skip
+
+
+def by_lane(run: xr.Dataset) -> xr.Dataset:
+    """What varies and what failed of a sweep, by lane again."""
+    if LANE in run.dims:
+        return run
+    names = ["failed", "message", *(k for k, v in run.variables.items() if v.attrs.get("kind") == "input")]
+    flat = run[names].drop_vars(LANE, errors="ignore").stack({LANE: run["failed"].dims}, create_index=False)
+    return flat.transpose(LANE, ...)

@@ -1,0 +1,278 @@
+"""What newcomers do wrong with public functions and commands: one message that says what fits, never a traceback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import analysis, cli, physical
+
+TOP, BODY = kr.LagrangeTop(p=(0, 0, 1)), kr.Clebsch(b=(1, 2, 4))
+X0 = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
+XB = BODY.state(M=(1, 0.2, 0.3), P=(0.6, 0, 0.8))
+DESIGN = kr.Design(grid={"system.alpha": [1, 2]})
+GRID: dict[str, Any] = {"dt": 0.1, "steps": 3, "path": "s.zarr", "workers": 0}
+# (what is called, words of the message)
+CALLS: list[tuple[Callable[[Any], Any], str]] = [
+    (lambda run: kr.simulate(TOP, X0, 0.05, 1000), "Write simulate(system, x0, dt=0.05, steps=1000)"),
+    (lambda run: kr.simulate(TOP, X0, steps=10), "expected dt, got none"),
+    (lambda run: kr.simulate(), "Write simulate(system, x0, dt=...)"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, step=3), "Did you mean 'steps'"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=3, metod="suris"), "Did you mean 'method'"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1), "steps=..."),
+    (lambda run: kr.simulate(TOP, X0, x0=X0, dt=0.1), "expected x0 once"),
+    (lambda run: kr.simulate(kr.LagrangeTop, X0, dt=0.1, steps=3), "Give it p=..., alpha=... first"),
+    (lambda run: kr.simulate("lagrange-top", X0, dt=0.1, steps=3), "such as kr.LagrangeTop(p=(0, 0, 1))"),
+    (lambda run: kr.simulate(X0, TOP, dt=0.1, steps=3), "A system with its parameters was expected"),
+    (lambda run: kr.simulate(TOP, ((0.1, 0.2, 1.5), (0.6, 0, 0.8)), dt=0.1, steps=3), "system.state(m=..., a=...)"),
+    (lambda run: kr.simulate(TOP, np.ones(6), dt=0.1, steps=3), "system.state(m=..., a=...)"),
+    (lambda run: kr.simulate(TOP, [X0, X0], dt=0.1, steps=3), "a batch axis in front"),
+    (lambda run: kr.simulate(TOP, None, dt=0.1, steps=3), "got None"),
+    (lambda run: kr.simulate(BODY, X0, dt=0.1, steps=3), "components M, P"),
+    (lambda run: kr.simulate(TOP, X0, dt="0.05", steps=3), "dt must be a positive number"),
+    (lambda run: kr.simulate(TOP, X0, dt=-0.05, steps=3), "reverse the momenta"),
+    (lambda run: kr.simulate(TOP, X0, dt=0, steps=3), "dt must be positive"),
+    (lambda run: kr.simulate(TOP, X0, dt=np.ones(2), steps=3), "dt must be a positive number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=0), "1 or more"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps="1000"), "whole number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=10.5), "whole number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=float("nan")), "whole number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=[100]), "whole number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=True), "whole number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, every=100), "Use every <= steps"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, every=0), "every must be"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, t_end=3), "got both"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, order="4"), "order must be a whole number"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, order=3), "one of its orders"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method="rk4"), "expected one of"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, method=kr.methods()[0]), "expected a name"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, engine="gpu"), "Did you mean 'cpu'"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, project="no"), "True or False"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, observe="energy"), "a list of names"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, observe=["enegry"]), "Did you mean 'energy'"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, orientation=(0, 0, 1)), "unit quaternion"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, path=3), "needs a name such as run.zarr"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, path="."), "needs a name such as run.zarr"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, path=Path("x.zarr"), overwrite="yes"), "True or False"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, events=lambda x: x["a"][2]), "kr.Event(quantity)"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=50, impulses=(2.0, (0, 0, 1))), "'time': 2.0"),
+    (lambda run: kr.simulate(TOP, X0, dt=0.1, times="1,2"), "a list of times"),
+    (lambda run: kr.LagrangeTop((0, 0, 1)), "by name, p=..., alpha=..."),
+    (lambda run: kr.LagrangeTop(), "give p=..."),
+    (lambda run: kr.LagrangeTop(p=(0, 0, 1), beta=2), "parameters p, alpha"),
+    (lambda run: kr.LagrangeTop(p="0,0,1"), "real numbers"),
+    (lambda run: kr.LagrangeTop(p=(0, 1)), "n >= 3"),
+    (lambda run: TOP.state((0, 0, 1), (0, 0, 1)), "by name, m=..., a=..."),
+    (lambda run: TOP.state(m=(0, 0, 1)), "needs a"),
+    (lambda run: TOP.state(m=(0, 0, 1), A=(0, 0, 1)), "components m, a"),
+    (lambda run: TOP.state(m=(0, 0, 1, 2), a=(0, 0, 1)), "axial vector"),
+    (lambda run: TOP.state(m="1,2,3", a=(0, 0, 1)), "real numbers"),
+    (lambda run: kr.at(TOP, X0, 1.0, "exact"), "Write at(system, x0, times, method='exact')"),
+    (lambda run: kr.at(TOP, X0), "expected times"),
+    (lambda run: kr.at(TOP, X0, "now"), "times must be"),
+    (lambda run: kr.at(BODY, XB, 3.0), "method='baecklund' reach the same times"),
+    (lambda run: kr.at(TOP, X0, [1.0], method="baecklund", dt=0.1), "method='exact' knows its flow"),
+    (lambda run: kr.at(TOP, X0, [1.0], dt=0.1), "leave dt out"),
+    (lambda run: kr.drift("run.zarr"), "opened by kr.open_run(path)"),
+    (lambda run: kr.drift(run.energy), "expected a run"),
+    (lambda run: kr.drift(), "Write drift(run)"),
+    (lambda run: kr.plot("run.zarr"), "opened by kr.open_run(path)"),
+    (lambda run: kr.plot(run, run), "Write plot(run, compare=...)"),
+    (lambda run: kr.plot(run, theme="drak"), "Did you mean 'dark'"),
+    (lambda run: kr.view(run, 1), "Write view(run, lane=1)"),
+    (lambda run: kr.view("run.zarr"), "opened by kr.open_run(path)"),
+    (lambda run: kr.open_run("nope.zarr"), "There is no archive"),
+    (lambda run: kr.open_run(["run.zarr"]), "needs a name such as"),
+    (lambda run: kr.open_run(), "Write open_run(path)"),
+    (lambda run: kr.resume("nope.zarr"), "There is no archive"),
+    (lambda run: kr.resume("run.zarr", 1000), "Write resume(path, extend=1000)"),
+    (lambda run: kr.resume(run), "needs a name such as"),
+    (lambda run: kr.export("out.csv", "run.zarr"), "must end in"),
+    (lambda run: kr.export(run, "out.xlsx"), "must end in"),
+    (lambda run: kr.export(run), "Write export(run, out)"),
+    (lambda run: kr.failures(run), "what kr.sweep returns"),
+    (lambda run: kr.sweep(TOP, X0, {"system.alpha": [1, 2]}, **GRID), "expected a kr.Design"),
+    (lambda run: kr.sweep(TOP, X0, **GRID), "expected design"),
+    (lambda run: kr.sweep(TOP, X0, DESIGN, dt=0.1, steps=3), "path=..."),
+    (lambda run: kr.sweep(TOP, X0, kr.Design(grid={"alpha": [1, 2]}), **GRID), "such as system.alpha"),
+    (lambda run: kr.sweep(TOP, X0, kr.Design(grid={"system.alfa": [1, 2]}), **GRID), "Did you mean 'alpha'"),
+    (lambda run: kr.sweep(TOP, X0, DESIGN, **{**GRID, "workers": "all"}), "number of processes"),
+    (lambda run: kr.sweep(TOP, X0, DESIGN, **GRID, save="drift"), "must list some of"),
+    (lambda run: kr.Design(grids={}), "Did you mean 'grid'"),
+    (lambda run: kr.Event(), "Write Event(quantity)"),
+    (lambda run: kr.Event("a[2]") and kr.simulate(TOP, X0, dt=1, steps=1, events=kr.Event("a[2]")), "functions of the"),
+    (lambda run: kr.perturbed(kr.LagrangeTop, damping=0.1), "a system with its parameters"),
+    (lambda run: kr.perturbed(TOP, 0.1), "Write perturbed(system, potential=0.1)"),
+    (lambda run: kr.perturbed(TOP, potential=3), "expected a function"),
+    (lambda run: kr.perturbed(TOP, potential=lambda x: x), "among m, a, g, t"),
+    (lambda run: kr.nutation(BODY, XB), "Lagrange tops"),
+    (lambda run: kr.nutation(run), "expected x0"),
+    (lambda run: kr.cite("lagrange-top"), "kr.cite(run)"),
+    (lambda run: kr.code(TOP, X0), "Write code(system, x0, dt=...)"),
+    (lambda run: kr.code(TOP, X0, dt=0.1, language="fortran"), "one of c, js, julia"),
+    (lambda run: kr.propagator(TOP), "needs a step dt"),
+    (lambda run: kr.propagator(TOP, X0, dt=0.1), "by name"),
+    (lambda run: kr.propagator(TOP, dt=0.1).steps(X0), "expected n"),
+    (lambda run: kr.propagator(TOP, dt=0.1).steps([0.1, 0.2], 10), "these 6 numbers"),
+    (lambda run: kr.propagator(TOP, dt=0.1).at(X0, 3.0), "Use .steps(state, n)"),
+    (lambda run: kr.tangent("run.zarr"), "expected a run"),
+    (lambda run: kr.systems("x"), "expected no arguments"),
+    (lambda run: kr.methods("x"), "expected no arguments"),
+    (lambda run: kr.lab.investigate(), "Write investigate(what)"),
+    (lambda run: kr.lab.investigate("clebsh"), "Did you mean 'clebsch'"),
+    (lambda run: kr.lab.investigate(lambda x: x), "names=('x', 'y')"),
+    (lambda run: analysis.section(run), "Write section(run, quantity)"),
+    (lambda run: analysis.section(run, "b[1]"), "no component of the state"),
+    (lambda run: analysis.section(run, "a"), "'a[0]'"),
+    (lambda run: analysis.frequencies(run, "a[9]"), "'a[0]'"),
+    (lambda run: analysis.frequencies(run), "Write frequencies(run, quantity)"),
+    (lambda run: analysis.euler_angles(run), "orientation=(1, 0, 0, 0)"),
+    (lambda run: analysis.compare(run), "Write compare(run, other)"),
+    (lambda run: analysis.megno(TOP), "Write megno(system, x0, dt=..., steps=...)"),
+    (lambda run: analysis.write_aem(run, "x.aem"), "epoch=..."),
+    (lambda run: physical.Gyroscope(), "expected mass"),
+    (lambda run: physical.Gyroscope(mas=1), "Did you mean 'mass'"),
+    (lambda run: physical.Gyroscope.flat(), "Write Gyroscope.flat("),
+    (lambda run: physical.Gyroscope.flat(mass=-3, axial_moment=0.17, lever=0.15), "a finite number > 0"),
+    (lambda run: physical.FreeBody((1, 1, 9)), "the sum of the other two"),
+    (lambda run: physical.Satellite(moments=(1, 2, 3)), "Its arguments are: inertia"),
+    (lambda run: physical.Orbit(), "expected semi_major_axis"),
+    (lambda run: physical.Plate(), "expected normal"),
+    (lambda run: physical.SubmergedBody(), "expected mass"),
+]
+ATTRIBUTES: list[tuple[Callable[[], Any], type[Exception], str]] = [
+    (lambda: X0.M, AttributeError, "components m, a"),
+    (lambda: X0["M"], KeyError, "components m, a"),
+    (lambda: TOP.p, AttributeError, ".params['p']"),
+    (lambda: TOP.simulate(X0), AttributeError, "kr.simulate(system, x0"),
+    (lambda: kr.simulte, AttributeError, "Did you mean 'simulate'"),
+    (lambda: kr.Lagrangetop, AttributeError, "Did you mean 'LagrangeTop'"),
+]
+GOOD = """[system]
+name = "lagrange-top"
+p = [0, 0, 1]
+[state]
+m = [0.1, 0.2, 1.5]
+a = [0.6, 0, 0.8]
+[run]
+dt = 0.05
+steps = 1e2
+[output]
+path = "run.zarr"
+"""
+COMMANDS: list[tuple[list[str], str]] = [
+    (["run", "nowhere.toml"], "There is no file nowhere.toml"),
+    (["run", "."], "is a folder"),
+    (["run", "run.zarr"], "is a folder"),
+    (["run", "run.toml", "--set", "run.step=3"], "Did you mean 'steps'"),
+    (["run", "run.toml", "--set", "dt=3"], "Did you mean run.dt"),
+    (["run", "run.toml", "--set", "run.dt"], "SECTION.KEY=VALUE"),
+    (["run", "run.toml", "--set", "run.dt=[1"], "as in TOML"),
+    (["run", "run.toml", "--set", "runn.dt=1"], "Did you mean 'run'"),
+    (["run", "run.toml", "--set", "system.alfa=1"], "Did you mean 'alpha'"),
+    (["run", "run.toml", "--set", "run.steps=many"], "steps must be a whole number"),
+    (["run", "run.toml", "--set", "run.dt.x=1"], "dt.x"),
+    (["run", "run.toml"], "--overwrite"),
+    (["sweep", "run.toml"], "needs a section [sweep]"),
+    (["resume", "nowhere.zarr"], "There is no archive"),
+    (["resume", "run.zarr", "--extend", "10"], "expected more"),
+    (["check", "run.toml"], "cannot be read"),
+    (["plot", "run.toml"], "cannot be read"),
+    (["plot", "run.zarr", "-o", "x.gif"], "ends in .png"),
+    (["plot", "run.zarr"], "exists already"),
+    (["plot", "run.zarr", "-o", "x.png", "--show", "a_max"], "expected a sweep"),
+    (["plot", "~nobody-of-this-name/run.zarr"], "no such user"),
+    (["view", "run.zarr", "--lane", "3", "-o", "x.html"], "--lane"),
+    (["export", "run.zarr", "x.xlsx"], "must end in"),
+    (["systems", "clebsh"], "Did you mean 'clebsch'"),
+    (["methods", "sures"], "Did you mean 'suris'"),
+    (["investigate", "nowhere.py"], "There is no file"),
+    (["investigate", "empty.py"], "def step(x)"),
+    (["code", "euler-topp"], "Did you mean 'euler-top'"),
+    (["verify", "theorm"], "theorm"),
+]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a TOML file, its archive and figure, and an empty Python file."""
+    folder = tmp_path_factory.mktemp("mistakes")
+    (folder / "run.toml").write_text(GOOD)
+    (folder / "empty.py").write_text("x = 1\n")
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit):
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["kreisel", "run", "run.toml"])
+        cli.main()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run() -> Any:
+    return kr.simulate(TOP, X0, dt=0.05, steps=50)
+
+
+@pytest.mark.parametrize(("call", "words"), CALLS, ids=[f"{k}-{words}" for k, (_, words) in enumerate(CALLS)])
+def test_a_call(call: Callable[[Any], Any], words: str, run: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(kr.InputError) as error:
+        call(run)
+    assert words in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize(("look", "kind", "words"), ATTRIBUTES, ids=[words for _, _, words in ATTRIBUTES])
+def test_an_attribute(look: Callable[[], Any], kind: type[Exception], words: str) -> None:
+    with pytest.raises(kind) as error:
+        look()
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(("arguments", "words"), COMMANDS, ids=[" ".join(a) for a, _ in COMMANDS])
+def test_a_command(
+    arguments: list[str], words: str, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
+    monkeypatch.setattr("sys.argv", ["kreisel", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    message = capsys.readouterr().err
+    assert stopped.value.code == 2 and words in message and "Traceback" not in message, message
+
+
+@pytest.mark.parametrize("steps", [20, 20.0, 2e1, np.float32(20), np.int64(20), np.array(20)])
+def test_whole_numbers_of_any_kind(steps: Any) -> None:
+    assert kr.simulate(TOP, X0, dt=0.05, steps=steps, every=steps, order=2.0).sizes["time"] == 2
+
+
+def test_an_error_inside_is_not_taken_for_a_wrong_call() -> None:
+    def broken(x: Any) -> Any:
+        raise TypeError("of the user's own function")
+
+    with pytest.raises(TypeError, match="of the user's own function"):
+        kr.errors.explained(broken)(1)
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "said"),
+    [
+        (TOP, {"dt": 10.0}, "more than half a turn"),
+        (kr.LagrangeTop(p=(0, 0, 1), alpha=3.0), {"dt": 0.05}, "a body has 0 < alpha"),
+        (kr.LagrangeTop(p=(0, 0, 1), alpha=-1.0), {"dt": 0.05}, "a body has 0 < alpha"),
+        (TOP, {"dt": 2.0, "method": "kahan", "steps": 60}, "oscillates by"),
+    ],
+)
+def test_warnings_of_what_makes_no_sense(model: Any, options: dict[str, Any], said: str) -> None:
+    with pytest.warns(kr.AccuracyWarning, match=said) as caught:
+        kr.simulate(model, X0, **{"steps": 3, **options})
+    assert all(Path(w.filename) == Path(__file__) for w in caught)
+
+
+def test_no_warning_of_what_makes_sense(recwarn: pytest.WarningsRecorder) -> None:
+    for model, options in ((TOP, {"dt": 1.0}), (TOP, {"dt": 50.0, "method": "exact"}), (BODY, {"dt": 0.05})):
+        kr.simulate(model, X0 if model is TOP else XB, steps=3, **options)
+    kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=2.0), X0, dt=0.05, steps=3)
+    assert not recwarn.list

@@ -1,0 +1,130 @@
+"""kreisel new: what it writes parses, plans and runs as it is, for every system and body."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import cli
+from kreisel.bodies import KNOWN
+from kreisel.cli.new import _varied, forced, text_of
+from kreisel.runs.config import parse, parse_sweep, read, read_sweep
+from kreisel.runs.examples import example
+from kreisel.runs.own import load_system
+from kreisel.runs.plan import Plan, make_plan
+from kreisel.sweeps.blocks import Sweep
+from kreisel.sweeps.store import Store
+from kreisel.sweeps.sweep import _checked_description
+
+FREE = [name for name, system in KNOWN.items() if system.n is None]
+FORCED = {
+    name: "splitting" for name in ("euler-top", "heavy-top", "lagrange-top", "kirchhoff", "hess-appelrot", "neumann")
+} | {"lyapunov": "dop853"}
+
+
+def command(monkeypatch: pytest.MonkeyPatch, folder: Path, *words: str) -> int:
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("sys.argv", ["kreisel", *words])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return int(stopped.value.code or 0)
+
+
+def planned(asked: Any) -> Plan:
+    settings = asked.run
+    model = load_system(asked.name, asked.file)(**asked.parameters)
+    kept = {"dt": settings.dt, "steps": settings.steps, "every": settings.every, "method": settings.method}
+    return make_plan(model, asked.state, **kept, orientation=asked.orientation)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_every_system_has_a_file_that_plans(name: str) -> None:
+    made = example(KNOWN[name])
+    text = text_of(made, Path(f"{name}.toml"))
+    assert text.startswith("# Written by `kreisel new`") and max(map(len, text.split("\n"))) <= 200
+    plan = planned(parse(tomllib.loads(text)))
+    assert plan.rows == 2001
+    assert plan.scheme.name == made.method
+    for p in KNOWN[name].parameters:  # every parameter is explained, given or with its default
+        assert p.default is not None or f"\n{p.letter} = " in text
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_in_four_dimensions_or_sites(name: str) -> None:
+    made = example(KNOWN[name], 4)
+    assert planned(parse(tomllib.loads(text_of(made, Path("x.toml"))))).model.n == 4
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_every_system_has_a_sweep_whose_lanes_plan(name: str, tmp_path: Path) -> None:
+    made = example(KNOWN[name])
+    description, file, path = parse_sweep(tomllib.loads(text_of(made, Path("x.toml"), swept=True)))
+    store = Store(tmp_path / path, Sweep(_checked_description(description, file), file))
+    assert store.sweep.lanes.total == 10
+    for lane in (0, 9):
+        values = store.sweep.lanes.values(lane, lane + 1)
+        sections = store.sweep.lanes.filled(values)
+        assert store.sweep.plan(sections, np.arange(1), {(q.section, q.letter) for q in values})
+    assert _varied(made)[1] != 0
+
+
+@pytest.mark.parametrize("name", FORCED)
+def test_under_forces_of_your_own(name: str, tmp_path: Path) -> None:
+    made = example(KNOWN[name])
+    code, file = tmp_path / "my.py", tmp_path / "my.toml"
+    for path, text in forced(made, "my-body", file, code).items():
+        path.write_text(text)
+    asked = read(file, ["run.steps=20"])  # `forced` has planned it
+    assert (asked.name, asked.file, asked.run.steps, asked.run.method) == ("my-body", code, 20, FORCED[name])
+
+
+def test_commands_write_and_refuse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    assert command(monkeypatch, tmp_path, "new", "lagrange-top") == 0
+    written = (tmp_path / "lagrange-top.toml").read_text()
+    (tmp_path / "lagrange-top.toml").write_text(written.replace("dt = 0.02", "dt = 0.01"))
+    assert command(monkeypatch, tmp_path, "new", "lagrange-top") == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert "dt = 0.01" in (tmp_path / "lagrange-top.toml").read_text()
+    assert command(monkeypatch, tmp_path, "new", "lagrange-top", "--overwrite") == 0
+    assert (tmp_path / "lagrange-top.toml").read_text() == written
+    (tmp_path / "mine.toml").write_text("a = 1\n")
+    assert command(monkeypatch, tmp_path, "new", "lagrange-top", "-o", "mine.toml", "--overwrite") == 2
+    assert (tmp_path / "mine.toml").read_text() == "a = 1\n"
+    for words, said in (
+        (["lagrange-tap"], "Did you mean 'lagrange-top'"),
+        ([], "expected a system"),
+        (["lagrange-top", "--lagrangian"], "a name of your own"),
+        (["clebsch", "--satellite"], "--satellite"),
+        (["lagrange-top", "-o", "x.txt"], "ends in .toml"),
+        (["spin-chain", "--perturbed"], "n = 3"),
+        (["lagrange-top", "--perturbed", "--sweep"], "several"),
+    ):
+        assert command(monkeypatch, tmp_path, "new", *words) == 2
+        message = capsys.readouterr().err
+        assert said in message and "Traceback" not in message
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["lagrange-top.toml", "mine.toml"]
+
+
+def test_a_few_really_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    for words in (["lagrange-top"], ["lagrange-top", "--perturbed"]):
+        assert command(monkeypatch, tmp_path, "new", *words) == 0
+        file = capsys.readouterr().out.split()[-1]
+        few = ("--set", "run.steps=1e2", "--set", "run.every=5", "--no-figure")
+        assert command(monkeypatch, tmp_path, "run", file, *few) == 0
+        assert kr.open_run(tmp_path / file.replace(".toml", ".zarr")).sizes["time"] == 21
+    assert command(monkeypatch, tmp_path, "new", "lagrange-top", "--sweep") == 0
+    file = capsys.readouterr().out.split()[-1]
+    assert command(monkeypatch, tmp_path, "sweep", file, "--workers", "0", "--set", "run.steps=200") == 0
+    assert int(kr.open_run(tmp_path / "lagrange-top-sweep.zarr").failed.sum()) == 0
+    assert read_sweep(tmp_path / file)[0]["run"]["steps"] == 2048
+
+
+def test_a_lagrangian_of_your_own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert command(monkeypatch, tmp_path, "new", "my-top", "--lagrangian") == 0
+    assert command(monkeypatch, tmp_path, "run", "my-top.toml", "--set", "run.steps=20", "--no-figure") == 0
+    assert kr.open_run(tmp_path / "my-top.zarr").attrs["method"] == "lagrangian"

@@ -1,0 +1,106 @@
+"""The grid of a sweep as dimensions: every value in its place, lazily, and back to lanes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from xarray.core import indexing
+
+import kreisel as kr
+from kreisel import cli
+from kreisel.sweeps.grids import _Folded, by_lane
+
+TOP = kr.LagrangeTop(p=(0, 0, 1))
+DESIGN = kr.Design(
+    grid={"state.m[2]": [1.0, 1.5, 2.0], "system.alpha": [0.5, 0.0]},
+    random={"state.a": {"sphere": 1.0}},
+    draws=2,
+    rng=1,
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, xr.Dataset]:
+    path = tmp_path_factory.mktemp("grids") / "s.zarr"
+    settings = {"dt": 0.05, "steps": 40, "every": 4, "workers": 0, "save": ["drift", "extremes", "trajectories"]}
+    return path, kr.sweep(TOP, TOP.state(m=(0, 0.1, 2), a=(0.6, 0, 0.8)), DESIGN, path=path, **settings)
+
+
+def test_every_lane_in_its_place(made: tuple[Path, xr.Dataset]) -> None:
+    path, grid = made
+    lanes = kr.open_run(path)
+    assert grid["a_max"].dims == ("state.m[2]", "system.alpha", "draw", "axis")
+    assert grid["a"].dims == ("time", "state.m[2]", "system.alpha", "draw", "axis")
+    assert grid.sizes["state.m[2]"] == 3 and grid["system.alpha"].values.tolist() == [0.5, 0.0]
+    for name in lanes.data_vars:
+        if name in grid.data_vars:
+            axis = lanes[name].dims.index("lane")
+            flat = grid[name].values.reshape(*lanes[name].shape[:axis], 12, *lanes[name].shape[axis + 1 :])
+            np.testing.assert_array_equal(flat, lanes[name].values)
+    one = grid.sel({"state.m[2]": 1.5, "system.alpha": 0.5}).isel(draw=1)
+    assert float(lanes["state.m[2]"][int(one.lane)]) == 1.5
+    np.testing.assert_array_equal(one.a.values, lanes.a.values[:, int(one.lane)])
+    xr.testing.assert_equal(grid.drop_vars("message"), kr.open_run(path, grid=True).drop_vars("message"))
+
+
+def test_failures_of_a_grid_are_by_lane(made: tuple[Path, xr.Dataset]) -> None:
+    path, grid = made
+    found, flat = kr.failures(grid), kr.failures(kr.open_run(path))
+    assert found.index.tolist() == flat.index.tolist() == [2, 3, 6, 7, 10, 11]  # alpha = 0 is refused
+    assert found["state.m[2]"].tolist() == flat["state.m[2]"].tolist() == [1.0, 1.0, 1.5, 1.5, 2.0, 2.0]
+    assert by_lane(kr.open_run(path)).sizes["lane"] == 12
+
+
+def test_lazy_indices_are_those_of_numpy() -> None:
+    values = np.arange(4 * 24 * 2.0).reshape(4, 24, 2)
+    folded = _Folded(xr.Variable(("time", "lane", "axis"), values), (2, 3, 4))
+    lazy = xr.Variable(("time", "x", "y", "draw", "axis"), indexing.LazilyIndexedArray(folded))
+    whole = values.reshape(4, 2, 3, 4, 2)
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        key = tuple(
+            [int(rng.integers(n)), slice(None), slice(None, None, -1), slice(1, n), rng.permutation(n)[: n - 1]][
+                rng.integers(5)
+            ]
+            for n in whole.shape
+        )
+        expected = whole
+        for axis, part in reversed(list(enumerate(key))):
+            expected = expected[(slice(None),) * axis + (part,)]
+        np.testing.assert_array_equal(lazy[key].values, expected)
+
+
+def test_figure_and_page_of_a_sweep(
+    made: tuple[Path, xr.Dataset], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, grid = made
+    monkeypatch.chdir(path.parent)
+
+    def command(*words: str) -> tuple[int, str]:
+        monkeypatch.setattr("sys.argv", ["kreisel", *words])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        printed = capsys.readouterr()
+        return int(stopped.value.code or 0), printed.out + printed.err
+
+    assert command("plot", "s.zarr")[0] == 0
+    assert (path.parent / "s.png").stat().st_size > 10_000
+    assert "--overwrite" in command("plot", "s.zarr")[1]
+    assert command("plot", "s.zarr", "--overwrite", "--show", "a_max[2]")[0] == 0
+    for words, said in (
+        (["plot", "s.zarr", "-o", "x.png", "--show", "a_mx"], "Did you mean 'a_max'"),
+        (["plot", "s.zarr", "-o", "x.png", "--show", "a_max"], "a_max[0]"),
+        (["view", "s.zarr", "-o", "x.html", "--lane", "12"], "0 to 11"),
+        (["view", "s.zarr", "-o", "x.html", "--lane", "2"], "alpha"),
+        (["view", "s.zarr", "--serve"], "expected a run"),
+    ):
+        code, message = command(*words)
+        assert code == 2 and said in message and "Traceback" not in message, message
+    lane = int(grid.lane.isel(draw=1).sel({"state.m[2]": 1.5, "system.alpha": 0.5}))
+    from kreisel.sweeps.one_lane import one_lane
+
+    np.testing.assert_array_equal(one_lane(path, lane).a.values[:, 0], kr.open_run(path).a.values[:, lane])
+    assert not (path.parent / "x.png").exists() and not (path.parent / "x.html").exists()
