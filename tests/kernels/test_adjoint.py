@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import jax
@@ -15,6 +16,7 @@ from kreisel import reduction as red
 from kreisel.algebra import backend
 from kreisel.algebra.gradient import TracedNumber, cos, exp, log, sin
 from kreisel.kernels import adjoint, jax_numbers
+from kreisel.kernels.tape import whole_power
 
 STEPS, PART = 3, 2
 Z, C = np.array([0.3, -0.2, 0.7]), np.array([0.4, 1.3])
@@ -195,3 +197,11 @@ def test_many_lanes_and_large_arrays_come_through() -> None:
         m = jnp.asarray(np.random.default_rng(1).normal(size=(4000, 3)))
         made = jax.jit(jax.vmap(jax.grad(lambda m: f({**START, "m": m}, dt=0.1, steps=30)["a"][2])))
         assert np.isfinite(made(m)).all() and abs(np.asarray(made(m))).max() > 0.1
+
+
+@pytest.mark.parametrize("k", [-3, 0, 1, 2, 3, 4, 7, 10])
+def test_whole_powers(k: int) -> None:
+    assert whole_power(Fraction(-3, 7), k) == Fraction(-3, 7) ** k
+    for other in (0.5, "2"):
+        with pytest.raises(TypeError, match="whole powers"):
+            whole_power(Fraction(1), other)

@@ -17,6 +17,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.kernels import adjoint, jax_primitives, layout
 from kreisel.kernels.jax import flat
+from kreisel.kernels.tape import whole_power
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, require_double
 
@@ -67,9 +68,7 @@ class Number:
         return 0.0 if _is(other, 0) else Number(plain(other) / self.value)
 
     def __pow__(self, exponent: int) -> Any:
-        if exponent not in (2, 3):
-            raise TypeError(f"expected a power 2 or 3, got {exponent!r}")
-        return self * self if exponent == 2 else self * self * self
+        return whole_power(self, exponent)
 
     def sqrt(self) -> Number:
         return Number(jnp.sqrt(self.value))

@@ -182,9 +182,7 @@ class Scalar:
         return self._new(f"{literal(abs(value))} / {self.name}", self.name, negative=self.negative != (value < 0))
 
     def __pow__(self, exponent: int) -> Any:
-        if exponent not in (2, 3):
-            raise TypeError(f"recorded numbers know the powers 2 and 3, not {exponent!r}")
-        return self * self if exponent == 2 else self * self * self
+        return whole_power(self, exponent)
 
     def sqrt(self) -> Scalar:
         return self._new(f"sqrt({self.signed})", self.name)
@@ -247,6 +245,19 @@ class Scalar:
 
 def _scalar_names(*numbers: Any) -> tuple[str, ...]:
     return tuple(x.name for x in numbers if isinstance(x, Scalar))
+
+
+def whole_power(x: Any, exponent: Any) -> Any:
+    """x^k by products, for a whole number k."""
+    if not isinstance(exponent, int | float | np.integer | np.floating) or exponent != int(exponent):
+        raise TypeError(f"recorded numbers know whole powers, not {exponent!r}")
+    k = int(exponent)
+    if k < 2:
+        return 1 / whole_power(x, -k) if k < 0 else x if k else 1.0
+    if k % 2:
+        return whole_power(x, k - 1) * x
+    half = whole_power(x, k // 2)
+    return half * half
 
 
 def _is_number(x: Any) -> bool:

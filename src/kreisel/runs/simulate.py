@@ -69,7 +69,7 @@ def simulate(
     tol          the largest error at the end relative to the largest entry (order="auto"); the relative one ("dop853")
     orientation  initial g, body to space: a rotation matrix, or for n = 3 a quaternion (w, x, y, z); then a variable
     engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
-                 both chosen by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
+                 both by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
     observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
