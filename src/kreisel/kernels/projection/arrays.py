@@ -193,7 +193,9 @@ class ArrayProjection(InDoubles):
         (first, own), d = self._recorded(self._z[0], 0), observed.own
         gradient(first, own)  # what cannot be traced back fails here
         k = first.shape[0]
-        work *= min(1, 3 * d / observed.scheme.n**2)  # which counts n^2 for a vector too: a share of 4 %, n = 20, not 11
+        work *= min(
+            1, 3 * d / observed.scheme.n**2
+        )  # which counts n^2 for a vector too: a share of 4 %, n = 20, not 11
         self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
