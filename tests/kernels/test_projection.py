@@ -23,6 +23,7 @@ from kreisel.kernels.projection.compiled import CompiledProjection
 from kreisel.kernels.projection.gradients import Traced, gradient
 from kreisel.kernels.projection.program import _register_gradients, program_of
 from kreisel.kernels.recording import flat_constants
+from kreisel.kernels.tape import TooLong
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
@@ -592,6 +593,21 @@ def test_enough_invariants_are_chosen() -> None:
     program = program_of(plan, columns)
     assert program is not None and len(program.labels) == 5
     assert program.labels == ("casimir[0]", "casimir[1]", "spectrum[1]", "spectrum[3]", "noether[0]")
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_sums_of_logarithms_are_projected_as_products(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = random_plan("lattice-landau-lifshitz", n, "brickwork", 1)
+    projection = plan.engine.projection
+    assert isinstance(projection, CompiledProjection) and projection.every < 10**4
+    high = projection.targets[0, projection.labels.index("energy_eps"), 0]
+    energy = plan.scheme.observe(layout.restore(plan.engine.z[0], plan.kinds, n), **plan.scheme.constants)["energy_eps"]
+    assert abs(abs(np.log(high)) - abs(energy)) < 1e-12 * abs(energy)
+    name = "kreisel.kernels.projection.program._without_logarithms"
+    monkeypatch.setattr(name, lambda tape, lines, varying, name: name)  # the mutant
+    _, columns = flat_constants(plan.scheme, 1)
+    with pytest.raises(TooLong):
+        program_of(plan.scheme, columns)
 
 
 def left_out(monkeypatch: pytest.MonkeyPatch, most: float) -> float:

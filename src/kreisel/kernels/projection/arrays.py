@@ -16,7 +16,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
+from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.gradients import Namespace, Traced, cost, gradient
 from kreisel.kernels.projection.text import GAIN, TAU
 from kreisel.method.observing import ORIENTATION
@@ -193,7 +193,10 @@ class ArrayProjection(InDoubles):
         (first, own), d = self._recorded(self._z[0], 0), observed.own
         gradient(first, own)  # what cannot be traced back fails here
         k = first.shape[0]
-        self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), ALONE * work))
+        work *= min(
+            1, 3 * d / observed.scheme.n**2
+        )  # which counts n^2 for a vector too: a share of 4 %, n = 20, not 11
+        self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
         """The invariants (k,) at z[lane] with the first numbers of `row`, and these numbers, traced."""

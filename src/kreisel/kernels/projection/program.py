@@ -56,7 +56,7 @@ SLOPES: list[Callable[..., tuple[Any, Any]]] = [  # of x o y = v
 ]
 FIRST = ("0.0", "1.0", "-1.0")
 Made = TypeVar("Made")
-ROOT = re.compile(r"sqrt\((\w+)\)")
+ROOT, LOG = re.compile(r"sqrt\((\w+)\)"), re.compile(r"log\((-?)(\w+)\)")
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def program_of(
     tape = Tape(most=MOST_LINES)
     parts, known = recorded_arguments(scheme, tape, {"c": columns})
     size = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
-    found: dict[str, str] = {}  # by the recorded name, without factors that are constant
+    found: dict[str, str] = {}  # by the recorded name, without constant factors and logarithms
     outputs = (function or scheme.observe)(parts, **known)
     lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)
     for name, value in outputs.items():
@@ -190,7 +190,8 @@ def program_of(
         for place, entry in enumerate(entries.flat):
             if isinstance(entry, Scalar) and (members is None or place in members.get(name, ())):
                 label = f"{name}[{place}]" if entries.ndim else name
-                found.setdefault(_without_factors(lines, varying, entry.name), label)
+                plain = _without_factors(lines, varying, entry.name)
+                found.setdefault(_without_logarithms(tape, lines, varying, plain), label)
     program = _program(tape, found, size)
     if program is None or len(program.cones) > MOST_CHOSEN:
         return program
@@ -216,6 +217,30 @@ def _without_factors(lines: Mapping[str, Line], varying: set[str], name: str) ->
         else:
             break
     return name
+
+
+def _without_logarithms(tape: Tape, lines: Mapping[str, Line], varying: set[str], name: str) -> str:
+    """The name of x y/z for log x + log y - log z + const: where that is conserved, so is the product.
+
+    There are no logarithms in double-double.  Any other sum keeps its name.
+    """
+    product: Any = 1
+    waiting = [(name, 1)]
+    while waiting:
+        term, power = waiting.pop()
+        if term not in varying:
+            continue
+        line = lines.get(term, Line((term,), "", ()))
+        x, what, y = operation(line)
+        logarithm = LOG.fullmatch(line.text.partition(" = ")[2])
+        if what in ("+", "-"):
+            waiting += [(y, power if what == "+" else -power), (x, power)]
+        elif logarithm:
+            factor = Scalar(tape, logarithm[2])  # its sign is constant
+            product = product * factor if power > 0 else product / factor
+        else:
+            return name
+    return product.name
 
 
 def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
