@@ -489,7 +489,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, "soon"), "times must be"),
         (
             lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="dop853", dt=1),
-            "No closed form of method='dop853'",
+            "no closed form of method='dop853'",
         ),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, dt=0.1), "leave dt out"),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="suris"), "needs a step"),
@@ -502,7 +502,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         (lambda top: kr.at("top", {}, 1), "system with its parameters"),
         (
             lambda top: kr.at(kr.Clebsch(b=(1, 2, 3)), {"M": (0, 0, 1), "P": (1, 0, 0)}, 1),
-            "No closed form of method=.exact. for clebsch",
+            "no closed form of method=.exact. is known for clebsch",
         ),
         (
             lambda top: kr.at(kr.LagrangeTop(p=(0, 0, 0, 1)), {"m": np.zeros((4, 4)), "a": (1, 0, 0, 0)}, 1),
