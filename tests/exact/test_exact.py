@@ -506,7 +506,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         ),
         (
             lambda top: kr.at(kr.LagrangeTop(p=(0, 0, 0, 1)), {"m": np.zeros((4, 4)), "a": (1, 0, 0, 0)}, 1),
-            "with n = 4",
+            "lagrange-top, n = 4",
         ),
         (
             lambda top: kr.simulate(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, dt=1, steps=1, method="exact", order=2),
