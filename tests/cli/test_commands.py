@@ -76,9 +76,12 @@ def test_values_of_set() -> None:
     assert table["sweep"]["draws"] == 3 and table["output"]["path"] == "~/x.zarr" and table["run"]["t_end"] == 10.5
 
 
-def test_version_and_completion(command: Commands) -> None:
+def test_version_and_completion(command: Commands, monkeypatch: pytest.MonkeyPatch) -> None:
     code, out, _ = command("--version")
     assert code == 0 and out.startswith(f"kreisel {kr.__version__} (Python 3.") and "numba" in out
+    monkeypatch.setenv(
+        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1"
+    )  # Typer's own, for tests: no shell to look for
     code, out, _ = command("--show-completion", "bash")
     assert code == 0 and "complete" in out
     from kreisel.cli.output import method_names, system_names

@@ -331,6 +331,9 @@ def view(
     target = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     require_file(target, overwrite)
     shown = one_lane(where, lane[0] if lane else 0) if swept else open_archive(where)
+    lanes = shown.sizes.get("lane", 1)
+    if not swept and not all(0 <= each < lanes for each in lane or ()):
+        raise InputError(f"--lane: expected numbers from 0 to {lanes - 1}, got {lane}.")
     page = page_of(shown, lane=None if swept else lane or None, body=body, mesh=mesh)
     if movie is not None:
         page.movie(movie)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 MOST_FRAMES = 100_001  # numbers of a page: rows of one body with three coordinates
 DENSE = 0.8  # radians: eight states a turn
 FINE = 0.35  # radians between computed states
+MOST_WANTED = 1e15  # frames between two rows, beyond which a count is no whole number
 COMPUTED = 8_000  # states of a replay, of all bodies
 WINDOWS = 12  # stretches of a long run
 ROUGH = 1e-3  # by which shorter steps may miss the next saved state, relative
@@ -172,7 +173,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     every = _divisor(record.every, max(1, int(FINE / (rate * step)))) if split == 1 else 1
     each = every * step
     gaps = np.diff(time)
-    wanted = np.ceil(gaps / each - 1e-6).astype(int)
+    wanted = np.ceil(np.minimum(gaps / each, MOST_WANTED) - 1e-6).astype(int)
     budget = COMPUTED // lanes
     if wanted.sum() <= budget:
         starts = np.arange(len(gaps))

@@ -98,6 +98,8 @@ def scene(
 def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
     """The lanes that are shown, with a dimension unless there is one, and their names."""
     if "lane" not in run.dims:
+        if lane is not None:
+            within(lane, "lane", 0, 0)
         return run, [""]
     count = run.sizes["lane"]
     if lane is None:

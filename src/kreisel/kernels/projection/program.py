@@ -240,7 +240,7 @@ def _without_logarithms(tape: Tape, lines: Mapping[str, Line], varying: set[str]
             product = product * factor if power > 0 else product / factor
         else:
             return name
-    return product.name
+    return product.name if isinstance(product, Scalar) else name
 
 
 def _program(tape: Tape, found: Mapping[str, str], size: int) -> Program | None:
