@@ -324,7 +324,6 @@ def test_the_command_prints_a_file(tmp_path: Path) -> None:
     ("words", "part"),
     [
         (("lagrange-top", "--language", "fortran"), "expected one of c, js, julia, got 'fortran'"),
-        (("neumann",), "Write a TOML file"),
         (("lagrange-top", "--method", "dop853"), "a method that makes steps"),
         (("euler-top", "--dt", "50"), "Use a smaller dt"),
         (("nobody",), "No system is called 'nobody'"),

@@ -256,7 +256,7 @@ def test_damping_of_four_dimensions_by_lanes() -> None:
     ("more", "words"),
     [
         ({"order": (8, 3)}, "one of its orders"),
-        ({"order": (8, 2.0)}, "expected a whole number"),
+        ({"order": (8, 2.5)}, "expected a whole number"),
         ({"orientation": None}, "takes the orientation g"),
         ({"method": "suris"}, "expected"),
         ({"method": "dop853", "tol": 2.0}, "relative tolerance"),

@@ -181,7 +181,7 @@ def test_bodies_without_masses_near_turn_freely(moments: tuple[float, ...]) -> N
     else:
         _, g = closed_form(np.array(moments), M, start, 60.0, 40)
     off = min(max(abs(float(x - s * y)) for x, y in zip(g, spins.orientation(0), strict=True)) for s in (1, -1))
-    assert off < 1e-12 and (spins.spin_angular_momentum(0) == L).all()
+    assert off < 5e-12 and (spins.spin_angular_momentum(0) == L).all()
 
 
 # -- what is conserved, and to what order ----------------------------------------------------------------------
