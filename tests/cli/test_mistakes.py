@@ -275,4 +275,6 @@ def test_no_warning_of_what_makes_sense(recwarn: pytest.WarningsRecorder) -> Non
     for model, options in ((TOP, {"dt": 1.0}), (TOP, {"dt": 50.0, "method": "exact"}), (BODY, {"dt": 0.05})):
         kr.simulate(model, X0 if model is TOP else XB, steps=3, **options)
     kr.simulate(kr.LagrangeTop(p=(0, 0, 1), alpha=2.0), X0, dt=0.05, steps=3)
+    chosen = kr.simulate(TOP, X0, dt=100.0, steps=10, order="auto", tol=1e-3)  # its step has been measured
+    assert chosen.dt * 1.5 > np.pi
     assert not recwarn.list
