@@ -52,7 +52,7 @@ def propagator(
     system: Model,
     *,
     method: str | None = None,
-    order: int | None = None,
+    order: int | tuple[int, ...] | None = None,
     dt: float | None = None,
     orientation: bool = False,
     observe: Sequence[str] = (),

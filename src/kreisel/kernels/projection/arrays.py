@@ -25,6 +25,7 @@ from kreisel.method.scheme import Scheme
 FLAT = 2.0**-4  # as in `kreisel.kernels.projection.text`, where values have more digits
 MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
 STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
+VECTORS = 3  # operations of a step are counted as n^2 a line, also of vectors: 4 % of the time, n = 20, where it was 11
 SAMPLES = 8  # states that give the size of an invariant's terms
 NONE = 1e-300  # instead of a length of 0
 EPS = float(np.finfo(np.float64).eps)
@@ -193,9 +194,7 @@ class ArrayProjection(InDoubles):
         (first, own), d = self._recorded(self._z[0], 0), observed.own
         gradient(first, own)  # what cannot be traced back fails here
         k = first.shape[0]
-        work *= min(
-            1, 3 * d / observed.scheme.n**2
-        )  # which counts n^2 for a vector too: a share of 4 %, n = 20, not 11
+        work *= min(1.0, VECTORS * d / observed.scheme.n**2)
         self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
