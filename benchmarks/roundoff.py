@@ -157,10 +157,12 @@ def states(steps: int, lanes: int) -> dict[str, Any]:
     return out
 
 
-def against(steps: int, lanes: int) -> dict[str, Any]:
+def against(steps: int, lanes: int, names: list[str] | None) -> dict[str, Any]:
     """Errors of the state over |z| and the number of steps, of random problems; the slope in N of log10 error."""
     out = {}
     for name, method, order, share in MAPS:
+        if names and named(name, method, order) not in names:
+            continue
         counts, every = [10**k for k in range(4, 10) if 10**k <= steps * share], 0
         if len(counts) < 2:
             continue
@@ -184,7 +186,7 @@ def against(steps: int, lanes: int) -> dict[str, Any]:
             told = [{"median": float(f"{np.median(e):.2g}"), "worst": float(f"{e.max():.2g}")} for e in found.T]
             kind = "projected" if project else "raw"
             rows[kind] = {f"{n:.0e}": row for n, row in zip(counts, told, strict=True)} | {"slope": round(slope, 2)}
-        out[f"{name}, {method} {order or ''}".strip()] = rows | {"problems": lanes, "every": every}
+        out[named(name, method, order)] = rows | {"problems": lanes, "every": every}
         print(name, method, order, rows, flush=True)
     return out
 
@@ -207,9 +209,13 @@ def condition(steps: int, lanes: int) -> dict[str, Any]:
             off = [abs(end(moved(state, draw)) - there).max() for _ in range(3)]
             found.append(max(off) / CHANGE * np.finfo(float).eps / 2 / abs(there).max() / count)
         row = {"steps": count, "median": float(f"{np.median(found):.2g}"), "worst": float(f"{max(found):.2g}")}
-        out[f"{name}, {method} {order or ''}".strip()] = row
+        out[named(name, method, order)] = row
         print(name, method, order, row, flush=True)
     return out
+
+
+def named(name: str, method: str, order: int | None) -> str:
+    return f"{name}, {method} {order or ''}".strip()
 
 
 def problem(name: str, lane: int) -> tuple[Any, dict[str, Any]]:
@@ -319,6 +325,7 @@ def main(arguments: list[str] | None = None) -> None:
     options.add_argument("--lanes", type=int, default=100)
     options.add_argument("--seconds", type=float, default=60.0)
     options.add_argument("--part", action="append", choices=PARTS)
+    options.add_argument("--map", action="append", choices=[named(*row[:3]) for row in MAPS], help="of part against")
     asked = options.parse_args(arguments)
     steps, parts = int(asked.steps), asked.part or PARTS
     told: dict[str, Any] = {}
@@ -335,7 +342,7 @@ def main(arguments: list[str] | None = None) -> None:
     if "states" in parts:
         told["states"] = states(min(steps, 10**8), asked.lanes)
     if "against" in parts:
-        told["against"] = against(min(steps, 10**7), asked.lanes)
+        told.setdefault("against", {}).update(against(min(steps, 10**7), asked.lanes, asked.map))
     if "condition" in parts:
         told["condition"] = condition(min(steps, 10**6), asked.lanes)
     if "longest" in parts:
