@@ -25,7 +25,7 @@ from kreisel.method.baecklund import (
     stage_points,
     turned_with_body,
 )
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import Only, observer, with_orientation
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import call
 from kreisel.record.model import Model
@@ -53,9 +53,11 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     conserved = ("casimir", "energy", *model.system.integrals)
     observe, outcomes = observer(model, None, None, conserved=conserved, oriented=oriented)
 
-    def observed(z: State, /, **constants: Array) -> dict[str, Array]:
-        out = observe((*back(z[:2]), *z[2:]), **constants)
-        if body is not model:  # on a leaf <x, q> = 0 is <M, P> = 0, which (x, q) do not show and rounding would lose
+    def observed(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
+        out = observe((*back(z[:2]), *z[2:]), only, **constants)
+        if (
+            body is not model and "casimir" in out
+        ):  # on a leaf <x, q> = 0 is <M, P> = 0, which (x, q) do not show and rounding would lose
             out["casimir"] = np.stack([out["casimir"][..., 0], algebra.dot(algebra.axial(z[0]), z[1])], -1)
         return out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -309,11 +310,8 @@ def _shaped(entries: list[Any], shape: tuple[int, ...]) -> Any:
 def special_constants(constants: Floats) -> dict[str, float]:
     """The constants that are 0, 1 or -1 in every lane."""
     firsts = constants[0] if len(constants) else constants.sum(0)
-    return {
-        f"c{j}": float(first)
-        for j, first in enumerate(firsts)
-        if first in (0.0, 1.0, -1.0) and (constants[:, j] == first).all()
-    }
+    found = ((firsts == 0) | (abs(firsts) == 1)) & (constants == firsts).all(0)
+    return {f"c{j}": float(firsts[j]) for j in found.nonzero()[0]}
 
 
 def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
@@ -330,11 +328,18 @@ def columns_of(
     values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
 ) -> tuple[Floats, dict[str, slice]]:
     """Values with these axes of their own as rows (*lead, count), and where each stands."""
-    pieces, columns, start = [np.empty((*lead, 0))], {}, 0
+    columns, start = {}, 0
     for name, value in values.items():
-        array = np.asarray(value, dtype=np.float64)
-        flat = array.reshape((*array.shape[: array.ndim - axes[name]], -1))
-        pieces.append(np.broadcast_to(flat, (*lead, flat.shape[-1])))
-        columns[name] = slice(start, start + flat.shape[-1])
-        start += flat.shape[-1]
-    return np.ascontiguousarray(np.concatenate(pieces, -1)), columns
+        count = math.prod(np.shape(value)[np.ndim(value) - axes[name] :])
+        columns[name] = slice(start, start + count)
+        start += count
+    rows = np.empty((*lead, start))
+    fill(rows, columns, values, axes)
+    return rows, columns
+
+
+def fill(rows: Floats, columns: Mapping[str, slice], values: Mapping[str, Array], axes: Mapping[str, int]) -> None:
+    """Write values with these axes of their own where they stand in `rows`."""
+    for name, value in values.items():
+        array = np.asarray(value)
+        rows[..., columns[name]] = array.reshape((*array.shape[: array.ndim - axes[name]], -1))

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections
-from kreisel.kernels.recording import flat_constants, flat_stages, special_constants
+from kreisel.kernels.recording import fill, flat_constants, flat_stages, special_constants
 from kreisel.method.scheme import Scheme
 
 
@@ -27,13 +28,23 @@ class SteppedEngine:
         if scheme.kernel_key is None or scheme.kernel_key != self.scheme.kernel_key or len(z) != len(self.z):
             return False
         if scheme is not self.scheme:
-            constants, stages = flat_constants(scheme, len(z))[0], flat_stages(scheme, len(z))[0]
-            if special_constants(constants) != special_constants(self.constants):
-                return False  # another kernel
-            self.constants[:], self.stages[:] = constants, stages
+            if self._another_kernel(_changed(scheme.constants, self.scheme.constants)):
+                return False
+            fill(self.stages, self.stage_columns, _changed(scheme.stages, self.scheme.stages), scheme.axes)
             self.scheme = scheme
         self.z[:] = z
         return True
+
+    def _another_kernel(self, changed: Mapping[str, Array]) -> bool:
+        """Take these constants; whether they need another kernel, and none is taken."""
+        if not changed:
+            return False
+        constants = self.constants.copy()
+        fill(constants, self.columns, changed, self.scheme.axes)
+        if special_constants(constants) != special_constants(self.constants):
+            return True
+        self.constants[:] = constants
+        return False
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
@@ -42,3 +53,7 @@ class SteppedEngine:
         self.z[:] = snapshot["z"]
         if self.projection:
             self.projection.restore(snapshot)
+
+
+def _changed(new: Mapping[str, Array], old: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: value for name, value in new.items() if value is not old[name]}

@@ -181,7 +181,7 @@ def _scheme(what: Subject, tangent: bool) -> Scheme:
         n=3,
         prepare=lambda z: z,
         motion=JaxSteps(_pushed_by_jax(what.step, _Fixed(fixed))),
-        observe=lambda z, /, **constants: {},
+        observe=lambda z, only=None, /, **constants: {},
         reopen=lambda z: z,
         outcomes={},
         recordable=False,

@@ -79,21 +79,23 @@ class Product:
         self.points = stage_points(order, dt)
         self.pairs = [mu for mu in self.points if isinstance(mu, complex)]
         self.single = [mu for mu in self.points if isinstance(mu, float)]
+        mus = np.array(self.pairs)
+        self.stages = {"mu_re": mus.real, "mu_im": mus.imag} if self.pairs else {}
+        self.constants = {"mu": np.array(self.single[0])} if self.single else {}
         self.count = len(model.system.space.letters)
+        self.known = {name: _at_points(x, model.axes[name]) for name, x in model.constants.items()}
         self.rest = model.system.frame is Frame.REST
         self.spins = self.record.spin is not None and not self.rest
 
     def trajectory(self, x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
         """The constants of the trajectory from x0, and those of its stages."""
         own = x0[: self.count]
-        constants: dict[str, Array] = {}
-        stages: dict[str, Array] = {}
+        constants, stages = {**self.constants}, {**self.stages}
         if self.single:
-            constants |= {"mu": np.array(self.single[0]), "rho": self._rho(own, np.array(self.single))[..., 0]}
+            constants |= {"rho": self._rho(own, np.array(self.single))[..., 0]}
         if self.pairs:
-            mus = np.array(self.pairs)
-            rho = self._rho(own, mus)
-            stages = {"mu_re": mus.real, "mu_im": mus.imag, "rho_re": rho.real, "rho_im": rho.imag}
+            rho = self._rho(own, np.array(self.pairs))
+            stages |= {"rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # what overflows is refused
             if self.spins:
                 constants |= spin_turns(self.model, own, self.dt)
@@ -121,30 +123,19 @@ class Product:
         return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
     def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
-        """The constants of the trajectory (..., points), in extended precision where the platform has it."""
+        """The constants of the trajectory (..., points)."""
         if len(mus) > 1 and own[0].size > MANY:  # arrays of all points would leave the cache
             return np.concatenate([self._rho(own, mus[i : i + 1]) for i in range(len(mus))], -1)
-        wide = np.clongdouble if np.iscomplexobj(mus) else np.longdouble
-
-        def at_points(x: Array, axes: int) -> Array:
-            x, lead = x.astype(np.longdouble), x.ndim - axes
-            if len(mus) == 1:
-                return x
-            shape = x.shape[:lead], x.shape[lead:]
-            return np.broadcast_to(x.reshape((*shape[0], 1, *shape[1])), (*shape[0], len(mus), *shape[1]))
-
-        known = {name: at_points(v, self.model.axes[name]) for name, v in self.model.constants.items()}
         kinds = self.model.system.space.kinds
-        state = tuple(at_points(x, component_axes(kind)) for kind, x in zip(kinds, own, strict=True))
-        mu = mus.astype(wide) if len(mus) > 1 else wide(mus[0])
+        state = tuple(_at_points(x, component_axes(kind)) for kind, x in zip(kinds, own, strict=True))
         with np.errstate(all="ignore"):
             try:
-                rho = call(self.record.point, state, {**known, "mu": mu})
+                rho = call(self.record.point, state, {**self.known, "mu": mus})
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
         if not np.isfinite(rho).all():
             self._explain(own, mus)
-        return (rho if len(mus) > 1 else rho[..., None]).astype(mus.dtype)
+        return rho
 
     def _explain(self, own: tuple[Array, ...], mus: Array) -> None:
         name = self.model.system.name
@@ -174,6 +165,13 @@ class Product:
             spin = self.model.call(self.record.spin, *own)
             out |= _constant_turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
         return out
+
+
+def _at_points(x: Array, axes: int) -> Array:
+    """With an axis of the points before its own."""
+    x = np.asarray(x)
+    lead = x.ndim - axes
+    return x.reshape((*x.shape[:lead], 1, *x.shape[lead:]))
 
 
 def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:

@@ -27,7 +27,7 @@ from kreisel.errors import InputError
 from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
 from kreisel.method.kahan_integrals import deformed_integrals, one_lane
 from kreisel.method.kahan_step import State, advance, coordinate_count, state_of
-from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
+from kreisel.method.observing import Only, held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Outcome, Scheme
 from kreisel.record.contract import call
@@ -54,8 +54,8 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         new, pivots = advance(model, old, eps, consts)
         return new, (_followed(model, old, new, g, eps, consts) for g in turned), (1 - pivot for pivot in pivots)
 
-    def observe(z: State, /, **constants: Array) -> dict[str, Array]:
-        out = observe_all(z, **constants)
+    def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
+        out = observe_all(z, only if integrals is None else None, **constants)
         return out | (integrals.values(model, out, dt, constants) if integrals is not None else {})
 
     guard = Guard(

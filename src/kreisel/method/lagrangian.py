@@ -8,7 +8,7 @@ from functools import lru_cache
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.method.observing import ORIENTATION, as_matrix, observer, turned_by_map
+from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer, turned_by_map
 from kreisel.method.record import Method
 from kreisel.method.scheme import JaxSteps, Scheme
 from kreisel.record.contract import Frame, Function, Map, call
@@ -39,8 +39,8 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
         return (*x0[:count], *(as_matrix(model, g) for g in x0[count:]))
 
-    def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
-        out = observe(z, **constants)
+    def observe_all(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
+        out = observe(z, only, **constants)
         if len(z) > count and model.n == 3:
             out[ORIENTATION] = algebra.unit_quaternion(z[count])
         return out

@@ -15,6 +15,7 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
 ORIENTATION = "g"
+Only = Collection[str] | None
 
 
 def orientation_component(n: int) -> tuple[str, str]:
@@ -109,6 +110,8 @@ def observer(
 
     `to_user` takes the map's own variables to the user's.
 
+    `observe(z, only)` leaves out what is not named in `only`, beside the state, where that is given.
+
     `continuous`: the method carries of q and -q the one that is continuous in time, which stays.
     """
     space = model.system.space
@@ -117,13 +120,14 @@ def observer(
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
     outcomes |= {ORIENTATION: orientation_outcome(model, continuous)} if oriented else {}
 
-    def observe(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+    def observe(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
         batch = np.ndim(own[0]) - component_axes(space.kinds[0])
         known = {k: v for k, v in constants.items() if k in model.constants or k in (ORIENTATION, TIME)}
         user = to_user(*own, **known) if to_user is not None else own
         out = dict(zip(space.letters, user, strict=True))
-        for name, (_, function, takes_own) in table.items():
+        for name in table if only is None else table.keys() & set(only):
+            _, function, takes_own = table[name]
             value = function(*(own if takes_own else user), **known)
             out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
         if len(z) > count:

@@ -18,7 +18,7 @@ from kreisel.method.driven import (
     with_work,
     zero,
 )
-from kreisel.method.observing import ORIENTATION, as_matrix, observer
+from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer
 from kreisel.method.record import Method
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.contract import Frame, call
@@ -57,9 +57,9 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         out += (1.0,) * timed
         return (*out, power(model, own, known)) if driven else out
 
-    def observe_all(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+    def observe_all(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
         known = where(z) if record is not None else {}
-        out = observe(z[:end], **{**constants, **known})
+        out = observe(z[:end], only, **{**constants, **known})
         if oriented and model.n == 3:
             out[ORIENTATION] = algebra.unit_quaternion(z[count])
         return with_work(out, z[-1]) if driven else out

@@ -197,7 +197,8 @@ class Scheme:
     """A method for one model: numbers, functions around its motion, and the motion, which says what kind it is.
 
     prepare(x0)             -> z0        once
-    observe(z, **constants) -> outputs   at saved steps; batch axes (time, lane) in front; also takes `basis`
+    observe(z, **constants) -> outputs   at saved steps; batch axes (time, lane) in front; also takes `basis`;
+                               names behind z: only these of what is not the state
     reopen(x)               -> z         from an observed state back to the method's own variables
     trajectory(x0)          -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
                                their axes stand in `axes`.  `on(x0)` puts them in

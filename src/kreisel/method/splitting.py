@@ -40,7 +40,7 @@ from kreisel.method.driven import (
     zero,
 )
 from kreisel.method.integrable import Integrable, integrable
-from kreisel.method.observing import as_matrix, observer, with_orientation
+from kreisel.method.observing import Only, as_matrix, observer, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import CoupledSteps, Guard, Outcome, Scheme, Steps
 from kreisel.method.splitting_coefficients import ORDERS, splitting
@@ -266,14 +266,14 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
         outcomes |= outcomes_of_work(oscillates)
     outcomes |= outcomes_of_totals(model, oscillates)
 
-    def observe(z: State, /, **constants: Array) -> dict[str, Array]:
+    def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         own, g, more = body.apart(z)
         where: dict[str, Any] = {}
         if record.names(TIME):
             where[TIME] = more[COUNT] * body.dt
         if record.names(ORIENTATION):
             where[ORIENTATION] = body.turn(g)
-        out = plain((*own, *g), **constants, **where)
+        out = plain((*own, *g), only, **constants, **where)
         return with_work(out, more[WORK]) if body.driven else out
 
     return observe, outcomes

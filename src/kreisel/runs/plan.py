@@ -195,8 +195,8 @@ class Plan:
 
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         """What is observed of a state in the method's own variables."""
-        outputs = self.scheme.observe(parts, **constants)
         alone = self.scheme.coupling is None or self.settings.observe == ()
+        outputs = self.scheme.observe(parts, self.settings.observe if alone else None, **constants)
         chosen = self.outcomes if alone else self.scheme.outcomes
         return {
             name: algebra.axial(outputs[name]) if outcome.axes == "skew" and self.model.n == 3 else outputs[name]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from kreisel.kernels.large.forms import LargeForm
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,9 +101,9 @@ class Basis:
     def observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
         """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
 
-        def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+        def of_blocks(z: tuple[Array, ...], only: Collection[str] | None = None, /, **known: Array) -> dict[str, Array]:
             given = {name: known.pop(name) for name in self.arrays if name in known}
-            return observe(self.with_arrays(given).back(z), **known)
+            return observe(self.with_arrays(given).back(z), only, **known)
 
         return of_blocks
 

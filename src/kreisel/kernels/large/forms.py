@@ -13,7 +13,7 @@ About an axis an orientation may be carried along, known by its columns or its r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -203,8 +203,8 @@ class LargeForm:
         return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
 
     def _observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
-        def of_rows(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            return observe(self._back(z), **known)
+        def of_rows(z: tuple[Array, ...], only: Collection[str] | None = None, /, **known: Array) -> dict[str, Array]:
+            return observe(self._back(z), only, **known)
 
         return of_rows
 

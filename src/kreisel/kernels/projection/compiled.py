@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.algebra.reuse import Identity, reused
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections
@@ -69,8 +70,12 @@ def room_of(programs: list[Program], width: int) -> int:
 
 def compiled(programs: list[Program], width: int) -> Any:
     """The compiled projection of `width` lanes at once by these programs, one after the other."""
-    source = straight_source(programs, width) if written_out(programs) else projection_source(width)
-    return load_kernel(source).project
+
+    def made() -> Any:
+        source = straight_source(programs, width) if written_out(programs) else projection_source(width)
+        return load_kernel(source).project
+
+    return reused(("projection", width, *map(Identity, programs)), made)
 
 
 class CompiledProjection(Corrections):
