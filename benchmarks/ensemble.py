@@ -12,8 +12,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser(__doc__, "ensemble")
     options.add_argument("--steps", type=int, default=STEPS)
     options.add_argument("--turns", type=int, default=TURNS)
-    told = options.parse_args(arguments)
-    write(measure(told.turns, told.steps), told.output)
+    asked = options.parse_args(arguments)
+    write(measure(asked.turns, asked.steps), asked.output)
 
 
 if __name__ == "__main__":

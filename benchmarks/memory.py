@@ -47,15 +47,15 @@ def main() -> None:
         out, _ = run.communicate()
         if run.returncode:
             sys.exit(run.returncode)
-        told = json.loads(out)
+        said = json.loads(out)
         disk = sum(p.stat().st_size for p in whole.rglob("*") if p.is_file())
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    worst = max(row["ulps"] for row in told["drift"] if row["conserved"])
+    worst = max(row["ulps"] for row in said["drift"] if row["conserved"])
     blocks = max(there for there, _ in seen)
     tenths = [max((mib for there, mib in seen if there <= blocks * k / 10), default=0.0) for k in range(1, 11)]
     result = {
-        "steps": told["steps"],
-        "rows": told["rows"],
+        "steps": said["steps"],
+        "rows": said["rows"],
         "MiB_until_each_tenth": [round(mib) for mib in tenths],
         "growth_MiB": round(tenths[-1] - tenths[1]),
         "peak_memory_MiB": round(peak),

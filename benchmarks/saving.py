@@ -12,8 +12,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser(__doc__, "saving")
     options.add_argument("--turns", type=int, default=TURNS)
     options.add_argument("--part", type=int, default=1, help="a part of the steps, for a quick look")
-    told = options.parse_args(arguments)
-    write(measure(told.turns, told.part), told.output)
+    asked = options.parse_args(arguments)
+    write(measure(asked.turns, asked.part), asked.output)
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser(__doc__, "single")
     options.add_argument("--steps", type=int, default=STEPS)
     options.add_argument("--turns", type=int, default=TURNS)
-    told = options.parse_args(arguments)
-    write(measure(told.steps, told.turns), told.output)
+    asked = options.parse_args(arguments)
+    write(measure(asked.steps, asked.turns), asked.output)
 
 
 if __name__ == "__main__":

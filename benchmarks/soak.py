@@ -60,8 +60,8 @@ def tests(files: str, chosen: str, **counts: int) -> dict[str, Any]:
     )
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-200:]
     if done.returncode:
-        told = [line for line in done.stdout.splitlines() if line.startswith("E  ")]
-        print("\n".join(told[:20]) or done.stdout[-6000:], file=sys.stderr)
+        errors = [line for line in done.stdout.splitlines() if line.startswith("E  ")]
+        print("\n".join(errors[:20]) or done.stdout[-6000:], file=sys.stderr)
     return {"passed": done.returncode == 0, "pytest": last.strip("= "), **{k.lower(): v for k, v in counts.items()}}
 
 
@@ -74,11 +74,11 @@ def fuzzed(chosen: str, name: str, count: int, before: dict[str, Any]) -> Iterat
     done, failed = (before["done"], before["failed_slices"]) if before.get("asked") == count else (0, [])
     for first in [*(first for first, _ in failed), *range(done, count, width)]:
         stop = min(first + width, count)
-        told = tests("tests/cli/test_fuzz.py", chosen, **{name: stop - first, "KREISEL_FUZZ_FIRST": first})
-        failed = [f for f in failed if f[0] != first] + ([] if told["passed"] else [[first, stop]])
+        found = tests("tests/cli/test_fuzz.py", chosen, **{name: stop - first, "KREISEL_FUZZ_FIRST": first})
+        failed = [f for f in failed if f[0] != first] + ([] if found["passed"] else [[first, stop]])
         done = max(done, stop)
         passed = done == count and not failed
-        yield {"passed": passed, "asked": count, "done": done, "failed_slices": failed, "pytest": told["pytest"]}
+        yield {"passed": passed, "asked": count, "done": done, "failed_slices": failed, "pytest": found["pytest"]}
 
 
 def million(share: float) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def million(share: float) -> dict[str, Any]:
     lanes = max(1000, int(LANES * share))
     with tempfile.TemporaryDirectory() as name:
         folders = [Path(name) / "killed", Path(name) / "whole"]
-        told = []
+        found = []
         for folder, workers in zip(folders, (2, 1), strict=True):
             folder.mkdir()
             (folder / "sweep.toml").write_text(SWEEP.format(lanes=lanes), encoding="utf-8")
@@ -96,11 +96,11 @@ def million(share: float) -> dict[str, Any]:
             out, err = client.communicate(timeout=LONGEST)
             if client.returncode:
                 return {"passed": False, "error": err[-500:]}
-            told.append({**json.loads(out), "workers": workers, "killed": bool(killed)})
+            found.append({**json.loads(out), "workers": workers, "killed": bool(killed)})
         same = contents(folders[0] / "sweep.zarr") == contents(folders[1] / "sweep.zarr")
         size = sum(p.stat().st_size for p in (folders[0] / "sweep.zarr").rglob("*") if p.is_file())
     keys = ("workers", "killed", "lanes", "failed", "blocks", "seconds", "peak_MiB")
-    runs = [{k: t[k] for k in keys} for t in told]
+    runs = [{k: t[k] for k in keys} for t in found]
     passed = same and runs[0]["killed"] and not runs[0]["failed"]
     return {"passed": passed, "same_bytes": same, "store_MB": round(size / 1e6), "runs": runs}
 
@@ -128,9 +128,9 @@ def contents(store: Path) -> dict[str, Any]:
         name = path.relative_to(store).as_posix()
         out[name] = path.read_bytes()
         if name == "zarr.json":
-            told = json.loads(path.read_text())
-            told["attributes"].pop("created")
-            out[name] = told
+            found = json.loads(path.read_text())
+            found["attributes"].pop("created")
+            out[name] = found
         elif name == "engine/checksums.sha256":
             out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
     return out
@@ -141,8 +141,8 @@ def memory(share: float) -> dict[str, Any]:
     done = subprocess.run(
         [sys.executable, str(HERE / "memory.py"), str(int(10**9 * share))], check=False, timeout=LONGEST
     )
-    told = json.loads((HERE / "results" / "memory.json").read_text(encoding="utf-8"))
-    return {"passed": done.returncode == 0 and told["growth_MiB"] < 32, **told}
+    found = json.loads((HERE / "results" / "memory.json").read_text(encoding="utf-8"))
+    return {"passed": done.returncode == 0 and found["growth_MiB"] < 32, **found}
 
 
 FUZZED = {
@@ -165,12 +165,12 @@ def known() -> dict[str, Any]:
     return dict(json.loads(RESULT.read_text(encoding="utf-8"))) if RESULT.exists() else {}
 
 
-def note(name: str, told: dict[str, Any]) -> None:
+def note(name: str, found: dict[str, Any]) -> None:
     """Write the result of a part beside the others."""
     when = datetime.now(UTC).isoformat(timespec="seconds")
     made = {"kreisel": version("kreisel"), "python": platform.python_version(), "cores": os.cpu_count()}
     result = known()
-    result[name] = {**told, "when": when, **made}
+    result[name] = {**found, "when": when, **made}
     RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     print(f"{name}: {json.dumps(result[name])}", flush=True)
 
@@ -184,16 +184,16 @@ def main() -> int:
     good = True
     for name in asked.part or [*PARTS, *FUZZED]:
         begun, before = time.perf_counter(), known().get(name, {}) if asked.again else {}
-        told = {"passed": before.get("passed", False)}
+        found = {"passed": before.get("passed", False)}
         if name in FUZZED:
             chosen, count, most = FUZZED[name]
             steps = fuzzed(chosen, count, int(most * asked.share), before)
         else:
             steps = (PARTS[name](asked.share) for _ in range(1))
-        for told in steps:
+        for found in steps:
             seconds = round(before.get("seconds", 0) + time.perf_counter() - begun, 1)
-            note(name, {"share": asked.share, **told, "seconds": seconds})
-        good = good and told["passed"]
+            note(name, {"share": asked.share, **found, "seconds": seconds})
+        good = good and found["passed"]
     return 0 if good else 1
 
 

@@ -47,8 +47,8 @@ def codes() -> dict[str, str]:
 def once(code: str, folder: str) -> tuple[float, float]:
     """Seconds by the clock and of the processor, until the process prints its line."""
     begun = time.time()
-    told = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True).stdout
-    by_clock, worked = map(float, told.split()[-2:])
+    out = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True).stdout
+    by_clock, worked = map(float, out.split()[-2:])
     return by_clock - begun, worked
 
 
@@ -69,9 +69,9 @@ def measure(turns: int) -> dict[str, Any]:
     rows = {}
     for name, values in found.items():
         row: dict[str, Any] = {}
-        for told, seconds in zip(("wall", "processor"), np.array(values).T, strict=True):
+        for clock, seconds in zip(("wall", "processor"), np.array(values).T, strict=True):
             low, middle, high = np.percentile(seconds, [25, 50, 75])
-            row[told] = {"least": round(float(seconds.min()), 3), "median": round(float(middle), 3),
+            row[clock] = {"least": round(float(seconds.min()), 3), "median": round(float(middle), 3),
                          "quartiles": [round(float(low), 3), round(float(high), 3)]}  # fmt: skip
         row["to import numpy"] = round(float(np.median(worked(values) / worked(found["import numpy"]))), 2)
         rows[name] = row | ({"goal": GOALS[name]} if name in GOALS else {})
@@ -84,8 +84,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure, print, write the JSON."""
     options = parser(__doc__, "startup")
     options.add_argument("--turns", type=int, default=TURNS)
-    told = options.parse_args(arguments)
-    write(measure(told.turns), told.output)
+    asked = options.parse_args(arguments)
+    write(measure(asked.turns), asked.output)
 
 
 if __name__ == "__main__":

@@ -33,8 +33,8 @@ def speed_and_stillness() -> str:
 
 
 def _result(name: str) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
-    return told
+    result: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
+    return result
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
@@ -44,12 +44,12 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 def ensembles() -> str:
     """Time of a lane-step on one core, to C++, the part of the instruction bound, and all cores against one."""
-    told = _result("ensemble")
+    result = _result("ensemble")
     rows = []
-    for name, row in told["maps"].items():
+    for name, row in result["maps"].items():
         part = f"{row['bound']['fraction_reached']:.2f}" if "bound" in row else "-"
         cores = [
-            f"{row[key]:.2f}" if told["load_average_before"] < IDLE else "not measured"
+            f"{row[key]:.2f}" if result["load_average_before"] < IDLE else "not measured"
             for key in ("one/all_cores", "one/all_cores, cpp")
         ]
         rows.append([f"`{name}`", f"{row['kernel']['ns']:.1f}", f"{row['kernel/cpp']:.2f}",
@@ -61,21 +61,21 @@ def ensembles() -> str:
 
 def saving_cost() -> str:
     """Time with saving and all integrals over time without."""
-    told = _result("saving")["runs"]
-    every = [key for key in next(iter(told.values())) if key.startswith("every")]
-    rows = [[f"`{name}`", *(f"{row[key]['ratio']:.2f}" for key in every)] for name, row in told.items()]
+    result = _result("saving")["runs"]
+    every = [key for key in next(iter(result.values())) if key.startswith("every")]
+    rows = [[f"`{name}`", *(f"{row[key]['ratio']:.2f}" for key in every)] for name, row in result.items()]
     return _table(["system, method; n = 3", *every], rows)
 
 
 def dimensions() -> str:
     """Time of a step against n, and the exponents."""
-    told = _result("dimension")
-    sizes = list(dict.fromkeys(n for row in told["ns"].values() for n in row))
+    result = _result("dimension")
+    sizes = list(dict.fromkeys(n for row in result["ns"].values() for n in row))
     rows = []
-    for name, row in told["ns"].items():
-        fits = [f"{fit[name]:.2f}" if name in fit else "-" for fit in told["exponents"].values()]
+    for name, row in result["ns"].items():
+        fits = [f"{fit[name]:.2f}" if name in fit else "-" for fit in result["exponents"].values()]
         rows.append([name, *(_time(row[n]) if n in row else "-" for n in sizes), *fits])
-    head = ["system; n =", *sizes, *(f"exponent, n ≥ {first}" for first in told["exponents"])]
+    head = ["system; n =", *sizes, *(f"exponent, n ≥ {first}" for first in result["exponents"])]
     return _table(head, rows)
 
 
@@ -89,11 +89,11 @@ def _time(ns: float) -> str:
 
 def startup() -> str:
     """Seconds of fresh processes."""
-    told = _result("startup")
+    result = _result("startup")
     rows = [
         [f"`{name}`", *(f"{row[k][v]:.2f}" for k in ("processor", "wall") for v in ("least", "median")),
          f"{row['to import numpy']:.1f}", str(row.get("goal", "-"))]
-        for name, row in told["starts"].items()
+        for name, row in result["starts"].items()
     ]  # fmt: skip
     head = ["", "processor s, least", "median", "clock s, least", "median", "times `import numpy`", "goal, s"]
     return _table(head, rows)
@@ -101,9 +101,9 @@ def startup() -> str:
 
 def gpu_code() -> str:
     """The kernels of the GPU: registers, instructions of a step and the bound that they are."""
-    told = _result("gpu_code")
+    result = _result("gpu_code")
     rows = []
-    for name, row in told["kernels"].items():
+    for name, row in result["kernels"].items():
         kernel, _, precision = name.rpartition(", ")
         step = f"{row['passes']} stages of {row['arithmetic']}" if row["passes"] > 1 else str(row["arithmetic"])
         registers = str(row["registers"]) + f", {row['spilled_bytes']} bytes spilled" * bool(row["spilled_bytes"])

@@ -373,11 +373,11 @@ def verdict(result: dict[str, Any]) -> list[str]:
                 ours, theirs = (cheapest(rows, side, error, batch) for side in (True, False))
                 if ours is None and theirs is None:
                     continue
-                told = f"{key}{', batch' * batch}, error {error:g}: "
+                line = f"{key}{', batch' * batch}, error {error:g}: "
                 for run in (ours, theirs):
-                    told += f"{run['method']} {run['us']:.3g} us; " if run else "not reached; "
-                told += "" if not (ours and theirs) else f"kreisel {theirs['us'] / ours['us']:.2f} times as fast"
-                lines.append(told)
+                    line += f"{run['method']} {run['us']:.3g} us; " if run else "not reached; "
+                line += "" if not (ours and theirs) else f"kreisel {theirs['us'] / ours['us']:.2f} times as fast"
+                lines.append(line)
     return lines
 
 

@@ -62,7 +62,7 @@ def inside(asked: argparse.Namespace) -> int:
         folder = asked.inside / "cases" / str(asked.case)
         print(json.dumps(pool.carried_out(part, asked.case, asked.seed, folder), indent=1))
         return 0
-    scale, told, spare = asked.minutes / FULL, {}, 0.0
+    scale, found, spare = asked.minutes / FULL, {}, 0.0
     for part in chosen:
         count = max(1, round(part.count * scale))
         seconds = spare + 60 * asked.minutes * (CASES * part.share if not asked.part else 1)
@@ -71,10 +71,12 @@ def inside(asked: argparse.Namespace) -> int:
         outcomes = dict(sorted(got.outcomes.items()))
         slow = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in got.slow.most_common(6))
         print(f"{part.name}: {slow}", file=sys.stderr, flush=True)
-        told[part.name] = {"asked": count, "done": got.done, "do_not_hold": got.failed, "seconds": got.seconds}
-        told[part.name] |= {"outcomes": outcomes, "faults": got.faults}
-        print(f"{part.name}: {json.dumps({**told[part.name], 'faults': len(got.faults)})}", file=sys.stderr, flush=True)
-    print(json.dumps({"place": place, "parts": told}))
+        found[part.name] = {"asked": count, "done": got.done, "do_not_hold": got.failed, "seconds": got.seconds}
+        found[part.name] |= {"outcomes": outcomes, "faults": got.faults}
+        print(
+            f"{part.name}: {json.dumps({**found[part.name], 'faults': len(got.faults)})}", file=sys.stderr, flush=True
+        )
+    print(json.dumps({"place": place, "parts": found}))
     return 0
 
 
@@ -105,7 +107,7 @@ def main() -> int:
     if done.returncode or asked.case is not None:
         print(done.stdout, end="")
         return done.returncode
-    told = json.loads(done.stdout)
+    answer = json.loads(done.stdout)
     result = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "seed": asked.seed,
@@ -115,15 +117,15 @@ def main() -> int:
         "as_root": os.geteuid() == 0,
         "machine": machine(),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-        **told,
+        **answer,
     }
     out = asked.out or (None if asked.part else RESULT)
     if out is not None:
         out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     if out == RESULT:
         PAGE.write_text(telling.entered(PAGE.read_text(encoding="utf-8"), result), encoding="utf-8")
-    print(f"{telling.text(told['parts'])}\nin {told['place']}")
-    return int(any(part["do_not_hold"] for part in told["parts"].values()))
+    print(f"{telling.text(answer['parts'])}\nin {answer['place']}")
+    return int(any(part["do_not_hold"] for part in answer["parts"].values()))
 
 
 if __name__ == "__main__":

@@ -22,10 +22,10 @@ def _of(path: str) -> Function:
     return get
 
 
-def call(name: str, *given: str, **told: Any) -> Call:
+def call(name: str, *given: str, **options: Any) -> Call:
     """A call; keywords that end in _ say more of it, the others are kinds of keyword arguments."""
-    more = {k[:-1]: v for k, v in told.items() if k.endswith("_")}
-    keywords = {k: v for k, v in told.items() if not k.endswith("_")}
+    more = {k[:-1]: v for k, v in options.items() if k.endswith("_")}
+    keywords = {k: v for k, v in options.items() if not k.endswith("_")}
     function = more.pop("function", None) or _of(name)
     optional = tuple(more.pop("optional", "").split())
     return Call(name, function, given, keywords, optional, **more)
@@ -76,9 +76,9 @@ def _text(here: Around) -> Function:
 def _ensemble(here: Around) -> Function:
     import kreisel as kr
 
-    def ensemble(model: Any, parts: Any, **told: Any) -> Any:
-        varied = {name: told.pop(name) for name in ("grid", "together", "random", "draws", "rng") if name in told}
-        return kr.sweep(model, parts, kr.Design(**varied), path=here.folder / "s.zarr", workers=0, **told).load()
+    def ensemble(model: Any, parts: Any, **options: Any) -> Any:
+        varied = {name: options.pop(name) for name in ("grid", "together", "random", "draws", "rng") if name in options}
+        return kr.sweep(model, parts, kr.Design(**varied), path=here.folder / "s.zarr", workers=0, **options).load()
 
     return ensemble
 
@@ -140,12 +140,12 @@ def _law(here: Around) -> Function:
     return lambda model, seed: laws.check(model, dimensions=(model.n,), numbers=("float",), seeds=(seed,))
 
 
-def _parameters(here: Around, rng: Any, told: dict[str, Any]) -> Any:
+def _parameters(here: Around, rng: Any, options: dict[str, Any]) -> Any:
     import grammar
 
     from kreisel.system import REGISTRY
 
-    name = told.get("name") or "lagrange-top"
+    name = options.get("name") or "lagrange-top"
     system = REGISTRY.get(name, REGISTRY["lagrange-top"])
     good = grammar.parameters(system, grammar.dimension(system, rng), rng)
     out = {k: grammar.maybe_python(v, rng, 0.3) for k, v in good.items()}
@@ -154,11 +154,11 @@ def _parameters(here: Around, rng: Any, told: dict[str, Any]) -> Any:
     return out
 
 
-def _system_name(here: Around, rng: Any, told: dict[str, Any]) -> Any:
+def _system_name(here: Around, rng: Any, options: dict[str, Any]) -> Any:
     from kreisel.system import REGISTRY
 
-    told["name"] = rng.choice(list(REGISTRY))
-    return told["name"]
+    options["name"] = rng.choice(list(REGISTRY))
+    return options["name"]
 
 
 def kinds() -> None:
@@ -168,16 +168,16 @@ def kinds() -> None:
     KINDS.update({"system name": _system_name, "parameters": _parameters})
 
 
-def _stepped(model: Any, state: Any, steps: Any, **told: Any) -> Any:
+def _stepped(model: Any, state: Any, steps: Any, **options: Any) -> Any:
     from kreisel.runs.propagator import propagator
 
-    return propagator(model, **told).steps(state, steps)
+    return propagator(model, **options).steps(state, steps)
 
 
-def _placed(model: Any, state: Any, times: Any, **told: Any) -> Any:
+def _placed(model: Any, state: Any, times: Any, **options: Any) -> Any:
     from kreisel.runs.propagator import propagator
 
-    return propagator(model, **told).at(state, times)
+    return propagator(model, **options).at(state, times)
 
 
 def _arrays(found: Any) -> list[Any]:

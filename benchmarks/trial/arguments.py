@@ -82,28 +82,28 @@ def _run(name: str, n: int, lanes: int = 0, **options: Any) -> Any:
 
 def drawn(call: Call, here: Around, rng: random.Random) -> tuple[list[Any], dict[str, Any]]:
     """Arguments of a call.  Where one is a model, the states are its own."""
-    told: dict[str, Any] = {}
-    given = [value(kind, here, rng, told) for kind in call.given]
+    chosen: dict[str, Any] = {}
+    given = [value(kind, here, rng, chosen) for kind in call.given]
     keywords = {}
     for name, kind in call.keywords.items():
         if name in call.optional and rng.random() < 0.6:
             continue
         if rng.random() < 0.01:
             continue
-        keywords[name] = value(kind, here, rng, told)
+        keywords[name] = value(kind, here, rng, chosen)
     if rng.random() < 0.005:
         keywords[rng.choice(["nothing", "x", "n"])] = odd(rng, True)
     return given, keywords
 
 
-def value(kind: str, here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def value(kind: str, here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     """A value of a kind, or not quite."""
     if rng.random() < grammar.ODD and kind not in ALWAYS:
         return never_long(odd(rng, True)) if kind in ("steps", "extend") else odd(rng, True)
-    return KINDS[kind](here, rng, told)
+    return KINDS[kind](here, rng, chosen)
 
 
-def _model(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _model(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     from kreisel.system import REGISTRY
 
     name = rng.choice(
@@ -111,12 +111,12 @@ def _model(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     )
     system = REGISTRY[name]
     n = grammar.dimension(system, rng)
-    told["model"] = system(**grammar.parameters(system, n, rng))
-    return told["model"]
+    chosen["model"] = system(**grammar.parameters(system, n, rng))
+    return chosen["model"]
 
 
-def _state(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
-    model = told.get("model") or _model(here, rng, told)
+def _state(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
+    model = chosen.get("model") or _model(here, rng, chosen)
     parts = grammar.state(model.system, model.n, rng, rng.choice([0, 0, 0, 0, 2]))
     share = rng.random()
     if share < 0.15:
@@ -132,23 +132,23 @@ def _state(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     return parts
 
 
-def _parts(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
-    found = _state(here, rng, told)
+def _parts(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
+    found = _state(here, rng, chosen)
     return {str(k): v for k, v in dict(found).items()}
 
 
-def _orientation(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
-    return maybe_python(grammar.orientation(told["model"].n if "model" in told else 3, rng), rng, 0.3)
+def _orientation(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
+    return maybe_python(grammar.orientation(chosen["model"].n if "model" in chosen else 3, rng), rng, 0.3)
 
 
-def _steps(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _steps(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     return rng.choice([1, 2, 5, 20, 50, np.int64(7), 10**16, -1, 0, True, 2.0, 2.5])
 
 
-def _run_of(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _run_of(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     share = rng.random()
     run = rng.choice(here.runs[:1] * 4 + here.runs)
-    told["run"] = run
+    chosen["run"] = run
     if share < 0.75:
         return run
     if share < 0.8:
@@ -176,12 +176,12 @@ def _run_of(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     return rng.choice(changes)()
 
 
-def _dataset(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
-    found = _run_of(here, rng, told)
+def _dataset(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
+    found = _run_of(here, rng, chosen)
     return found if hasattr(found, "data_vars") else here.runs[0]
 
 
-def _quantity(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _quantity(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     names = ["a[0]", "a[1]", "a[2]", "m[0]", "M[1]", "P[0]", "energy", "M[0,1]", "spectrum[0]", "g[1]", "casimir[0]"]
     strange = [
         "a",
@@ -210,7 +210,7 @@ def _quantity(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     return rng.choices([rng.choice(names), rng.choice(strange), rng.choice(functions)], [0.7, 0.15, 0.15])[0]
 
 
-def _path_out(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _path_out(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     names = [
         "run.zarr",
         "deep/run.zarr",
@@ -227,19 +227,19 @@ def _path_out(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     return rng.choices([rng.choice(names), here.folder / "inside.zarr"], [0.8, 0.2])[0]
 
 
-def _file_out(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _file_out(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     return rng.choice(
         ["a.nc", "a.h5", "a.parquet", "deep/a.nc", "a.txt", "a", "", ".", "x" * 300 + ".nc", Path("b.nc"), "a\x00.nc"]
     )
 
 
-def _store(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _store(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     return rng.choices(
         [rng.choice(here.stores), rng.choice(["none.zarr", "", ".", "/", "a\x00", here.folder])], [0.8, 0.2]
     )[0]
 
 
-def _copied(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _copied(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     import shutil
 
     store = rng.choice(here.stores)
@@ -247,7 +247,7 @@ def _copied(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
     return here.folder / store.name
 
 
-def _times(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _times(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     good = [
         0.5,
         [0.5, -3.0, 1e12],
@@ -265,7 +265,7 @@ def _times(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
 
 
 def _number(*good: Any) -> Function:
-    return lambda here, rng, told: maybe_python(rng.choice(good), rng, 0.05)
+    return lambda here, rng, chosen: maybe_python(rng.choice(good), rng, 0.05)
 
 
 def _measure(*good: Any) -> Function:
@@ -285,18 +285,18 @@ def _measure(*good: Any) -> Function:
         "1 kg/0",
         "9" * 400,
     ]
-    return lambda here, rng, told: rng.choices(
+    return lambda here, rng, chosen: rng.choices(
         [rng.choice(good), rng.choice(more), rng.choice(grammar.EDGES), odd(rng, True)], [0.8, 0.07, 0.08, 0.05]
     )[0]
 
 
-def _vector(here: Around, rng: random.Random, told: dict[str, Any]) -> Any:
+def _vector(here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     good = [rng.uniform(0.5, 2.0) for _ in range(3)]
     return maybe_python(good, rng, 0.15)
 
 
 def _choice(*words: Any) -> Function:
-    return lambda here, rng, told: rng.choice(words)
+    return lambda here, rng, chosen: rng.choice(words)
 
 
 ALWAYS = ("model", "parts", "parameters", "system name", "name", "dataset")  # what Python itself would refuse otherwise
@@ -328,11 +328,11 @@ KINDS: dict[str, Function] = {
     "lines": _choice(1, 2, 3, 8, 0, -1),
     "power": _choice(0, 1, 2, 3, 8, 9, -1),
     "returns": _choice(1, 2, 3, 0, -1, 100),
-    "system": lambda here, rng, told: None if rng.random() < 0.7 else _model(here, rng, {}),
+    "system": lambda here, rng, chosen: None if rng.random() < 0.7 else _model(here, rng, {}),
     "theme": _choice("light", "light", "dark", "grey"),
     "lane": _choice(0, 0, 0, 1, -1, 99),
-    "name": lambda here, rng, told: rng.choice(["m", "a", "axial", "none", *TEXTS]),
-    "anything": lambda here, rng, told: odd(rng, True),
+    "name": lambda here, rng, chosen: rng.choice(["m", "a", "axial", "none", *TEXTS]),
+    "anything": lambda here, rng, chosen: odd(rng, True),
     "mass": _measure(3.0, 1.0, 0.2),
     "moment": _measure(0.17, 0.02),
     "lever": _measure(0.15, 0.3),

@@ -110,7 +110,7 @@ def make(base: Path) -> None:
     )
     if done.returncode:
         raise AssertionError(f"the sweep that nothing disturbs fails: {done.stderr[-2000:]}")
-    (place / "told.json").write_text(json.dumps(stores.contents(place)))
+    (place / "truth.json").write_text(json.dumps(stores.contents(place)))
 
 
 def case(rng: random.Random, folder: Path) -> str:
@@ -126,7 +126,7 @@ def case(rng: random.Random, folder: Path) -> str:
     )
     if done.returncode:
         raise AssertionError(f"the same command does not go on: {done.stderr[-400:]}")
-    truth = json.loads((folder.parent.parent / "clusters" / "told.json").read_text())
+    truth = json.loads((folder.parent.parent / "clusters" / "truth.json").read_text())
     wrong = stores.differences(stores.contents(folder), truth)
     if wrong:
         raise AssertionError(f"in the end it differs in {', '.join(wrong[:6])}")

@@ -64,9 +64,9 @@ def theirs(folder: Path) -> list[Any]:
     out: list[Any] = []
     for name in (*THESIS, "thesis.zarr.part/notes.txt"):
         path = folder / name
-        told = os.lstat(path) if os.path.lexists(path) else None
-        words = path.read_text() if told and stat.S_ISREG(told.st_mode) else ""
-        out.append((name, told and stat.S_IFMT(told.st_mode), told and told.st_ino, words))
+        status = os.lstat(path) if os.path.lexists(path) else None
+        words = path.read_text() if status and stat.S_ISREG(status.st_mode) else ""
+        out.append((name, status and stat.S_IFMT(status.st_mode), status and status.st_ino, words))
     return out
 
 

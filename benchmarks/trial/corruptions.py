@@ -126,5 +126,5 @@ def compared(found: dict[str, np.ndarray], known: dict[str, np.ndarray]) -> list
         if name in found and not np.array_equal(found[name], value, equal_nan=value.dtype.kind == "f")
     ]
     lost, more = sorted(set(known) - set(found)), sorted(set(found) - set(known))
-    told = [("lacks", lost), ("has beside", more), ("has other values in", other)]
-    return [f"open_run {word} {', '.join(names)}" for word, names in told if names]
+    words = [("lacks", lost), ("has beside", more), ("has other values in", other)]
+    return [f"open_run {word} {', '.join(names)}" for word, names in words if names]

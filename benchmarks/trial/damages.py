@@ -176,7 +176,7 @@ def file_added(store: Path, other: Path, rng: random.Random) -> str:
 def attributes_edited(store: Path, other: Path, rng: random.Random) -> str:
     """A value among the attributes, or the shape, type or codec of an array."""
     path = rng.choice(sorted(store.rglob("zarr.json")))
-    told = json.loads(path.read_text(encoding="utf-8"))
+    contents = json.loads(path.read_text(encoding="utf-8"))
     places: list[tuple[Any, Any]] = []
 
     def look(at: Any) -> None:
@@ -186,13 +186,13 @@ def attributes_edited(store: Path, other: Path, rng: random.Random) -> str:
             else:
                 places.append((at, key))
 
-    look({k: v for k, v in told.items() if k != "consolidated_metadata"})
+    look({k: v for k, v in contents.items() if k != "consolidated_metadata"})
     if not places:
         return ""
     at, key = rng.choice(places)
     before = at[key]
     at[key] = _edited(before, rng)
-    path.write_text(json.dumps(told), encoding="utf-8")
+    path.write_text(json.dumps(contents), encoding="utf-8")
     return f"{_named(store, path)}: {key} from {before!r} to {at[key]!r}"[:300] if at[key] != before else ""
 
 

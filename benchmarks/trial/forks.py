@@ -35,10 +35,10 @@ def apart(function: Callable[..., Any], *args: Any) -> Any:
     status = ended(pid)
     if not text:
         raise Apart("Died", f"status {status}")
-    told = json.loads(text)
-    if "raised" in told:
-        raise Apart(told["raised"], told["words"])
-    return told["value"]
+    answer = json.loads(text)
+    if "raised" in answer:
+        raise Apart(answer["raised"], answer["words"])
+    return answer["value"]
 
 
 def begun(function: Callable[..., Any], *args: Any) -> int:
@@ -83,10 +83,10 @@ def ended(pid: int, number: int | None = None, patience: float = 60.0) -> int:
 
 def _answering(write: int, function: Callable[..., Any], *args: Any) -> None:
     try:
-        told = {"value": function(*args)}
+        answer = {"value": function(*args)}
     except BaseException as error:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if "kreisel" in f.filename]
         where = " <- ".join(f"{f.name}:{f.lineno}" for f in reversed(frames[-3:]))
-        told = {"raised": type(error).__name__, "words": f"{error} [{where}]"}
+        answer = {"raised": type(error).__name__, "words": f"{error} [{where}]"}
     with os.fdopen(write, "w") as file:
-        json.dump(told, file)
+        json.dump(answer, file)

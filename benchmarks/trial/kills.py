@@ -43,13 +43,13 @@ def ready(base: Path, name: str) -> Path:
     place.mkdir(parents=True, exist_ok=True)
     with (place / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (place / "told.json").exists():
+        if not (place / "truth.json").exists():
             shutil.rmtree(place / "before", ignore_errors=True)
             (place / "before").mkdir()
             apart(_prepared, name, str(place / "before"))
             shutil.copytree(place / "before", place / "after", dirs_exist_ok=True)
-            (place / "told.json.new").write_text(json.dumps(apart(_uninterrupted, name, str(place / "after"))))
-            (place / "told.json.new").rename(place / "told.json")
+            (place / "truth.json.new").write_text(json.dumps(apart(_uninterrupted, name, str(place / "after"))))
+            (place / "truth.json.new").rename(place / "truth.json")
     return place
 
 
@@ -134,18 +134,18 @@ def case(rng: random.Random, folder: Path) -> str:
     """One scenario killed, looked at, gone on with, perhaps killed again, and finished."""
     name = rng.choices(list(SCENARIOS), [s.weight for s in SCENARIOS.values()])[0]
     place = ready(folder.parent.parent, name)
-    told = json.loads((place / "told.json").read_text())
+    expected = json.loads((place / "truth.json").read_text())
     shutil.copytree(place / "before", folder, dirs_exist_ok=True)
     os.chdir(folder)
     kills, moments, faults = 0, [], []
     for trial in range(rng.choice([1, 1, 2, MOST_KILLS])):
         aimed, torn = rng.random() < 0.8, rng.random() < 0.2
-        last = rng.randrange(told["events"]) if aimed else None
+        last = rng.randrange(expected["events"]) if aimed else None
         pid = begun(_killed, name, trial > 0, last, torn)
         if aimed:
             status = ended(pid)
         else:
-            moments.append(rng.uniform(0, 1.2 * told["seconds"]))
+            moments.append(rng.uniform(0, 1.2 * expected["seconds"]))
             time.sleep(moments[-1])
             status = ended(pid, signal.SIGKILL)
         moments[len(moments) - (not aimed) :] = [f"event {last}{' torn' * torn}" if aimed else f"{moments[-1]:.3f} s"]
@@ -157,7 +157,7 @@ def case(rng: random.Random, folder: Path) -> str:
         if status == 0:
             break
     apart(_finished, name, str(folder))
-    wrong = stores.differences(stores.contents(folder), told["contents"])
+    wrong = stores.differences(stores.contents(folder), expected["contents"])
     if wrong:
         faults.append(f"in the end it differs in {', '.join(wrong[:6])}")
     if faults:
@@ -213,10 +213,10 @@ def _wrong(path: Path, known: list[dict[str, np.ndarray]], drawn: bool) -> list[
             wrong.append(f"open_run gives {len(found['time'])} of {rows} rows")
     for words in [("check",)] + ([] if sweep or not drawn else [("plot", "--out", "../figure.png")]):
         code, out, err = said([words[0], path.name, *words[1:]])
-        told = [line for line in out.splitlines() if line.startswith("FAULT") and "interrupted" not in line]
-        good = code == 0 if whole or words[0] == "plot" else code == 1 and not told
+        expected = [line for line in out.splitlines() if line.startswith("FAULT") and "interrupted" not in line]
+        good = code == 0 if whole or words[0] == "plot" else code == 1 and not expected
         if not good and not ("no row" in err or "time" not in found):
-            wrong.append(f"{words[0]} ends with {code}: {(' '.join(told) + err)[:300]}")
+            wrong.append(f"{words[0]} ends with {code}: {(' '.join(expected) + err)[:300]}")
     Path("../figure.png").unlink(missing_ok=True)
     return wrong
 

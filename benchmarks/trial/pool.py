@@ -1,6 +1,6 @@
 """Numbered cases in processes of their own, each with limits of time and memory, from one seed.
 
-A case is a function (rng, folder) -> what came of it, in a word; whatever it raises is a fault.  Its random numbers
+A case is a function (rng, folder) -> its outcome, in a word; whatever it raises is a fault.  Its random numbers
 depend on the seed, the part and its number alone, so that one case can be repeated.
 """
 
@@ -32,7 +32,7 @@ GRACE = 5.0  # seconds beyond, before a process that obeys no signal is killed
 ADDRESS_SPACE = 8 << 30
 RECYCLED = 1500  # cases of a process: memory and open files do not add up
 TELL = 10.0  # seconds between two lines of progress
-MOST_FAULTS = 60  # that are told in full
+MOST_FAULTS = 60  # listed in full
 
 Case = Callable[[random.Random, Path], str]
 
@@ -41,7 +41,7 @@ _listening: list[Any] = []  # the pipe to the parent
 
 
 def note(text: str) -> None:
-    """What the case is about, told at once: should it hang or die, this is known of it."""
+    """What the case is about, reported at once: should it hang or die, this is known of it."""
     for out in _listening:
         print(json.dumps({"note": text[:2000]}), file=out, flush=True)
 
@@ -64,8 +64,8 @@ class Part:
 
 
 @dataclass
-class Told:
-    """What came of a part."""
+class Tally:
+    """The outcome of a part."""
 
     asked: int
     done: int = 0
@@ -100,7 +100,7 @@ def limit(seconds: float) -> Iterator[None]:
 
 
 def carried_out(part: Part, number: int, seed: int, folder: Path) -> dict[str, Any]:
-    """One case in an empty folder, and what came of it."""
+    """One case in an empty folder, and its outcome."""
     rng = random.Random(f"{seed} {part.name} {number}")
     begun = time.monotonic()
     sentinel = folder.parent.parent / "sentinel"
@@ -109,14 +109,18 @@ def carried_out(part: Part, number: int, seed: int, folder: Path) -> dict[str, A
     os.chdir(folder)
     try:
         with limit(part.seconds):
-            told: dict[str, Any] = {"outcome": part.case(rng, folder)}
+            outcome: dict[str, Any] = {"outcome": part.case(rng, folder)}
     except BaseException as error:
-        told = {"outcome": "fault", "what": f"{type(error).__name__}: {error}"[:1000], "where": _where(error)}
+        outcome = {"outcome": "fault", "what": f"{type(error).__name__}: {error}"[:1000], "where": _where(error)}
     if not sandbox.stays(sentinel, before):
-        told = {"outcome": "fault", "what": f"a file outside the folder of the case was touched; {told}", "where": ""}
+        outcome = {
+            "outcome": "fault",
+            "what": f"a file outside the case's folder was touched; {outcome}",
+            "where": "",
+        }
     os.chdir("/")
     emptied(folder)
-    return {"case": number, "seconds": round(time.monotonic() - begun, 2), **told}
+    return {"case": number, "seconds": round(time.monotonic() - begun, 2), **outcome}
 
 
 def emptied(folder: Path) -> None:
@@ -140,7 +144,7 @@ def _where(error: BaseException) -> str:
 
 
 def work(part: Part, numbers: list[int], seed: int, base: Path, pipe: int) -> None:
-    """Cases one after the other, each told on the pipe; does not return."""
+    """Cases one after the other, each reported on the pipe; does not return."""
     code = 1
     try:
         os.setsid()
@@ -155,9 +159,9 @@ def work(part: Part, numbers: list[int], seed: int, base: Path, pipe: int) -> No
             part.warm(base)
             for number in numbers[:RECYCLED]:
                 print(json.dumps({"begins": number}), file=out, flush=True)
-                told = carried_out(part, number, seed, base / "cases" / f"{os.getpid()}-{number}")
-                print(json.dumps(told), file=out, flush=True)
-                if told.get("what", "").startswith("Hang"):
+                outcome = carried_out(part, number, seed, base / "cases" / f"{os.getpid()}-{number}")
+                print(json.dumps(outcome), file=out, flush=True)
+                if outcome.get("what", "").startswith("Hang"):
                     break  # something may still be waiting in here
         code = 0
     except BaseException:
@@ -195,7 +199,7 @@ class _Worker:
                 target()
 
     def lines(self) -> tuple[list[dict[str, Any]], bool]:
-        """What was told since, and whether the process has ended."""
+        """What was reported since, and whether the process has ended."""
         ended = False
         while True:
             try:
@@ -210,10 +214,10 @@ class _Worker:
         return [json.loads(line) for line in whole], ended
 
 
-def carry_out(part: Part, count: int, seconds: float, seed: int, base: Path, workers: int) -> Told:
+def carry_out(part: Part, count: int, seconds: float, seed: int, base: Path, workers: int) -> Tally:
     """All cases of a part, or as many as the time allows."""
     part.before(base)
-    told, begun, last = Told(count), time.monotonic(), time.monotonic()
+    tally, begun, last = Tally(count), time.monotonic(), time.monotonic()
     hands = [_Worker(part, list(range(w, count, workers)), seed, base) for w in range(min(workers, count))]
     while hands:
         with selectors.DefaultSelector() as look:
@@ -221,7 +225,7 @@ def carry_out(part: Part, count: int, seconds: float, seed: int, base: Path, wor
                 look.register(hand.pipe, selectors.EVENT_READ)
             look.select(0.5)
         for hand in list(hands):
-            _look_at(hand, told, part)
+            _look_at(hand, tally, part)
             late = time.monotonic() - begun > seconds
             if late or not hand.left:
                 hand.kill()
@@ -230,14 +234,14 @@ def carry_out(part: Part, count: int, seconds: float, seed: int, base: Path, wor
                 hands.remove(hand)
         if time.monotonic() - last > TELL:
             last = time.monotonic()
-            print(f"{part.name}: {told.done} of {count}, {told.failed} do not hold", file=sys.stderr, flush=True)
-    told.seconds = round(time.monotonic() - begun, 1)
+            print(f"{part.name}: {tally.done} of {count}, {tally.failed} do not hold", file=sys.stderr, flush=True)
+    tally.seconds = round(time.monotonic() - begun, 1)
     shutil.rmtree(base / "cases", ignore_errors=True)
     (base / "cases").mkdir(exist_ok=True)
-    return told
+    return tally
 
 
-def _look_at(hand: _Worker, told: Told, part: Part) -> None:
+def _look_at(hand: _Worker, tally: Tally, part: Part) -> None:
     lines, ended = hand.lines()
     for line in lines:
         hand.since = time.monotonic()
@@ -251,7 +255,7 @@ def _look_at(hand: _Worker, told: Told, part: Part) -> None:
             line["about"] = brief(hand.about)
         hand.left.remove(line["case"])
         hand.current = None
-        _count(told, line)
+        _count(tally, line)
     stuck = hand.current is not None and time.monotonic() - hand.since > PATIENCE * part.seconds + GRACE
     if stuck:
         hand.kill()
@@ -262,7 +266,7 @@ def _look_at(hand: _Worker, told: Told, part: Part) -> None:
             number = hand.current if hand.current is not None else hand.left[0]
             how = "hangs, and obeys no signal" if stuck else f"the process died: status {status}"
             hand.left.remove(number)
-            _count(told, {"case": number, "outcome": "fault", "what": how, "where": "", "about": brief(hand.about)})
+            _count(tally, {"case": number, "outcome": "fault", "what": how, "where": "", "about": brief(hand.about)})
         hand.start()
 
 
@@ -271,11 +275,11 @@ def brief(text: str) -> str:
     return re.sub(r"(.)\1{40,}", r"\1\1\1...", text)[:1500]
 
 
-def _count(told: Told, line: dict[str, Any]) -> None:
-    told.done += 1
-    told.outcomes[line["outcome"]] += 1
-    told.slow[line["outcome"]] += line.get("seconds", 0.0)
+def _count(tally: Tally, line: dict[str, Any]) -> None:
+    tally.done += 1
+    tally.outcomes[line["outcome"]] += 1
+    tally.slow[line["outcome"]] += line.get("seconds", 0.0)
     if line["outcome"] == "fault":
         print(f"FAULT {json.dumps(line)}", file=sys.stderr, flush=True)
-        if len(told.faults) < MOST_FAULTS:
-            told.faults.append(line)
+        if len(tally.faults) < MOST_FAULTS:
+            tally.faults.append(line)

@@ -108,9 +108,9 @@ def listing(place: Path) -> list[tuple[str, int, int, int]]:
     out = []
     for where, folders, files in os.walk(place):
         for name in (*folders, *files):
-            told = os.lstat(os.path.join(where, name))
-            size = 0 if stat.S_ISDIR(told.st_mode) else told.st_size
-            out.append((os.path.join(where, name), stat.S_IFMT(told.st_mode), size, told.st_mtime_ns))
+            status = os.lstat(os.path.join(where, name))
+            size = 0 if stat.S_ISDIR(status.st_mode) else status.st_size
+            out.append((os.path.join(where, name), stat.S_IFMT(status.st_mode), size, status.st_mtime_ns))
     return sorted(out)
 
 

@@ -18,8 +18,8 @@ def said(words: list[str]) -> tuple[int, str, str]:
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             main()
-    except SystemExit as told:
-        code = told.code
+    except SystemExit as stopped:
+        code = stopped.code
     finally:
         sys.argv = before
     return code if isinstance(code, int) else int(code is not None), out.getvalue(), err.getvalue()

@@ -93,11 +93,11 @@ def run(path: Path | None, name: str, n: int = 3, lanes: int = 0, seed: int = 1,
     import kreisel as kr
 
     system, state = model(name, n, lanes, seed)
-    told = {"dt": 0.05, "steps": 85, "every": 3, "progress": False, **options}
-    if told.get("orientation") == "some":
+    settings = {"dt": 0.05, "steps": 85, "every": 3, "progress": False, **options}
+    if settings.get("orientation") == "some":
         identity = np.eye(n)
-        told["orientation"] = (1, 0, 0, 0) if n == 3 else identity
-    kr.simulate(system, state, path=path, **told)
+        settings["orientation"] = (1, 0, 0, 0) if n == 3 else identity
+    kr.simulate(system, state, path=path, **settings)
 
 
 def sweep(path: Path, n: int = 3, seed: int = 1, **options: Any) -> None:
@@ -107,8 +107,8 @@ def sweep(path: Path, n: int = 3, seed: int = 1, **options: Any) -> None:
     system, state = model("lagrange-top", n, 0, seed)
     random = {"state.a": {"sphere": 1.0}}
     design = kr.Design(grid={"system.alpha": [0.9, 1.3]}, random=random, draws=5, rng=seed)
-    told = {"dt": 0.05, "steps": 30, "every": 3, "block": 2, "workers": 0, "save": ["drift", "trajectories"]}
-    kr.sweep(system, state, design, path=path, **{**told, "progress": False, **options})
+    settings = {"dt": 0.05, "steps": 30, "every": 3, "block": 2, "workers": 0, "save": ["drift", "trajectories"]}
+    kr.sweep(system, state, design, path=path, **{**settings, "progress": False, **options})
 
 
 def contents(store: Path) -> dict[str, str]:
