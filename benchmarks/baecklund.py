@@ -8,7 +8,7 @@ import time
 import numpy as np
 from cases import cases
 
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 TIMED = (2, 4, 8, 12, 16)
 
@@ -18,7 +18,7 @@ def speed(steps: int = 200_000, turns: int = 7) -> None:
     for case in cases(3, generic=True):
         if case.name == "symmetric-top":
             continue
-        state, told = next(iter(case.states.values())), []
+        state, columns = next(iter(case.states.values())), []
         for order in TIMED:
             plan = make_plan(
                 case.model,
@@ -35,8 +35,8 @@ def speed(steps: int = 200_000, turns: int = 7) -> None:
                 begun = time.perf_counter()
                 plan.engine.advance(out, steps)
                 best = min(best, time.perf_counter() - begun)
-            told.append(f"{order}: {best / steps * 1e9:.0f}")
-        print(f"{case.name:<21}ns a step by order  {'  '.join(told)}", flush=True)
+            columns.append(f"{order}: {best / steps * 1e9:.0f}")
+        print(f"{case.name:<21}ns a step by order  {'  '.join(columns)}", flush=True)
 
 
 if __name__ == "__main__":

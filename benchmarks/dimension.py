@@ -19,7 +19,7 @@ import numpy as np
 from cases import machine, parser, write
 
 import kreisel as kr
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 SIZES = (3, 4, 6, 10, 30, 100, 300, 1000)
 FROM = (10, 100)  # of the fits
@@ -133,9 +133,9 @@ def main(arguments: list[str] | None = None) -> None:
     for first, row in exponents.items():
         print(f"exponents from n = {first} on: {row}")
     ulps = accuracy(options.steps) if options.steps else {}
-    told = {"machine": machine(), "load_average_before": load, "ns": found, "engines": engines,
+    result = {"machine": machine(), "load_average_before": load, "ns": found, "engines": engines,
             "exponents": exponents, "accuracy": {"steps": options.steps, "n": 10, "ulps": ulps}}  # fmt: skip
-    write(told, options.output)
+    write(result, options.output)
 
 
 if __name__ == "__main__":

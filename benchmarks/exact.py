@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import flint
@@ -21,11 +23,13 @@ import mpmath
 import numpy as np
 from cases import RESULTS, machine
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
 import kreisel as kr
 from kreisel import algebra
 from kreisel.exact.motion import TopMotion, rotation
-from kreisel.lab.taylor import quadrature, taylor
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
+from taylor import quadrature, taylor
 
 STATES = {  # m, b or a, p
     "generic": ((0.1, 0.2, 1.5), (0.6, 0, 0.8), (0, 0, 1)),
@@ -230,8 +234,8 @@ def main() -> None:
         found = PARTS[name](asked.quick)
         print(json.dumps({name: found}, indent=1), flush=True)
         if not asked.quick:
-            told = json.loads(target.read_text()) if target.exists() else {}
-            target.write_text(json.dumps(told | {"machine": machine(), name: found}, indent=1) + "\n")
+            result = json.loads(target.read_text()) if target.exists() else {}
+            target.write_text(json.dumps(result | {"machine": machine(), name: found}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

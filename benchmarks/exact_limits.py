@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cases import machine, parser, write
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
 import kreisel as kr
 from exact import off, off_turn
 from kreisel import algebra
-from kreisel.lab.taylor import taylor, taylor_solution
+from taylor import taylor, taylor_solution
 
 P, ALPHA, A = (0.0, 0.0, 2.25), 0.5, (0.0, 0.0, 4.0)
 SPIN = 6.0  # (m.a/|a|)^2 = 4 |a||p|: critical

@@ -22,7 +22,7 @@ from cases import RESULTS, machine
 
 import kreisel as kr
 from kreisel.kernels.cuda import THREADS
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 COUNTS = (10**4, 10**5, 10**6, 10**7)
 CHECKED = 100
@@ -103,8 +103,8 @@ def main(arguments: list[str] | None = None) -> None:
         found[engine] = {"bound": limit, "fraction": best / limit["steps_per_second"], "lanes": rows,
                          f"apart_after_{CHECKED}": apart(engine)}  # fmt: skip
         print(f"{engine}: {best:.3g} steps/s, {found[engine]['fraction']:.2f} of the bound, {apart(engine):.1e} apart")
-    told = {"machine": machine(), "gpu": driver(), "turns": options.turns, "engines": found}
-    options.output.write_text(json.dumps(told, indent=1) + "\n")
+    result = {"machine": machine(), "gpu": driver(), "turns": options.turns, "engines": found}
+    options.output.write_text(json.dumps(result, indent=1) + "\n")
     print(f"Written: {options.output}")
 
 

@@ -25,7 +25,7 @@ from kreisel.kernels.cpu import load_kernel
 from kreisel.kernels.cuda import PRECISIONS, cuda_source
 from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.method.scheme import Scheme
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 CAPABILITY = (9, 0)
 RATES = {"cuda": 64, "cuda-float32": 128}  # instructions a cycle and multiprocessor
@@ -122,8 +122,8 @@ def main() -> None:
                 f"{count['steps_per_second']:>10.2e}"
             )
     versions = {name: _run(tool(name), "--version").stdout.split("\n")[-3] for name in ("ptxas", "nvdisasm")}
-    told = {"machine": machine(), "capability": CAPABILITY, "multiprocessors": MULTIPROCESSORS, "hertz": HERTZ}
-    write(told | versions | {"kernels": result}, options.output)
+    results = {"machine": machine(), "capability": CAPABILITY, "multiprocessors": MULTIPROCESSORS, "hertz": HERTZ}
+    write(results | versions | {"kernels": result}, options.output)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from cases import RESULTS, machine
 import kreisel as kr
 from kreisel.bench import compiled
 from kreisel.bench.compiled import FLAGS, compiler
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 DT, TURNS = 0.1, 9
 J, MU = (1.0, 2.0, 3.0), (1.0, -0.5, 0.75)
@@ -48,7 +48,7 @@ def by_hand(library: ctypes.CDLL, lanes: int, start: np.ndarray) -> tuple[Callab
 
 def main() -> None:
     top, other = kr.EulerTop(J=J), kr.LagrangeTop(p=(0.3, -0.2, 0.9))
-    told: dict[str, object] = {"machine": machine(), "flags": FLAGS, "dt": DT, "turns": TURNS}
+    result: dict[str, object] = {"machine": machine(), "flags": FLAGS, "dt": DT, "turns": TURNS}
     with tempfile.TemporaryDirectory() as folder:
         target, source = Path(folder) / "mv.so", Path(__file__).with_name("moser_veselov.cpp")
         maps = Path(compiled.__file__).parent  # maps.hpp
@@ -69,7 +69,7 @@ def main() -> None:
                     march(steps)
                     ns[turn, place] = (time.process_time() - begun) / steps / lanes * 1e9
             middle = np.median(ns, 0)
-            told[name] = {
+            result[name] = {
                 "kernel": round(float(middle[0]), 2),
                 "cpp_quaternions": round(float(middle[1]), 2),
                 "lagrange_top": round(float(middle[2]), 2),
@@ -77,8 +77,8 @@ def main() -> None:
                 "kernel/lagrange_top": round(float(np.median(ns[:, 0] / ns[:, 2])), 3),
                 "apart_after_1000": apart,
             }
-            print(name, told[name], flush=True)
-    RESULTS.joinpath("moser_veselov.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+            print(name, result[name], flush=True)
+    RESULTS.joinpath("moser_veselov.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from cases import unit
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 ORDER, STEPS = 12, (0.5, 0.4)
 
@@ -52,9 +52,9 @@ def main() -> None:
             model, state = body(name, n)
             for steps in (10**k for k in range(3, asked.most + 1)):
                 one, other = (end(model, state, dt, round(steps * STEPS[0] / dt)) for dt in STEPS)
-                told = f"state {abs(one[0] - other[0]).max():.1e}  g {abs(one[1] - other[1]).max():.1e}"
+                result = f"state {abs(one[0] - other[0]).max():.1e}  g {abs(one[1] - other[1]).max():.1e}"
                 off = abs(one[1].T @ one[1] - np.eye(n)).max()
-                print(f"{name:<21}n = {n}  {steps:.0e} steps  {told}  g g^T - 1: {off:.1e}", flush=True)
+                print(f"{name:<21}n = {n}  {steps:.0e} steps  {result}  g g^T - 1: {off:.1e}", flush=True)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from kreisel.method.composition import symmetric_composition
 from kreisel.method.scheme import Steps
 from kreisel.method.splitting import Splitting
 from kreisel.method.splitting_coefficients import splitting
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 RESULT = Path(__file__).parent / "results" / "perturbed.json"
 PAGE = Path(__file__).parents[1] / "docs" / "perturbed.md"

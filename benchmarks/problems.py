@@ -6,6 +6,7 @@ Needs python-flint.
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,11 @@ from typing import Any
 import numpy as np
 from cases import RESULTS, unit
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
 import kreisel as kr
 from kreisel import algebra
-from kreisel.lab.taylor import free_body, taylor_solution
+from taylor import free_body, taylor_solution
 
 REFERENCE = RESULTS / "work_precision_reference.json"
 DIGITS = 24
@@ -71,15 +74,15 @@ class Problem:
 
     def end(self, time: float) -> np.ndarray:
         """The true state at `time`, from the file of references or, once, by Taylor series."""
-        told = json.loads(REFERENCE.read_text()) if REFERENCE.exists() else {}
+        result = json.loads(REFERENCE.read_text()) if REFERENCE.exists() else {}
         key = f"{self.name}, T = {time:g}"
-        if key not in told:
-            told[key] = [float(v) for v in self.taylor(time)]
-            REFERENCE.write_text(json.dumps(told, indent=1) + "\n")
-        return np.array(told[key])
+        if key not in result:
+            result[key] = [float(v) for v in self.taylor(time)]
+            REFERENCE.write_text(json.dumps(result, indent=1) + "\n")
+        return np.array(result[key])
 
     def taylor(self, time: float) -> list[float]:
-        """By Taylor series, `kreisel.lab.taylor`, which knows nothing of a contender."""
+        """By Taylor series, `tests/taylor.py`, which knows nothing of a contender."""
         if self.kind == "euler-top":
             moments = self.fixed[[1, 2, 0]] + self.fixed[[2, 0, 1]]
             mu = free_body(algebra.axial(self.skew), moments, time, digits=DIGITS)

@@ -33,7 +33,7 @@ from reference import Reference
 import kreisel as kr
 from kreisel.lab import exact
 from kreisel.method import default_method
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from kreisel.system import REGISTRY
 
 ROWS = 100
@@ -69,20 +69,20 @@ DEGENERATE = {
 }
 
 
-def integrals(steps: int, seconds: float, told: dict[str, Any], save: Callable[[], None]) -> None:
+def integrals(steps: int, seconds: float, result: dict[str, Any], save: Callable[[], None]) -> None:
     """For each system and n the worst change and correction, by its own method; the tops' maps with suris too.
 
-    `told` takes what is found, and what stands there already is not run again.
+    `result` takes what is found, and what stands there already is not run again.
     """
     for what, model, state, method, dt, count in _cases(steps):
-        if what in told and told[what].get("asked") == count:
+        if what in result and result[what].get("asked") == count:
             continue
         try:
-            told[what] = _still(model, state, method, dt, count, seconds)
+            result[what] = _still(model, state, method, dt, count, seconds)
         except (kr.RunError, kr.InputError) as error:
-            told[what] = {"not run": str(error)}
-        told[what]["asked"] = count
-        print(f"{what}: {told[what]}", flush=True)
+            result[what] = {"not run": str(error)}
+        result[what]["asked"] = count
+        print(f"{what}: {result[what]}", flush=True)
         save()
 
 
@@ -117,8 +117,8 @@ def _still(model: Any, state: Any, method: str, dt: float, steps: int, longest: 
     while True:
         begun = time.process_time()
         every = count // ROWS if count < often * ROWS else round(count / ROWS / often) * often
-        told = {"dt": dt, "steps": every * ROWS, "every": every, "method": method}
-        run = kr.simulate(model, state, **told, progress=False)
+        settings = {"dt": dt, "steps": every * ROWS, "every": every, "method": method}
+        run = kr.simulate(model, state, **settings, progress=False)
         seconds = time.process_time() - begun
         table = kr.drift(run)
         table = table[table.conserved & (table.ulps < np.inf)]
@@ -149,8 +149,8 @@ def states(steps: int, lanes: int) -> dict[str, Any]:
         rows = {}
         for count in [10**k for k in range(5, 10) if 10**k <= steps]:
             true = kr.at(top, x0, float(count), method="suris", dt=DT, order=1)
-            told = {"dt": DT, "steps": count, "every": count, "method": "suris", "order": 1, "project": project}
-            end = kr.simulate(top, x0, progress=False, **told).isel(time=-1)
+            settings = {"dt": DT, "steps": count, "every": count, "method": "suris", "order": 1, "project": project}
+            end = kr.simulate(top, x0, progress=False, **settings).isel(time=-1)
             error = np.max([abs(end[k].values - true[k].values).max(-1) for k in "ma"], 0) / count
             rows[f"{count:.0e}"] = {"median": float(f"{np.median(error):.2g}"), "worst": float(f"{error.max():.2g}")}
             print(f"project = {project}, {count:.0e} steps: {rows[f'{count:.0e}']}", flush=True)
@@ -173,8 +173,8 @@ def against(steps: int, lanes: int, names: list[str] | None) -> dict[str, Any]:
                 model, state = problem(name, lane)
                 true = None
                 for project, found in error.items():
-                    told = {"dt": DT, "steps": counts[-1], "every": 1, "orientation": None}
-                    plan = make_plan(model, state, **told, method=method, order=order, project=project)
+                    settings = {"dt": DT, "steps": counts[-1], "every": 1, "orientation": None}
+                    plan = make_plan(model, state, **settings, method=method, order=order, project=project)
                     every = plan.engine.projection.every if project else every
                     true = Reference(plan).states(counts, Path(folder)) if true is None else true
                     for row, count in enumerate(counts):
@@ -184,9 +184,9 @@ def against(steps: int, lanes: int, names: list[str] | None) -> dict[str, Any]:
         rows = {}
         for project, found in error.items():
             slope = np.polyfit(np.log10(counts), np.log10(np.median(found, 0)) + np.log10(counts), 1)[0]
-            told = [{"median": float(f"{np.median(e):.2g}"), "worst": float(f"{e.max():.2g}")} for e in found.T]
+            result = [{"median": float(f"{np.median(e):.2g}"), "worst": float(f"{e.max():.2g}")} for e in found.T]
             kind = "projected" if project else "raw"
-            rows[kind] = {f"{n:.0e}": row for n, row in zip(counts, told, strict=True)} | {"slope": round(slope, 2)}
+            rows[kind] = {f"{n:.0e}": row for n, row in zip(counts, result, strict=True)} | {"slope": round(slope, 2)}
         out[named(name, method, order)] = rows | {"problems": lanes, "every": every}
         print(name, method, order, rows, flush=True)
     return out
@@ -200,10 +200,10 @@ def condition(steps: int, lanes: int) -> dict[str, Any]:
         for lane in range(lanes):
             model, state = problem(name, lane)
 
-            def end(z: dict[str, Any], model: Any = model, told: Any = (count, method, order)) -> np.ndarray:
-                asked = {"dt": DT, "steps": told[0], "every": 1, "orientation": None}
-                plan = make_plan(model, z, **asked, method=told[1], order=told[2])
-                plan.engine.advance(np.empty((1, 1, plan.engine.z.shape[1])), told[0])
+            def end(z: dict[str, Any], model: Any = model, case: Any = (count, method, order)) -> np.ndarray:
+                asked = {"dt": DT, "steps": case[0], "every": 1, "orientation": None}
+                plan = make_plan(model, z, **asked, method=case[1], order=case[2])
+                plan.engine.advance(np.empty((1, 1, plan.engine.z.shape[1])), case[0])
                 return np.array(plan.engine.z[0])
 
             draw, there = np.random.default_rng([12, lane]), end(state)
@@ -228,10 +228,10 @@ def brickwork(steps: int) -> list[dict[str, Any]]:
             S, T = spins / np.linalg.norm(spins, axis=1, keepdims=True)
             model = kr.LatticeLandauLifshitz(n=3, D=D)
             state = model.state(Sx=S[0], Sy=S[1], Sz=S[2], Tx=T[0], Ty=T[1], Tz=T[2])
-            told = {"dt": dt, "steps": steps, "every": steps // ROWS, "method": "brickwork", "project": False}
+            settings = {"dt": dt, "steps": steps, "every": steps // ROWS, "method": "brickwork", "project": False}
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", kr.AccuracyWarning)  # dt = 1 is far beyond the motion
-                table = kr.drift(kr.simulate(model, state, progress=False, **told))
+                table = kr.drift(kr.simulate(model, state, progress=False, **settings))
             found.append(table[table.conserved].ulps.max() / steps)
         row = {"D": D, "dt": dt, "constants": "exact" if exact_constants else "rounded", "steps": steps}
         rows.append(row | {"ulps_a_step": [float(f"{x:.2g}") for x in sorted(found)]})
@@ -353,31 +353,31 @@ def main(arguments: list[str] | None = None) -> None:
     options.add_argument("--map", action="append", choices=[named(*row[:3]) for row in MAPS], help="of part against")
     asked = options.parse_args(arguments)
     steps, parts = int(asked.steps), asked.part or PARTS
-    told: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     if asked.part and asked.output.exists():
-        told = json.loads(asked.output.read_text())
-    told |= {"machine": machine(), "steps": steps}
+        result = json.loads(asked.output.read_text())
+    result |= {"machine": machine(), "steps": steps}
     if "integrals" in parts:
-        integrals(steps, asked.seconds, told.setdefault("integrals", {}), lambda: write(told, asked.output))
+        integrals(steps, asked.seconds, result.setdefault("integrals", {}), lambda: write(result, asked.output))
     if "maps" in parts:
-        told["maps"] = {
+        result["maps"] = {
             case.name: _still(case.model, case.states["standard"], "suris", DT, steps, asked.seconds)
             for case in cases()
         }
     if "states" in parts:
-        told["states"] = states(min(steps, 10**8), asked.lanes)
+        result["states"] = states(min(steps, 10**8), asked.lanes)
     if "against" in parts:
-        told.setdefault("against", {}).update(against(min(steps, 10**7), asked.lanes, asked.map))
+        result.setdefault("against", {}).update(against(min(steps, 10**7), asked.lanes, asked.map))
     if "condition" in parts:
-        told["condition"] = condition(min(steps, 10**6), asked.lanes)
+        result["condition"] = condition(min(steps, 10**6), asked.lanes)
     if "brickwork" in parts:
-        told["brickwork"] = brickwork(min(steps, 10**6))
+        result["brickwork"] = brickwork(min(steps, 10**6))
     if "longest" in parts:
         case = cases()[0]
-        told["longest"] = _still(case.model, case.states["standard"], "suris", DT, 100 * steps, 60 * asked.seconds)
+        result["longest"] = _still(case.model, case.states["standard"], "suris", DT, 100 * steps, 60 * asked.seconds)
     if "picture" in parts:
-        told["picture"] = picture(steps)
-    write(told, asked.output)
+        result["picture"] = picture(steps)
+    write(result, asked.output)
 
 
 if __name__ == "__main__":

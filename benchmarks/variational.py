@@ -16,7 +16,7 @@ import numpy as np
 from cases import RESULTS, machine
 
 import kreisel as kr
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 DT, STEPS, TURNS = 0.05, 1_000_000, 9
 AXIS = (0.3, -0.2, 0.9)

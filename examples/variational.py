@@ -17,7 +17,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.method.scheme import Steps
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 
 DT, STEPS, EVERY = 0.05, 1_000_000, 250
 TOP = kr.HeavyTop(J=(0.6, 0.9, 1.4), A=(0.3, -0.2, 0.9))

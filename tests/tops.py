@@ -6,7 +6,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.lab.taylor import taylor
+from taylor import taylor
 
 DOUBLE = 4e-15  # relative: some twenty roundings
 UP = (0, 0, 1)

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.kernels.recording import recorded_function
 from kreisel.languages.dialects import JAVASCRIPT
 from kreisel.languages.writer import Writer
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 
 TOP = kr.LagrangeTop(p=(0.0, 0.0, 1.25), alpha=0.75)  # numbers other than 0 and 1, which would be folded into the code

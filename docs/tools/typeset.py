@@ -11,7 +11,8 @@ import sympy as sp
 
 from kreisel import algebra
 from kreisel.errors import InputError
-from kreisel.record.contract import Parameter, System, call, keywords
+from kreisel.record.calling import call, keywords
+from kreisel.record.contract import Parameter, System
 from kreisel.system import REGISTRY
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel.kernels import layout
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ

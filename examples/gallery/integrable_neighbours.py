@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.system import ratiu_bitop
 from kreisel.viewer.charts import figure
 

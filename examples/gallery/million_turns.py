@@ -19,7 +19,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.method.scheme import Steps
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ

@@ -27,7 +27,7 @@ __version__ = "0.2.0"
 
 _LAZY = {
     "perturbed": "kreisel.forces.body",
-    "Event": "kreisel.runs.breaks",
+    "Event": "kreisel.runs.events",
     "Design": "kreisel.sweeps.design",
     "differentiable": "kreisel.runs.differentiable",
     "tangent": "kreisel.runs.tangent",

@@ -14,7 +14,7 @@ from kreisel import rebound as rebound
 from kreisel import reduction as reduction
 from kreisel import units as units
 from kreisel.sweeps.design import Design as Design
-from kreisel.runs.breaks import Event as Event
+from kreisel.runs.events import Event as Event
 from kreisel.runs.at import at as at
 from kreisel.runs.citing import cite as cite
 from kreisel.languages.source import code as code

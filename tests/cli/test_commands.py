@@ -14,7 +14,7 @@ import kreisel as kr
 from kreisel import cli
 from kreisel.runs import estimating
 from kreisel.runs.config import changed
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from support import configuration
 
 GOOD = configuration("dt = 0.05\nsteps = 100", 'path = "run.zarr"')

@@ -29,7 +29,7 @@ import kreisel as kr
 from kreisel.runs import config, integration
 from kreisel.runs import simulate as runs
 from kreisel.storage import checking
-from kreisel.storage.opening import too_large
+from kreisel.storage.nodes import too_large
 from kreisel.sweeps.sweep import carry_out
 from support import ROOT, configuration
 
@@ -125,7 +125,7 @@ def carried_out(data: dict[str, Any], folder: Path) -> str:
         model = find(asked.name)(**asked.parameters)
         state = model.state(**asked.state)
         if asked.run.steps > MOST_STEPS:  # all that is checked before the first step
-            from kreisel.runs.plan import make_plan
+            from kreisel.runs.planning import make_plan
 
             asked_for = {**small(asked.run), "steps": asked.run.steps, "every": asked.run.every}
             make_plan(model, state, **asked_for, orientation=asked.orientation, tol=asked.run.tol)

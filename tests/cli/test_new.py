@@ -16,7 +16,8 @@ from kreisel.cli.new import _varied, forced, text_of
 from kreisel.runs.config import parse, parse_sweep, read, read_sweep
 from kreisel.runs.examples import example
 from kreisel.runs.own import load_system
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.plan import Plan
+from kreisel.runs.planning import make_plan
 from kreisel.sweeps.blocks import Sweep
 from kreisel.sweeps.store import Store
 from kreisel.sweeps.sweep import _checked_description

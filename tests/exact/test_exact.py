@@ -19,10 +19,10 @@ from kreisel.exact.nutation import Nutation
 from kreisel.kernels import layout
 from kreisel.kernels.exact import engine
 from kreisel.kernels.exact.engine import dyadic
-from kreisel.lab.taylor import quadrature, taylor
 from kreisel.runs import integration as runs
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from kreisel.storage.checking import check_archive
+from taylor import quadrature, taylor
 from tops import DOUBLE, SPECIAL, UP, error, off, off_turn, random_tops
 
 

@@ -11,9 +11,9 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.exact import pairs
-from kreisel.lab.taylor import taylor_solution
 from kreisel.method import scheme
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
+from taylor import taylor_solution
 
 B = (0.3, 0.7, 1.9)
 

@@ -15,9 +15,9 @@ from kreisel.algebra import act, dot
 from kreisel.exact import top_step
 from kreisel.exact.top_step import step, step_inside
 from kreisel.kernels.cpu import CpuEngine
-from kreisel.lab.taylor import taylor
 from kreisel.method import scheme
 from kreisel.method.scheme import Steps
+from taylor import taylor
 from tops import SPECIAL
 
 ULP = 2.0**-52

@@ -14,7 +14,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved, conserved_totals
 from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from kreisel.storage import checking
 
 TOP = kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 0.7, 1.1])

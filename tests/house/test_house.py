@@ -6,6 +6,9 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Collection
+from dataclasses import fields
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.lab import exact
+from kreisel.record.contract import Baecklund, Map, System
 from support import ROOT
 
 SOURCE = Path(kr.__file__).parent
@@ -47,6 +51,56 @@ def imports(path: Path) -> set[str]:
             names = [node.module] if "." in node.module else [f"kreisel.{alias.name}" for alias in node.names]
             found |= {name.split(".")[1] for name in names}
     return found
+
+
+def modules(source: Path) -> dict[str, Path]:
+    """The modules below a folder `kreisel`, by name; a package is its `__init__`."""
+    found = {".".join(path.relative_to(source.parent).with_suffix("").parts): path for path in source.rglob("*.py")}
+    return {name.removesuffix(".__init__"): path for name, path in found.items()}
+
+
+def run_by(path: Path, known: Collection[str]) -> set[str]:
+    """The modules that code of a file imports, inside functions too; not what only annotations name."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    guards = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
+    annotations = {each for guard in guards for statement in guard.body for each in ast.walk(statement)}
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if node in annotations:
+            continue
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            inside = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= (inside & set(known)) | ({node.module} if inside - set(known) else set())
+    return names & set(known)
+
+
+def circle(source: Path) -> list[str]:
+    """Modules that import each other in a circle, the first again at the end; [] where there is none."""
+    known = modules(source)
+    graph = {name: run_by(path, known) - {name} for name, path in known.items()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert len(modules(SOURCE)) > 300 and circle(SOURCE) == []
+
+
+@pytest.mark.parametrize("late", ["    from kreisel.room.b import g", "    from kreisel.room import b"])
+def test_a_circle_inside_functions_is_seen(tmp_path: Path, late: str) -> None:
+    room = tmp_path / "kreisel" / "room"
+    room.mkdir(parents=True)
+    (room / "__init__.py").write_text("", encoding="utf-8")
+    (room / "b.py").write_text("from kreisel.room.a import f\n\ndef g():\n    return f\n", encoding="utf-8")
+    (room / "a.py").write_text(f"def f():\n{late}\n", encoding="utf-8")
+    assert set(circle(tmp_path / "kreisel")) == {"kreisel.room.a", "kreisel.room.b"}
+    (room / "a.py").write_text(f"if TYPE_CHECKING:\n{late}\ndef f():\n    return 1\n", encoding="utf-8")
+    assert circle(tmp_path / "kreisel") == []
 
 
 def too_long(source: str) -> list[str]:
@@ -148,6 +202,26 @@ def test_version_stands_in_one_place() -> None:
     assert kr.__version__ == version("kreisel")
 
 
+def idle(page: str, package: str) -> list[str]:
+    """Functions of a page of formulas that neither a record states nor other code names, such as a misspelt `enrgy`."""
+    stated = {field.name for record in (System, Map, Baecklund) for field in fields(record)}
+    functions = [node.name for node in ast.parse(page).body if isinstance(node, ast.FunctionDef)]
+    return [name for name in functions if name not in stated and len(re.findall(rf"\b{name}\b", package)) < 2]
+
+
+def test_every_function_of_a_page_is_stated_or_used() -> None:
+    package = "\n".join(path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py"))
+    pages = [*(SOURCE / "system").glob("*.py"), *(SOURCE / "baecklund").glob("*.py")]
+    found = {path.name: idle(path.read_text(encoding="utf-8"), package) for path in pages}
+    assert len(pages) > 40 and {name: what for name, what in found.items() if what} == {}
+
+
+def test_a_function_with_a_wrong_name_is_seen() -> None:
+    page = "def energy(M):\n    return halved(M)\n\n\ndef halved(M):\n    return M / 2\n"
+    assert idle(page, page) == []
+    assert idle(page.replace("def energy", "def enrgy"), page.replace("def energy", "def enrgy")) == ["enrgy"]
+
+
 GREEK = "alpha beta gamma delta eps zeta eta theta kappa lam mu nu xi pi rho sigma tau phi chi psi omega".split()
 
 
@@ -187,7 +261,8 @@ HOUSE_WORDS = re.compile(r"\b(told|how still|marcher)\b", re.IGNORECASE)  # that
 
 
 def test_private_words_are_not_used() -> None:
-    pages = [*SOURCE.rglob("*.py"), *(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    code = [*SOURCE.rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")]
+    pages = [*code, *(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     used = [f"{page.name}: {word}" for page in pages for word in HOUSE_WORDS.findall(page.read_text(encoding="utf-8"))]
     assert len(pages) > 200 and used == []
 

@@ -19,7 +19,7 @@ SIMULATED = """
 import numpy as np
 import kreisel as kr
 from kreisel.kernels import layout
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 draw = np.random.default_rng(3)
 lanes = 5

@@ -21,7 +21,7 @@ from kreisel.lab import exact
 from kreisel.method import Scheme, scheme
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from kreisel.system import REGISTRY
 from sizes import costly, costly_in_array_code
 

@@ -16,7 +16,7 @@ from kreisel.kernels.large.structured import StructuredMatrix, StructuredVector
 from kreisel.kernels.printing import Line
 from kreisel.method import Scheme, scheme
 from kreisel.record.model import Model
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 DT = 0.1
 

@@ -28,7 +28,7 @@ from kreisel.lab import exact
 from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
 from kreisel.physical import Ellipsoid
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 from kreisel.storage import checking
 from kreisel.system import REGISTRY
 

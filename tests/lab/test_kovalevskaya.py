@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.lab import exact, families, laws
 from kreisel.lab.darboux import Ratio
 from kreisel.lab.fields import fraction
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
 
 ONE, TWO = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM

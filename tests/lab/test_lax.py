@@ -14,7 +14,7 @@ from kreisel.lab.lax import lax
 from kreisel.lab.paper.clebsch import printed_pencil
 from kreisel.lab.paper.top_moving_frame import printed_conjugator
 from kreisel.lab.subject import Subject, subject
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 
 F = Fraction
 EPS = F(2, 3)

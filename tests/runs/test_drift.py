@@ -19,7 +19,7 @@ from kreisel.cli import NOT_CONSERVED, app
 from kreisel.lab import exact
 from kreisel.method import scheme
 from kreisel.record.contract import Map, System
-from kreisel.runs import drift, integration, scales
+from kreisel.runs import drift, integration
 from kreisel.sweeps import broken_lanes
 from kreisel.system import REGISTRY
 from support import configuration
@@ -190,7 +190,7 @@ def test_leaving_an_equilibrium_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) 
     for part in (run, alone):
         assert not kr.drift(part).broken.any(), kr.drift(part).to_string()
         assert kr.drift(part).ulps["casimir[1]"] < 100
-    monkeypatch.setattr(scales, "whole_run", lambda *given: None)
+    monkeypatch.setattr(drift, "whole_run", lambda *given: None)
     assert kr.drift(alone).ulps["casimir[1]"] > drift.FAR  # the test can fail
     assert not kr.drift(alone).broken.any()  # not measured again, and so let pass
 

@@ -11,7 +11,7 @@ from kreisel import algebra
 from kreisel.algebra import act, invariants
 from kreisel.lab import exact
 from kreisel.lab.fields import fraction
-from kreisel.record.contract import call, keywords
+from kreisel.record.calling import call, keywords
 from kreisel.system import REGISTRY, lagrange_top_moving
 
 MAPS = [name for name, system in REGISTRY.items() if system.map is not None and system.map.rational]  # rational

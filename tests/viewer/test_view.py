@@ -15,7 +15,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.viewer import bodies, serve
-from kreisel.viewer.page import as_json, page, scripts
+from kreisel.viewer.document import as_json, page, scripts
 from kreisel.viewer.scene import scene
 from kreisel.viewer.thinning import extremes, mixed
 from scenes import HOSTILE, IDENTITY, array, hostile, points, tip, turned

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import functions
-from kreisel.record.contract import call, keywords
+from kreisel.record.calling import call, keywords
 from kreisel.record.model import Model, State
 
 if TYPE_CHECKING:

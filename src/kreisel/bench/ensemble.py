@@ -30,7 +30,7 @@ from kreisel.algebra import Array
 from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build
 from kreisel.bench.single import entries, row_of
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 DT, LANES, STEPS, TURNS = 0.05, 64 * 96, 5_000, 9  # lanes: whole blocks for every number of chains
 LONGER = 8  # times as many steps where the clock counts, against the start of the threads

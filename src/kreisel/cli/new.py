@@ -245,7 +245,7 @@ def forced(made: Example, name: str, target: Path, code: Path) -> dict[Path, str
     """The two files of a system under forces, tried.  Raises `InputError` for a system that takes none."""
     from kreisel.runs.config import read
     from kreisel.runs.own import load_system
-    from kreisel.runs.plan import make_plan
+    from kreisel.runs.planning import make_plan
 
     why = ""
     for method in ("splitting", "dop853"):

@@ -133,7 +133,7 @@ def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) 
     if asked.run.steps * model.n < MAY_BE_LONG or asked.run.order == "auto":
         return
     from kreisel.runs.estimating import estimate
-    from kreisel.runs.plan import make_plan
+    from kreisel.runs.planning import make_plan
 
     found = estimate(make_plan(model, state, **settings), asked.path)
     if found.seconds > LONG_SECONDS or found.bytes > LARGE:
@@ -277,7 +277,8 @@ def plot(
     show: Annotated[str | None, typer.Option("--show", help="Of a sweep: the variable to draw, a_max[2].")] = None,
 ) -> None:
     """Draw the figure of an archive; of a sweep a summary of its lanes over one or two of what varies."""
-    from kreisel.storage.opening import is_sweep, open_archive
+    from kreisel.storage.nodes import is_sweep
+    from kreisel.storage.opening import open_archive
     from kreisel.storage.replacing import settled
 
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
@@ -316,7 +317,8 @@ def view(
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; of a sweep that of one lane."""
-    from kreisel.storage.opening import is_sweep, open_archive
+    from kreisel.storage.nodes import is_sweep
+    from kreisel.storage.opening import open_archive
     from kreisel.storage.replacing import require_file, settled
     from kreisel.sweeps.one_lane import one_lane
     from kreisel.viewer.page import view as page_of

@@ -25,7 +25,8 @@ from kreisel.exact.quadrics import BELOW, FORMS, change, coefficients, curve, fo
 from kreisel.exact.turning import turn
 from kreisel.method.observing import observer, with_orientation
 from kreisel.method.scheme import Orbits, Scheme, States, Steps
-from kreisel.record.contract import System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 FAR = 6  # maps in a step, beyond which whole periods are left out

@@ -27,7 +27,7 @@ from kreisel.method.baecklund import (
 )
 from kreisel.method.observing import Only, observer, with_orientation
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 
 REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodies it was found for all

@@ -18,8 +18,9 @@ from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
-from kreisel.record.contract import SKEW_TOLERANCE, Frame, Parameter, System, keywords
-from kreisel.record.given import axes_of
+from kreisel.record.calling import keywords
+from kreisel.record.contract import Frame, Parameter, System
+from kreisel.record.given import SKEW_TOLERANCE, axes_of
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.system import REGISTRY

@@ -20,7 +20,8 @@ from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.kicks import Body
 from kreisel.forces.pairs import constants_of_pairs, pairs_of
-from kreisel.record.contract import Function, PhaseSpace, call
+from kreisel.record.calling import Function, call
+from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 

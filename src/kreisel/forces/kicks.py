@@ -20,7 +20,9 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import traced, value_and_gradient
 from kreisel.errors import InputError
-from kreisel.record.contract import Frame, System, call, component_axes
+from kreisel.record.calling import call
+from kreisel.record.contract import Frame, System
+from kreisel.record.given import component_axes
 from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"

@@ -16,7 +16,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import naming
-from kreisel.record.contract import PhaseSpace, System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import PhaseSpace, System
 from kreisel.record.model import Model
 
 TOTAL = "total_"  # before the name of what all bodies have together

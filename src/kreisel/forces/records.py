@@ -11,7 +11,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.forces import kicks
 from kreisel.forces.kicks import COUPLING, ORIENTATION, Body
-from kreisel.record.contract import Frame, System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import Frame, System
 from kreisel.record.perturbation import TIME, Perturbation
 
 # What is known of the integrable part alone.

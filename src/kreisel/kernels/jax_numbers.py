@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from math import isqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,6 +16,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.kernels import adjoint, jax_primitives, layout
 from kreisel.kernels.jax import flat
+from kreisel.kernels.jax_primitives import iterated, with_jacobian
 from kreisel.kernels.tape import whole_power
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, require_double
@@ -206,28 +206,6 @@ def half_turn(K: Any, dt: Any) -> Array:
 # -- orbits --------------------------------------------------------------------------------------------
 
 
-def with_jacobian(function: Callable[..., tuple[Array, ...]]) -> Callable[..., tuple[Array, ...]]:
-    """The same function of scalars, differentiated by columns of its Jacobian, forward, scalar by scalar.
-
-    XLA makes one kernel of that and twenty of the reverse sweep: 0.13 and 3.6 us a step of the Lagrange top's gradient.
-    """
-    wrapped = jax.custom_jvp(function)
-
-    def rule(at: tuple[Array, ...], along: tuple[Any, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        moving = [i for i, v in enumerate(along) if not isinstance(v, jax.custom_derivatives.SymbolicZero)]
-        value, total = None, None
-        for i in moving:
-            unit = tuple(jnp.asarray(float(i == j)) for j in range(len(at)))
-            value, column = jax.jvp(function, at, unit)
-            part = [v * along[i] for v in column]
-            total = part if total is None else [a + b for a, b in zip(total, part, strict=True)]
-        value = function(*at) if value is None else value
-        return value, tuple(jnp.zeros_like(v) for v in value) if total is None else tuple(total)
-
-    wrapped.defjvp(rule, symbolic_zeros=True)
-    return wrapped
-
-
 def orbit(
     take: Callable[..., tuple[Any, ...]],
     close: Callable[..., tuple[Any, ...]] | None,
@@ -346,25 +324,6 @@ def orbit_of_arrays(
         return flat(take(*layout.restore(z, kinds, n), **constants), kinds)
 
     return iterated(step, z, constants, rows, every)
-
-
-def iterated(step: Callable[[Array, Any], Array], z: Array, constants: Any, rows: int, every: int) -> Array:
-    """Rows (rows + 1, d) of z -> step(z, constants)."""
-    once = jax.checkpoint(step, prevent_cse=False)
-
-    def several(z: Array, constants: Any, count: int) -> Array:
-        return lax.scan(lambda z, _: (once(z, constants), None), z, length=count)[0]
-
-    part = isqrt(every)
-    parts, rest = divmod(every, part)
-    block = jax.checkpoint(lambda z, constants: several(z, constants, part), prevent_cse=False)
-
-    def row(z: Array, _: None) -> tuple[Array, Array]:
-        new, _ = lax.scan(lambda z, _: (block(z, constants), None), z, length=parts)
-        new = several(new, constants, rest) if rest else new
-        return new, new
-
-    return jnp.concatenate([z[None], lax.scan(row, z, length=rows)[1]])
 
 
 def _holds_numbers(x: Any) -> bool:

@@ -8,6 +8,7 @@ s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isqrt
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad as differentiation
 from jax.interpreters import batching, mlir
 
+from kreisel.algebra import Array
 from kreisel.kernels.adjoint import Code, Record, part_of
 from kreisel.kernels.tape import TRANSCENDENTAL
 from kreisel.reduction.double import jax
@@ -127,8 +129,6 @@ def _on_jax(record: Record, sizes: Sequence[int]) -> Callable[..., Any]:
 
 
 def _rows_by_xla(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
-    from kreisel.kernels.jax_numbers import iterated, with_jacobian
-
     stage = with_jacobian(_on_jax(code.stage, code.sizes))
     close = None if code.close is None else with_jacobian(_on_jax(code.close, (*code.sizes[:2], 0)))
 
@@ -262,3 +262,44 @@ ad.primitive_transposes[pull_p] = _pull_transpose
 batching.primitive_batchers[orbit_p] = _batched(orbit_p, 3)
 batching.primitive_batchers[push_p] = _batched(push_p, 4)
 batching.primitive_batchers[pull_p] = _batched(pull_p, 4)
+
+
+def with_jacobian(function: Callable[..., tuple[Array, ...]]) -> Callable[..., tuple[Array, ...]]:
+    """The same function of scalars, differentiated by columns of its Jacobian, forward, scalar by scalar.
+
+    XLA makes one kernel of that and twenty of the reverse sweep: 0.13 and 3.6 us a step of the Lagrange top's gradient.
+    """
+    wrapped = jax.custom_jvp(function)
+
+    def rule(at: tuple[Array, ...], along: tuple[Any, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        moving = [i for i, v in enumerate(along) if not isinstance(v, jax.custom_derivatives.SymbolicZero)]
+        value, total = None, None
+        for i in moving:
+            unit = tuple(jnp.asarray(float(i == j)) for j in range(len(at)))
+            value, column = jax.jvp(function, at, unit)
+            part = [v * along[i] for v in column]
+            total = part if total is None else [a + b for a, b in zip(total, part, strict=True)]
+        value = function(*at) if value is None else value
+        return value, tuple(jnp.zeros_like(v) for v in value) if total is None else tuple(total)
+
+    wrapped.defjvp(rule, symbolic_zeros=True)
+    return wrapped
+
+
+def iterated(step: Callable[[Array, Any], Array], z: Array, constants: Any, rows: int, every: int) -> Array:
+    """Rows (rows + 1, d) of z -> step(z, constants)."""
+    once = jax.checkpoint(step, prevent_cse=False)
+
+    def several(z: Array, constants: Any, count: int) -> Array:
+        return lax.scan(lambda z, _: (once(z, constants), None), z, length=count)[0]
+
+    part = isqrt(every)
+    parts, rest = divmod(every, part)
+    block = jax.checkpoint(lambda z, constants: several(z, constants, part), prevent_cse=False)
+
+    def row(z: Array, _: None) -> tuple[Array, Array]:
+        new, _ = lax.scan(lambda z, _: (block(z, constants), None), z, length=parts)
+        new = several(new, constants, rest) if rest else new
+        return new, new
+
+    return jnp.concatenate([z[None], lax.scan(row, z, length=rows)[1]])

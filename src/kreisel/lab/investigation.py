@@ -18,7 +18,8 @@ from kreisel.lab.fields import fraction
 from kreisel.lab.questions import QUESTIONS, Clues, Finding
 from kreisel.lab.subject import Subject, subject
 from kreisel.lab.verdicts import verdict
-from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System, keywords
+from kreisel.record.calling import keywords
+from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System
 from kreisel.record.model import Model
 from kreisel.runs.own import executed, own_systems
 from kreisel.runs.settings import within

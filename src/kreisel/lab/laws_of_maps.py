@@ -25,7 +25,8 @@ from kreisel.lab.law import (
 )
 from kreisel.lab.laws_of_flows import _carried, _has_turning_components
 from kreisel.lab.orders import flowed, measured_orders
-from kreisel.record.contract import Frame, call, keywords
+from kreisel.record.calling import call, keywords
+from kreisel.record.contract import Frame
 
 
 @_law("I(step(z)) = I(z) for the Casimirs, the deformed energy and every deformed integral", _has_map)

@@ -16,7 +16,8 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
 from kreisel.lab.subject import coordinate_names
-from kreisel.record.contract import System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 

@@ -15,7 +15,8 @@ from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.fields import Pole, fraction, random_residues, residues
-from kreisel.record.contract import Map, System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import Map, System
 from kreisel.record.model import Model
 
 ATTEMPTS = 5

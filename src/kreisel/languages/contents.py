@@ -28,7 +28,7 @@ from kreisel.method import scheme
 from kreisel.method.integrable import closed_form
 from kreisel.method.observing import ORIENTATION, turned
 from kreisel.method.scheme import Orbits, Scheme, Steps
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.runs.plan import Plan
 

@@ -18,7 +18,7 @@ from kreisel.languages.contents import Contents, contents
 from kreisel.languages.dialects import LANGUAGES, Dialect, filled
 from kreisel.languages.writer import Writer
 from kreisel.method import find
-from kreisel.runs.plan import make_plan
+from kreisel.runs.planning import make_plan
 
 if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike

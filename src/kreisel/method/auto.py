@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.baecklund import baecklund
-from kreisel.record.contract import component_axes
+from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 
 ORDERS = (4, 8, 12, 16, 20, 24)  # an even number of stages: they take any step

@@ -20,7 +20,9 @@ from kreisel.errors import InputError
 from kreisel.method.observing import as_matrix, observer, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.contract import Baecklund, Frame, call, component_axes
+from kreisel.record.calling import call
+from kreisel.record.contract import Baecklund, Frame
+from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 
 DIGITS = 60

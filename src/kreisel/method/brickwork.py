@@ -11,7 +11,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import observer
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.record.spheres import LATTICE_SPACE
 

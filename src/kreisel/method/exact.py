@@ -18,7 +18,8 @@ from kreisel.exact.rotor import Rotor
 from kreisel.method.observing import observer, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Jump, Orbit, Orbits, Scheme, Spin
-from kreisel.record.contract import Frame, call
+from kreisel.record.calling import call
+from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 
 

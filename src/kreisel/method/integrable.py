@@ -17,7 +17,8 @@ from kreisel.forces.kicks import inverse_inertia_columns, perturbation_of, requi
 from kreisel.forces.product import Factor
 from kreisel.method.composition import symmetric_composition
 from kreisel.method.observing import turned_by_map
-from kreisel.record.contract import Frame, Map, System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import Frame, Map, System
 from kreisel.record.model import Model
 
 State = tuple[Array, ...]

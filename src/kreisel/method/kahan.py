@@ -30,7 +30,7 @@ from kreisel.method.kahan_step import State, advance, coordinate_count, state_of
 from kreisel.method.observing import Only, held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Outcome, Scheme
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 
 MOST_COORDINATES = 15  # e(5); straight-line code of the elimination grows like their cube

@@ -15,7 +15,8 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.skew import cross
 from kreisel.errors import InputError
 from kreisel.method.kahan_step import advance
-from kreisel.record.contract import Frame, call
+from kreisel.record.calling import call
+from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import value_and_jacobian
-from kreisel.record.contract import PhaseSpace, call
+from kreisel.record.calling import call
+from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
 
 State = tuple[Array, ...]

@@ -11,7 +11,8 @@ from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer, turned_by_map
 from kreisel.method.record import Method
 from kreisel.method.scheme import JaxSteps, Scheme
-from kreisel.record.contract import Frame, Function, Map, call
+from kreisel.record.calling import Function, call
+from kreisel.record.contract import Frame, Map
 from kreisel.record.model import Model
 
 SINGULAR = 1e-12

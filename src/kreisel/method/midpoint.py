@@ -30,7 +30,8 @@ from kreisel.method.kahan_integrals import is_euler_top
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
-from kreisel.record.contract import PhaseSpace, call
+from kreisel.record.calling import call
+from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
 from kreisel.record.spheres import SPINS_SPACE
 

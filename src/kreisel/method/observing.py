@@ -10,7 +10,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.method.scheme import Components, Outcome
-from kreisel.record.contract import Frame, Map, call, component_axes, keywords
+from kreisel.record.calling import call, keywords
+from kreisel.record.contract import Frame, Map
+from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 

@@ -21,7 +21,8 @@ from kreisel.method.driven import (
 from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer
 from kreisel.method.record import Method
 from kreisel.method.scheme import Flow, Scheme
-from kreisel.record.contract import Frame, call
+from kreisel.record.calling import call
+from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 

@@ -297,3 +297,6 @@ class Scheme:
             z = self.motion.step(*z, **self.constants, **varying)
         close = self.motion.close if isinstance(self.motion, Steps) else None
         return z if close is None else close(*z, **self.constants)
+
+
+KINDS = ("casimir", "integral", "relation")

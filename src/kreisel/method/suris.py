@@ -8,7 +8,7 @@ from kreisel.method.exact import iterates
 from kreisel.method.observing import observer, turned_by_map, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 
 

@@ -30,7 +30,8 @@ from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
 from kreisel.method.observing import observer, turned
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
-from kreisel.record.contract import System, call
+from kreisel.record.calling import call
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 NEWTON_STEPS = 4

@@ -17,7 +17,7 @@ from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed, symme
 from kreisel.method.observing import observer, turned, turned_by_map
 from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
-from kreisel.record.contract import call, keywords
+from kreisel.record.calling import call, keywords
 from kreisel.record.model import Model
 
 LIMIT = 1e-13  # of the error of X

@@ -6,31 +6,29 @@ import os
 import tempfile
 import warnings
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from kreisel.errors import InputError, RunError, on_disk, shown
 from kreisel.rebound.compiled import COLUMNS
 from kreisel.rebound.library import rebound
-from kreisel.rebound.spins import Spins
 
 FORMAT = 1
 SHAPES = {"z": 7, "c": COLUMNS}
 
 
-def save(spins: Spins, path: str | os.PathLike[str]) -> None:
+def write(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
     """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
     target = Path(path)
-    names = [("#" if isinstance(name, str) else "") + str(name) for name in spins.names]
-    kick = np.nan if spins._kick is None else spins._kick
-    parts = {"z": spins._z, "c": spins._c, "names": np.array(names), "dt": np.array(kick), "seen": spins._seen}
     with (
         on_disk(path, "be written"),
         tempfile.TemporaryDirectory(dir=target.parent, prefix=".kreisel-") as folder,
     ):
         part, whole = Path(folder, "simulation"), Path(folder, "whole.npz")
-        spins.sim.save_to_file(str(part))
+        sim.save_to_file(str(part))
         data = np.frombuffer(part.read_bytes(), dtype=np.uint8)
         with whole.open("wb") as file:
             np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
@@ -39,18 +37,16 @@ def save(spins: Spins, path: str | os.PathLike[str]) -> None:
         whole.replace(target)
 
 
-def load(path: str | os.PathLike[str]) -> Spins:
-    """The simulation and its bodies as they were saved; they go on bit for bit.
+def read(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
+    """The simulation and the arrays beside it.
 
-    Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
-    for a file that is no such file, `RunError` where it cannot be read.
+    Raises `InputError` for a file that is no such file, `RunError` where it cannot be read.
     """
     try:
         with on_disk(path, "be read"), Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
-    z, c = found["z"], found["c"]
     fits = all(found[name].shape == (len(found["names"]), width) for name, width in SHAPES.items())
     if int(found["format"]) != FORMAT or not fits or found["dt"].shape != ():
         raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {found['format']}.")
@@ -66,8 +62,4 @@ def load(path: str | os.PathLike[str]) -> Spins:
         if "corrupted" in str(each.message):
             raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
         warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
-    names = [name[1:] if name.startswith("#") else int(name) for name in found["names"].tolist()]
-    kick = None if np.isnan(found["dt"]) else float(found["dt"])
-    spins = Spins(sim, names, z.astype(np.float64), c.astype(np.float64), kick)
-    spins._seen = found["seen"]
-    return spins
+    return sim, found

@@ -18,7 +18,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, hint, shown
-from kreisel.rebound import compiled
+from kreisel.rebound import compiled, saving
 from kreisel.rebound.body import Body
 from kreisel.rebound.interaction import potential
 from kreisel.rebound.library import rebound
@@ -157,9 +157,10 @@ class Spins:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """One file with the simulation, as REBOUND's own data, and the bodies; `kreisel.rebound.load` reads it."""
-        from kreisel.rebound.saving import save
-
-        save(self, path)
+        names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
+        kick = np.nan if self._kick is None else self._kick
+        parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick), "seen": self._seen}
+        saving.write(path, self.sim, parts)
 
     # -- what the kernels work on ---------------------------------------------------------------------------
 
@@ -316,3 +317,17 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
     z = np.array([state for state, _, _ in rows])
     c = np.array([compiled.columns(moments, *tides) for _, moments, tides in rows])
     return Spins(sim, bodies, z, c, dt)
+
+
+def load(path: str | os.PathLike[str]) -> Spins:
+    """The simulation and its bodies as they were saved; they go on bit for bit.
+
+    Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
+    for a file that is no such file, `RunError` where it cannot be read.
+    """
+    sim, found = saving.read(path)
+    names = [name[1:] if name.startswith("#") else int(name) for name in found["names"].tolist()]
+    kick = None if np.isnan(found["dt"]) else float(found["dt"])
+    spins = Spins(sim, names, found["z"].astype(np.float64), found["c"].astype(np.float64), kick)
+    spins._seen = found["seen"]
+    return spins

@@ -10,49 +10,17 @@ from __future__ import annotations
 
 import enum
 import inspect
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
-from kreisel.algebra import Array, invariants
+from kreisel.algebra import invariants
 from kreisel.display import show
-from kreisel.errors import InputError, shown
+from kreisel.record.calling import Function, require_names
+from kreisel.record.model import Model
 
 if TYPE_CHECKING:
-    from kreisel.record.model import Model
     from kreisel.record.perturbation import Perturbation
-
-Function = Callable[..., Any]
-COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
-PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
-SKEW_TOLERANCE = 1e-12
-MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
-
-
-def check_dimension(n: int, name: str) -> None:
-    """Raises `InputError` for an n whose matrices no memory holds."""
-    if n > MOST_N:
-        raise InputError(
-            f"{name}: expected n of at most {MOST_N:,}, got {n:,}. Usual cause: a batch of states or parameters "
-            "without the axis of the vectors at its end."
-        )
-
-
-def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
-    """Raises `InputError` where arguments that go by name come without."""
-    if unnamed:
-        if not letters:
-            raise InputError(f"{what}: expected no arguments, got {shown(unnamed[0])}.")
-        raise InputError(
-            f"{what}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
-            "without a name."
-        )
-
-
-def component_axes(kind: str) -> int:
-    """The axes of a component without its batch; the kind "R^6" is a plain list of six numbers."""
-    return 1 if kind.startswith("R^") else COMPONENT_AXES[kind]
 
 
 class Frame(enum.Enum):
@@ -327,8 +295,6 @@ class System:
 
     def __call__(self, *unnamed: Any, **params: Any) -> Model:
         """The system with these parameters, by name.  Raises `InputError` as `Model` does."""
-        from kreisel.record.model import Model
-
         require_names(unnamed, self.name, [p.letter for p in self.parameters])
         return Model(self, params)
 
@@ -356,16 +322,10 @@ class System:
         )
 
 
-@cache
-def keywords(function: Function) -> frozenset[str]:
-    """The keyword-only arguments that a function names."""
-    signature = inspect.signature(function)
-    return frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
+def defined(record: type, page: Mapping[str, Any], **instead: Function | None) -> dict[str, Any]:
+    """The functions that a page defines under the names of fields: `System(**defined(System, globals()), ...)`.
 
-
-def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
-    """`function(*state, ...)` with just the keywords it names.  Raises `InputError` for what a record leaves out."""
-    if function is None:
-        raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
-    names = keywords(function)
-    return function(*state, **{k: v for k, v in available.items() if k in names})
+    `instead`: others for some fields, None where a function is not meant for the record.
+    """
+    own = {name: value for name, value in page.items() if getattr(value, "__module__", "") == page["__name__"]}
+    return {f.name: own[f.name] for f in fields(record) if callable(own.get(f.name))} | instead

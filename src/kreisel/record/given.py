@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import timedelta
 from decimal import Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.record.contract import (
-    PARAMETER_AXES,
-    SKEW_TOLERANCE,
-    Parameter,
-    PhaseSpace,
-    check_dimension,
-    component_axes,
-)
+
+if TYPE_CHECKING:
+    from kreisel.record.contract import Parameter, PhaseSpace
 
 
 def whole_dimension(value: Array, letter: str, system: str) -> int:
@@ -145,3 +140,23 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> Non
                 f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
                 "Normalise x, then take the part of q orthogonal to x."
             )
+
+
+COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
+PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
+SKEW_TOLERANCE = 1e-12
+MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
+
+
+def check_dimension(n: int, name: str) -> None:
+    """Raises `InputError` for an n whose matrices no memory holds."""
+    if n > MOST_N:
+        raise InputError(
+            f"{name}: expected n of at most {MOST_N:,}, got {n:,}. Usual cause: a batch of states or parameters "
+            "without the axis of the vectors at its end."
+        )
+
+
+def component_axes(kind: str) -> int:
+    """The axes of a component without its batch; the kind "R^6" is a plain list of six numbers."""
+    return 1 if kind.startswith("R^") else COMPONENT_AXES[kind]

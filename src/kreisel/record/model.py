@@ -13,13 +13,15 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
-from kreisel.record.contract import Function, Map, System, call, require_names
+from kreisel.record.calling import Function, call, require_names
 from kreisel.record.given import axes_of, component, parameter, require_on_phase_space, whole_dimension
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import ArrayLike
     from scipy.spatial.transform import Rotation
+
+    from kreisel.record.contract import Map, System
 
     StateLike: TypeAlias = "State | Mapping[str, ArrayLike] | xr.Dataset"  # a state, its components, a row of a run
     OrientationLike: TypeAlias = ArrayLike | Rotation  # a rotation matrix, a quaternion (w, x, y, z), a Rotation

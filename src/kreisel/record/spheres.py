@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from kreisel import algebra
 from kreisel.algebra import Array, invariants
-from kreisel.record.contract import Function, PhaseSpace
+from kreisel.record.calling import Function
+from kreisel.record.contract import PhaseSpace
 
 
 def random_on_sphere(n: int, draw: Function, least: int = 0) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel.algebra import Array, objects
 from kreisel.errors import InputError, RunError
-from kreisel.record.contract import Function
+from kreisel.record.calling import Function
 from kreisel.reduction.double import double, is_jax, jax, require_double
 
 jnp = jax.numpy

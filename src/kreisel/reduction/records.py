@@ -11,7 +11,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, invariants
 from kreisel.errors import InputError, explained, shown
-from kreisel.record.contract import PARAMETER_AXES, Frame, Function, Map, Parameter, PhaseSpace, System, component_axes
+from kreisel.record.calling import Function
+from kreisel.record.contract import Frame, Map, Parameter, PhaseSpace, System
+from kreisel.record.given import PARAMETER_AXES, component_axes
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, symmetric_rule

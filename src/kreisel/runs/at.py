@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.method import default_method, find, scheme
+from kreisel.runs.describing import in_memory
 from kreisel.runs.plan import Plan, initial_parts, planned
 from kreisel.runs.settings import (
     Settings,
@@ -18,6 +18,7 @@ from kreisel.runs.settings import (
     named,
     observed,
     positive_number,
+    wanted_times,
     whole_order,
 )
 
@@ -77,8 +78,6 @@ def at(
         "observe": observe,
     }
     plan, engine = plan_of_times(system, x0, reach=reach, **asked)
-    from kreisel.runs.describing import in_memory
-
     with np.errstate(all="ignore"):
         states = plan.observe(engine.at(flat))
     for name, value in states.items():
@@ -133,16 +132,3 @@ def _without(model: Model, method: str, oriented: bool) -> str:
         )
     also = " and an orientation" * oriented
     return f"kr.at: no closed form of method={method!r} is known for {model.system.name}, n = {model.n}{also}. {way}"
-
-
-def wanted_times(times: Any) -> np.ndarray:
-    """A time, or times (times,), that were asked for.  Raises `InputError`."""
-    if type(times) is float and math.isfinite(times):
-        return np.array(times)
-    try:
-        wanted = np.array(times, dtype=np.float64)  # a copy: kernels take no arrays that may only be read
-    except (TypeError, ValueError, OverflowError):
-        wanted = np.full(1, np.nan)
-    if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
-        raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
-    return wanted

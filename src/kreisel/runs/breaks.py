@@ -7,79 +7,31 @@ to its end, so that rows and further steps stay where they are.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
-from kreisel.errors import InputError, RunError, explained, shown
+from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.driven import COUNT, WORK
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import CoupledSteps, Flow, Steps
-from kreisel.runs.settings import LARGE, WHOLE, finite_number, flag
+from kreisel.runs.events import Event, Stop
+from kreisel.runs.plan import Plan
+from kreisel.runs.propagator import Propagator
+from kreisel.runs.settings import LARGE, WHOLE, finite_number
 from kreisel.runs.walks import AT_ZERO, root_within
-
-if TYPE_CHECKING:
-    from kreisel.runs.plan import Plan
-    from kreisel.runs.propagator import Propagator
 
 BREAKS = "breaks/"  # before the names of what a snapshot holds of them
 MOST_ROWS = 256  # steps that are made before events are looked at
 MOST_IN_STEP = 1000  # events within one step
 SAME = 1e-12  # relative: what an impulse leaves as it is
 POINTS = 3
-
-
-@explained
-@dataclass(frozen=True)
-class Event:
-    """Where a quantity of the state changes its sign: the run stops there, or an action changes the state.
-
-    quantity  a function of the state, `lambda x: x["a"][2]`; x has the letters of the system (axial vectors for n = 3),
-              and g with an orientation
-    action    a function of the state -> the state with which the run goes on, as a dict of the same letters; None: the
-              run stops there
-    rising    True, False: only a change upward, downward; None: both
-
-    The quantity is looked at after each step, so two changes within a step are missed; the place is found to rounding.
-    Raises `InputError` for what is no function.
-    """
-
-    quantity: Callable[[Any], Any]
-    action: Callable[[Any], Any] | None = None
-    rising: bool | None = None
-
-    def __post_init__(self) -> None:
-        if not callable(self.quantity) or not (self.action is None or callable(self.action)):
-            wrong = self.action if callable(self.quantity) else self.quantity
-            raise InputError(f"kr.Event: expected functions of the state, got {shown(wrong)}.")
-        if self.rising is not None:
-            flag(self.rising, "rising")
-
-    @property
-    def name(self) -> str:
-        """That of its functions."""
-        return " -> ".join(getattr(f, "__name__", "function") for f in (self.quantity, self.action) if f is not None)
-
-
-class Stop(NamedTuple):
-    """Where an event stops a run."""
-
-    z: Floats
-    time: float
-
-
-def checked_events(events: Any) -> tuple[Event, ...]:
-    """One event or several.  Raises `InputError`."""
-    found = (events,) if isinstance(events, Event) else () if events is None else events
-    if not isinstance(found, Sequence) or not all(isinstance(event, Event) for event in found):
-        raise InputError(f"events: expected kr.Event(quantity), or a list of them, got {shown(events)}.")
-    return tuple(found)
 
 
 class Breaks:
@@ -268,8 +220,6 @@ class Breaks:
 
 
 def _propagator(plan: Plan) -> Propagator:
-    from kreisel.runs.propagator import Propagator
-
     letters = [letter for letter, _ in plan.scheme.components]
     made = scheme(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), ORIENTATION in letters)
     plain = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
@@ -351,12 +301,19 @@ def _number(value: Any) -> float:
     return finite_number(found.item(), "kr.Event: the quantity")
 
 
-def not_conserved(plan: Plan) -> set[str]:
+def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
+    """The plan with these events beside its impulses.  Raises `InputError` where its steps cannot be broken."""
+    plan = replace(plan, events=events)
+    return replace(plan, lost=_not_conserved(plan)) if plan.broken else plan
+
+
+def _not_conserved(plan: Plan) -> frozenset[str]:
     """What the method conserves but impulses and events change; of impulses alone it is known, at random states."""
-    held = {name for name, outcome in plan.scheme.outcomes.items() if outcome.conserved}
-    if not plan.broken or any(event.action for event in plan.events):
-        return held if plan.broken else set()
+    held = frozenset(name for name, outcome in plan.scheme.outcomes.items() if outcome.conserved)
+    if any(event.action for event in plan.events):
+        return held
     p, rng, changed = _propagator(plan), np.random.default_rng(1), set()
+    _require_suitable(plan, p)
     own = sum(layout.coordinate_count(kind, plan.model.n) for kind in plan.model.system.space.kinds)
     for impulse in plan.settings.impulses:
         jump = _jump(p, impulse, plan.lanes)
@@ -365,7 +322,7 @@ def not_conserved(plan: Plan) -> set[str]:
             x[:, :own] = rng.normal(size=(len(x), own))
             before, after = (_observed(plan, p.prepared(np.ascontiguousarray(y))) for y in (x, x + jump))
             changed |= {name for name in held if not np.allclose(before[name], after[name], rtol=SAME, atol=SAME)}
-    return changed
+    return frozenset(changed)
 
 
 def _observed(plan: Plan, z: Floats) -> dict[str, Floats]:

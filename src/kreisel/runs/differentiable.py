@@ -18,7 +18,7 @@ from kreisel.method.driven import zero
 from kreisel.method.integrable import closed_form
 from kreisel.method.scheme import Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH
-from kreisel.record.contract import call
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.runs.settings import MOST_STEPS, check_model, named, whole_order, within
 

@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel.method.scheme import KINDS
+from kreisel.runs.scales import whole_run
+from kreisel.storage.reading import read_values
+
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
@@ -17,8 +21,6 @@ if TYPE_CHECKING:
 from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, explained
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.storage.reading import a_run
-
-KINDS = ("casimir", "integral", "relation")
 
 # What a method conserves counts as broken where it has changed by more than FAR widths of a random walk of rounding
 # errors, times the square of a step's angle in radians, and by more than FAR_RELATIVE of its scale.  Measured over 1000
@@ -39,17 +41,6 @@ TOGETHER = 64  # rows
 def _place_in_table(variable: xr.Variable) -> tuple[bool, int]:
     attrs = variable.attrs
     return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
-
-
-def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
-    """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
-    try:
-        return np.asarray(variable.values)
-    except InputError:
-        raise
-    except Exception as error:  # whatever a damaged chunk makes the libraries raise
-        what, why = name or getattr(variable, "name", "time"), error or type(error).__name__
-        raise InputError(f"{what} cannot be read: {why}. `kreisel check` says what is damaged.") from error
 
 
 @explained
@@ -272,8 +263,6 @@ class _Judge:
 
         Where that is impossible, as for a user's own system, lanes whose state has grown are let pass.
         """
-        from kreisel.runs.scales import whole_run
-
         scan = self._scan
         ratios = _ratio(scan.largest, self._width).max(1)
         lanes = suspects[np.argsort(-ratios[suspects])][:LOOKED_AT]

@@ -10,7 +10,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
-from kreisel.record.contract import Frame, component_axes
+from kreisel.record.contract import Frame
+from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage.reading import a_run

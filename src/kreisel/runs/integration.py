@@ -17,7 +17,8 @@ from kreisel.errors import InputError, RunError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
-from kreisel.runs.breaks import BREAKS, Breaks, Stop
+from kreisel.runs.breaks import BREAKS, Breaks
+from kreisel.runs.events import Stop
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import of_forces
 from kreisel.stopwatch import SPENT

@@ -16,29 +16,23 @@ from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
-from kreisel.method import Outcome, Scheme, default_method, scheme
+from kreisel.method import Outcome, Scheme, default_method
 from kreisel.method.observing import ORIENTATION
-from kreisel.method.reference import with_tolerance
 from kreisel.method.scheme import Flow
-from kreisel.record.contract import component_axes
+from kreisel.record.given import component_axes
 from kreisel.record.model import Model, State
-from kreisel.runs.breaks import Event, not_conserved
+from kreisel.runs.events import Event
 from kreisel.runs.settings import (
     LARGE,
     Settings,
-    check_model,
-    checked_state,
     initial_orientation,
-    observed,
-    whole_order,
-    within_tolerances,
 )
 from kreisel.runs.timetable import Timetable
 from kreisel.stopwatch import spent_on
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
-    from kreisel.record.model import OrientationLike, StateLike
+    from kreisel.record.model import OrientationLike
 
 TIMES = "times"  # of the rows, beside the state in `Plan.start`
 COMPUTED = ("constants", "stages", "basis")  # of a scheme
@@ -56,6 +50,7 @@ class Plan:
     start: Mapping[str, Floats]  # the state at time 0 as it was given, the orientation, and the times of rows
     printer: Printer | None = None  # of the kernel of engine="large"
     events: tuple[Event, ...] = ()
+    lost: frozenset[str] = frozenset()  # what the method conserves and impulses or events change
     fired: list[tuple[float, int]] = field(default_factory=list)  # the times and numbers of events that happened
 
     @property
@@ -76,9 +71,9 @@ class Plan:
     @cached_property
     def outcomes(self) -> dict[str, Outcome]:
         """The variables that are computed, and what each is."""
-        chosen, lost = self.settings.observe, not_conserved(self)
+        chosen = self.settings.observe
         return {
-            name: replace(outcome, conserved=False) if name in lost else outcome
+            name: replace(outcome, conserved=False) if name in self.lost else outcome
             for name, outcome in self.scheme.outcomes.items()
             if chosen is None or name in chosen or outcome.kind in ("state", "orientation")
         }
@@ -215,25 +210,6 @@ class Plan:
             return compiled_observe(self.scheme, self.variables, self.lanes, self.settings.observe)
 
 
-def make_plan(model: Model, x0: StateLike, *, orientation: OrientationLike | None = None, **asked: Any) -> Plan:
-    """The plan of a run with these settings.  Raises `InputError`."""
-    check_model(model)
-    return plan_of(model, x0, Settings.checked(**asked), orientation)
-
-
-def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None) -> Plan:
-    """Check everything that can be checked before the first step.  Raises `InputError`."""
-    state = checked_state(model, x0)
-    if settings.order == "auto":
-        return _chosen(model, state, settings, orientation)
-    method = settings.method or default(model, settings)
-    made = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
-    if settings.tol is not None:
-        made = with_tolerance(made, within_tolerances(settings.tol))
-    observed(settings.observe, made)
-    return planned(model, made, settings, initial_parts(model, state, orientation), settings.engine)
-
-
 def default(model: Model, settings: Settings) -> str:
     """The method that is not asked for: one that makes steps where an order, or an engine for steps, is."""
     return default_method(model, stepped=settings.order is not None or settings.engine not in (None, "cpu"))
@@ -251,16 +227,6 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
         start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
         printer=printer,
     )
-
-
-def _chosen(model: Model, state: State, settings: Settings, orientation: OrientationLike | None) -> Plan:
-    """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
-    from kreisel.runs.choosing import choice_of, with_choice
-
-    (choice,) = choice_of(model, state, settings, orientation, each=False)
-    plan = plan_of(model, state, with_choice(choice, settings), orientation)
-    chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
-    return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
 
 
 def initial_parts(model: Model, state: State, orientation: OrientationLike | None) -> tuple[Array, ...]:

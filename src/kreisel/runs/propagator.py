@@ -21,7 +21,6 @@ from kreisel.method.driven import COUNT
 from kreisel.method.scheme import Flow, Orbits, Scheme
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
-from kreisel.runs.at import wanted_times
 from kreisel.runs.plan import planned
 from kreisel.runs.settings import (
     LARGE,
@@ -34,6 +33,7 @@ from kreisel.runs.settings import (
     observed,
     of_forces,
     positive_number,
+    wanted_times,
     whole_order,
     within,
 )

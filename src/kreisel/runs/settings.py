@@ -357,3 +357,16 @@ def initial_orientation(value: Any, model: Model) -> Array:
     if (np.linalg.det(g) < 0).any():
         raise InputError("The orientation must have determinant +1, got a reflection. Swap two columns.")
     return algebra.unit_quaternion(g) if n == 3 else g
+
+
+def wanted_times(times: Any) -> np.ndarray:
+    """A time, or times (times,), that were asked for.  Raises `InputError`."""
+    if type(times) is float and math.isfinite(times):
+        return np.array(times)
+    try:
+        wanted = np.array(times, dtype=np.float64)  # a copy: kernels take no arrays that may only be read
+    except (TypeError, ValueError, OverflowError):
+        wanted = np.full(1, np.nan)
+    if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
+        raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
+    return wanted

@@ -6,16 +6,17 @@ import math
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped, explained
-from kreisel.runs.breaks import Event, checked_events
+from kreisel.runs.breaks import broken_by
 from kreisel.runs.doubts import warn_of
 from kreisel.runs.drift import watched
 from kreisel.runs.estimating import bytes_of, require_room
+from kreisel.runs.events import Event, checked_events
 from kreisel.runs.integration import Integration
-from kreisel.runs.plan import Plan, make_plan
+from kreisel.runs.plan import Plan
+from kreisel.runs.planning import make_plan
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import flag, whole_number
 from kreisel.storage.checkpoint import signals_wait
@@ -88,7 +89,7 @@ def simulate(
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
-    plan = replace(make_plan(system, x0, orientation=orientation, **when, **choices), events=checked_events(events))
+    plan = broken_by(make_plan(system, x0, orientation=orientation, **when, **choices), checked_events(events))
     warn_of(plan)
     found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
     return watched(found, loaded=path is None)
@@ -104,7 +105,7 @@ def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
 
 def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:
     from kreisel.storage.archive import Archive
-    from kreisel.storage.opening import target
+    from kreisel.storage.nodes import target
 
     where = target(path)
     require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
@@ -135,7 +136,8 @@ def resume(
     Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
     """
     from kreisel.storage.archive import reopen
-    from kreisel.storage.opening import open_archive, target
+    from kreisel.storage.nodes import target
+    from kreisel.storage.opening import open_archive
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where

@@ -24,7 +24,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, Stopped, on_disk
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
-from kreisel.runs.breaks import Event, checked_events
+from kreisel.runs.breaks import broken_by
 from kreisel.runs.describing import (
     CORRECTION,
     TIME,
@@ -36,18 +36,13 @@ from kreisel.runs.describing import (
     saved_times,
     versions,
 )
+from kreisel.runs.events import Event, checked_events
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.opening import (
-    _checkpoint,
-    _integration,
-    _plan_of_run,
-    _require_arrays,
-    archive_record,
-    require_sound,
-)
+from kreisel.storage.nodes import require_sound
+from kreisel.storage.opening import _checkpoint, _integration, _plan_of_run, _require_arrays, archive_record
 from kreisel.storage.part import Part
 from kreisel.storage.replacing import agreed, part_of, remove, stands
 
@@ -211,7 +206,7 @@ def reopen(
         why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
         raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
     snapshot, start, known = _checkpoint(store, record)
-    plan = replace(_plan_of_run(record, start, steps, system), events=_same_events(record, events))
+    plan = broken_by(_plan_of_run(record, start, steps, system), _same_events(record, events))
     block = record.rows_in_block if snapshot.flushed else block_rows(plan)
     integration = _integration(plan, block)
     integration.restore(snapshot)

@@ -13,7 +13,8 @@ import numpy as np
 from kreisel.errors import InputError, explained, shown
 from kreisel.runs.geometry import orientation_of
 from kreisel.runs.settings import flag
-from kreisel.storage.opening import open_run, target
+from kreisel.storage.nodes import target
+from kreisel.storage.opening import open_run
 from kreisel.storage.replacing import require_file, written
 
 if TYPE_CHECKING:

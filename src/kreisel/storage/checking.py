@@ -13,20 +13,12 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method import Scheme, scheme
-from kreisel.runs.drift import KINDS, lane_scales
+from kreisel.method.scheme import KINDS
+from kreisel.runs.drift import lane_scales
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.opening import (
-    MOST_INDEXED,
-    archive_record,
-    is_cut,
-    is_sweep,
-    open_archive,
-    opened,
-    ordered,
-    require_sound,
-    too_large,
-)
+from kreisel.storage.nodes import is_sweep, require_sound, too_large
+from kreisel.storage.opening import MOST_INDEXED, archive_record, is_cut, open_archive, opened, ordered
 from kreisel.storage.recomputing import lanes_again, steps_again
 from kreisel.storage.replacing import require_replaceable, settled, stands
 from kreisel.storage.verified import Damaged

@@ -15,7 +15,8 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.runs.settings import flag
-from kreisel.storage.opening import open_run, target, too_large
+from kreisel.storage.nodes import target, too_large
+from kreisel.storage.opening import open_run
 from kreisel.storage.replacing import require_file, written
 
 if TYPE_CHECKING:

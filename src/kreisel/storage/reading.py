@@ -12,9 +12,14 @@ import os
 from collections.abc import Mapping
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from kreisel.errors import InputError, shown
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 DEEPEST = 32  # levels; a sweep's description needs six
 MOST_BITS = 4096  # of a whole number: longer ones can neither be printed nor used
@@ -123,3 +128,14 @@ def _too_deep(what: str) -> str:
         f"{what} is nested too deep: at most {DEEPEST} lists or tables inside one another were expected. "
         "It is damaged, or was not made by Kreisel."
     )
+
+
+def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
+    """The values of a variable.  Raises `InputError` where they cannot be read from its archive."""
+    try:
+        return np.asarray(variable.values)
+    except InputError:
+        raise
+    except Exception as error:  # whatever a damaged chunk makes the libraries raise
+        what, why = name or getattr(variable, "name", "time"), error or type(error).__name__
+        raise InputError(f"{what} cannot be read: {why}. `kreisel check` says what is damaged.") from error

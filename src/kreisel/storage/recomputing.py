@@ -15,7 +15,8 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.perturbation import TIME
 from kreisel.runs.describing import versions
 from kreisel.runs.integration import Integration
-from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.plan import Plan
+from kreisel.runs.planning import plan_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import Settings
 from kreisel.sweeps.blocks import TROUBLES, Sweep, results_of

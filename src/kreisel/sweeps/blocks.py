@@ -27,7 +27,8 @@ from kreisel.record.model import Model
 from kreisel.runs.choosing import choices, with_choice
 from kreisel.runs.integration import Integration
 from kreisel.runs.own import load_system
-from kreisel.runs.plan import Plan, plan_of
+from kreisel.runs.plan import Plan
+from kreisel.runs.planning import plan_of
 from kreisel.runs.settings import Settings
 from kreisel.storage import manifest
 from kreisel.sweeps.design import Lanes, Varied

@@ -14,8 +14,9 @@ import numpy as np
 
 from kreisel.errors import ConservationWarning, InputError
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
-from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales, read_values
+from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales
 from kreisel.runs.integration import Integration
+from kreisel.storage.reading import read_values
 from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep
 from kreisel.sweeps.sweep_record import SweepRecord
 

@@ -19,7 +19,7 @@ from kreisel.runs.describing import TIME, dimensions, saved_times, versions
 from kreisel.runs.estimating import LEAST, require_room
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
-from kreisel.storage.opening import require_sound
+from kreisel.storage.nodes import require_sound
 from kreisel.storage.part import Part
 from kreisel.storage.reading import parsed
 from kreisel.storage.replacing import agreed, stands

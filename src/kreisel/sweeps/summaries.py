@@ -18,8 +18,8 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome
+from kreisel.method.scheme import KINDS
 from kreisel.runs import harmonics
-from kreisel.runs.drift import KINDS
 
 STATES = ("state", "orientation")
 FEWEST_ROWS = 32  # for a frequency

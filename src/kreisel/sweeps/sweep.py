@@ -16,7 +16,7 @@ from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage import manifest
 from kreisel.storage.checkpoint import signals_wait
-from kreisel.storage.opening import dataset, require_sound, target
+from kreisel.storage.nodes import dataset, require_sound, target
 from kreisel.storage.part import one_writer
 from kreisel.storage.reading import shallow
 from kreisel.sweeps import blocks

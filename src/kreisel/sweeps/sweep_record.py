@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import msgspec
 
 from kreisel.errors import InputError
-from kreisel.storage.opening import metadata
+from kreisel.storage.nodes import metadata
 from kreisel.storage.reading import parsed
 
 FORMAT = 1

@@ -23,7 +23,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund import lagrange_top, lagrange_top_moving
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System, defined
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
@@ -121,6 +121,7 @@ def one(A):
 
 
 SYSTEM = System(
+    **defined(System, globals()),
     name="symmetric-top",
     title="Totally symmetric Lagrange top, moving frame",
     equations="M' = A ^ P,  P' = -M P",
@@ -132,25 +133,13 @@ SYSTEM = System(
             "A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector, fixed="body"
         ),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
     scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=Map(
-        step=step,
-        inverse=inverse,
-        adjoint=adjoint,
-        involution=involution,
+        **defined(Map, globals(), lax=lax_matrix),
         to_symmetric=half_kick,
         from_symmetric=half_kick_back,
-        generator=generator,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
         darboux=darboux_variables,
         source="Suris 2001, section 1 (Introduction)",
     ),

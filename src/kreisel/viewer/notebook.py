@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from kreisel.viewer.page import as_json, filled, scripts
+from kreisel.viewer.document import as_json, filled, scripts
 
 MARK = "\u0001kreisel-library\u0001"  # stands in the page for the library
 SANDBOX = "allow-scripts allow-downloads"

@@ -7,21 +7,16 @@ hashes and allows no request, so that nothing else runs in it, whatever an archi
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import html
-import json
 import os
-from functools import cache
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, explained
 from kreisel.storage.reading import place
 from kreisel.storage.replacing import written
 from kreisel.viewer.bodies import known_shape
+from kreisel.viewer.document import page
+from kreisel.viewer.notebook import cell
 from kreisel.viewer.scene import scene
 
 if TYPE_CHECKING:
@@ -60,8 +55,6 @@ class View:
         return movie(self._scene, path, **options)
 
     def _repr_html_(self) -> str:
-        from kreisel.viewer.notebook import cell
-
         return cell(self._scene)
 
     def __repr__(self) -> str:
@@ -98,47 +91,3 @@ def view(
         raise InputError("expected body= or mesh=, got both.")
     shape = None if body is None else known_shape(body)
     return View(run, lane, body=shape if mesh is None else read_mesh(mesh), section=section)
-
-
-@cache
-def scripts() -> tuple[str, str]:
-    """three.js with uPlot, and the page's own script."""
-    return _asset("library.min.js"), "\n".join(map(_asset, ("lines.js", "drawing.js", "charts.js", "page.js")))
-
-
-@cache
-def _asset(name: str) -> str:
-    return resources.files("kreisel.viewer").joinpath("assets", name).read_text(encoding="utf-8")
-
-
-def as_json(data: Any) -> str:
-    """JSON in which no tag, comment or line of script can begin or end."""
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
-
-
-def page(data: dict[str, Any], follow: float | None = None) -> str:
-    """The page of a scene.  `follow`: it asks its server for news every so many seconds."""
-    return filled(as_json({**data, "follow": follow}), data["title"] or "run", scripts()[0], follow is not None)
-
-
-def filled(data: str, title: str, library: str, served: bool = False) -> str:
-    """The page with its data; the policy names the scripts, `library` stands where three.js does."""
-    hashes = " ".join(f"'sha256-{_hash(text)}'" for text in scripts())
-    # one substitution each, of text that is not searched again
-    return Template(_asset("page.html")).substitute(
-        policy=f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
-        f"media-src blob:; connect-src '{'self' if served else 'none'}'; base-uri 'none'; form-action 'none'",
-        title=html.escape(title),
-        style=_asset("library.css") + _asset("page.css"),
-        library=library,
-        script=scripts()[1],
-        data=data,
-    )
-
-
-@cache
-def _hash(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")

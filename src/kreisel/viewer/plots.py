@@ -10,9 +10,10 @@ from kreisel.errors import InputError, brief, explained
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
 from kreisel.record.contract import Frame
-from kreisel.runs.drift import all_series, read_values
+from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import fixed_vector, model_for
 from kreisel.runs.run_record import RunRecord
+from kreisel.storage.reading import read_values
 from kreisel.viewer.style import WIDTHS, Theme, theme_of
 from kreisel.viewer.thinning import mixed
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.method import Method
-from kreisel.record.contract import Map, Parameter, System, keywords
+from kreisel.record.calling import keywords
+from kreisel.record.contract import Map, Parameter, System
 
 SHORT = {"skew": "so(n)", "symmetric": "Sym(n)", "vector": "R^n"}
 MAP_CLAIMS = {

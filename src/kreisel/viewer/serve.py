@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 from kreisel.errors import InputError, RunError
 from kreisel.storage.opening import open_archive
-from kreisel.viewer.page import as_json, page
+from kreisel.viewer.document import as_json, page
 from kreisel.viewer.scene import scene
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")

@@ -1,0 +1,39 @@
+"""Functions of a record, called by the names of what they take."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+
+Function = Callable[..., Any]
+
+
+def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
+    """Raises `InputError` where arguments that go by name come without."""
+    if unnamed:
+        if not letters:
+            raise InputError(f"{what}: expected no arguments, got {shown(unnamed[0])}.")
+        raise InputError(
+            f"{what}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
+            "without a name."
+        )
+
+
+@cache
+def keywords(function: Function) -> frozenset[str]:
+    """The keyword-only arguments that a function names."""
+    signature = inspect.signature(function)
+    return frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
+
+
+def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
+    """`function(*state, ...)` with just the keywords it names.  Raises `InputError` for what a record leaves out."""
+    if function is None:
+        raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
+    names = keywords(function)
+    return function(*state, **{k: v for k, v in available.items() if k in names})
