@@ -205,7 +205,7 @@ def _map(system: System) -> list[str]:
         other = "midpoint" if system.space is SPINS_SPACE else "dop853"
         return [
             "## Discretization",
-            "No map that keeps its integrals is built here; the default is "
+            "No map that conserves its integrals is built here; the default is "
             + ("the variational integrator." if system.inverse_inertia is not None else f'`method="{other}"`.'),
         ]
     phi: Map = system.map

@@ -224,7 +224,7 @@ def orbit(
     found = compiled_orbit(take, close, kinds, n, z, known, stages, rows, every)
     if found is not None:
         return found
-    moving = {k: v for k, v in known.items() if _holds_numbers(v)}
+    moving = {k: x for k, x in known.items() if any(isinstance(v, Number) for v in np.asarray(x, dtype=object).flat)}
     fixed = {k: v for k, v in known.items() if k not in moving}
     count = max((np.shape(v)[0] for v in stages.values()), default=1)
     constants = _scalars(moving)  # one by one: those without a tangent then cost nothing
@@ -324,10 +324,6 @@ def orbit_of_arrays(
         return flat(take(*layout.restore(z, kinds, n), **constants), kinds)
 
     return iterated(step, z, constants, rows, every)
-
-
-def _holds_numbers(x: Any) -> bool:
-    return any(isinstance(v, Number) for v in np.asarray(x, dtype=object).flat)
 
 
 def _scalars(known: Mapping[str, Any]) -> list[Array]:

@@ -227,9 +227,8 @@ class Scalar:
             return self * other + addend
         if not isinstance(addend, Scalar) and addend == 0:
             return self * other
-        return self._new(
-            f"fma({self.signed}, {source_of(other)}, {source_of(addend)})", *_scalar_names(self, other, addend)
-        )
+        needs = (x.name for x in (self, other, addend) if isinstance(x, Scalar))
+        return self._new(f"fma({self.signed}, {source_of(other)}, {source_of(addend)})", *needs)
 
     def record_sum_with(self, x: float, y: float) -> Any:
         """x * y + self for plain x, y, rounded once."""
@@ -241,10 +240,6 @@ class Scalar:
 
     def __repr__(self) -> str:
         return self.signed
-
-
-def _scalar_names(*numbers: Any) -> tuple[str, ...]:
-    return tuple(x.name for x in numbers if isinstance(x, Scalar))
 
 
 def whole_power(x: Any, exponent: Any) -> Any:

@@ -76,7 +76,7 @@ def integrals_in_floats(what: Subject, degree: int = 2, seed: int = 0) -> Numeri
         except RunError as error:
             trouble = str(error)
             continue
-        values = _monomials(orbit, exponents)
+        values = np.prod(orbit[:, None, :] ** exponents[None], axis=-1)  # monomials
         rows.append(values[1:] - values[:1])
         scale = np.maximum(scale, np.abs(values).max(0))
     table = np.concatenate(rows)
@@ -104,10 +104,6 @@ def integrals_in_floats(what: Subject, degree: int = 2, seed: int = 0) -> Numeri
         next=float(sizes[len(sizes) - still - 1]),
         involution=float((np.abs(both) / np.outer(sized, sized)).max(initial=0.0)),
     )
-
-
-def _monomials(points: Array, exponents: Array) -> Array:
-    return np.prod(points[:, None, :] ** exponents[None], axis=-1)
 
 
 def _monomial_gradients(x: Array, exponents: Array) -> Array:

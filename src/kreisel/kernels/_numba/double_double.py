@@ -71,10 +71,6 @@ def _negative(builder: ir.IRBuilder, x: Two) -> Two:
     return builder.fneg(x[0]), builder.fneg(x[1])
 
 
-def _subtract(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
-    return _add(builder, x, _negative(builder, y))
-
-
 def _multiply(builder: ir.IRBuilder, x: Two, y: Two) -> Two:
     product = builder.fmul(x[0], y[0])
     error = fused(builder, x[0], y[0], builder.fneg(product))
@@ -124,7 +120,7 @@ def _pair_operation(function: Callable[..., Any], count: int, emit: Callable[...
 
 for _function, _count, _emit in (
     (operator.add, 2, _add),
-    (operator.sub, 2, _subtract),
+    (operator.sub, 2, lambda builder, x, y: _add(builder, x, _negative(builder, y))),
     (operator.mul, 2, _multiply),
     (operator.truediv, 2, _divide),
     (operator.neg, 1, _negative),

@@ -233,7 +233,8 @@ def form_of(scheme: Scheme) -> LargeForm | None:
     kinds = tuple(scheme.kinds)
     if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
         return None
-    axes = {name: (letter, scheme.axes[name]) for letter in "cs" for name in _constant_names(scheme, letter)}
+    constants = {"c": scheme.constants, "s": scheme.stages}
+    axes = {name: (letter, scheme.axes[name]) for letter, names in constants.items() for name in names}
     vectors = [name for name in scheme.constants if scheme.axes[name] == 1]
     forms: list[tuple[str, tuple[str, ...], bool]] = []
     if "skew" in kinds and len(vectors) == 1:
@@ -265,10 +266,6 @@ def _first_that_holds(forms: list[LargeForm], scheme: Scheme) -> LargeForm | Non
         if len(pieces) == 1 and scheme.stage_count == 1:
             return replace(form, inverses=len(upkeep.inverses) if upkeep else 0)
     return None
-
-
-def _constant_names(scheme: Scheme, letter: str) -> list[str]:
-    return [*(scheme.constants if letter == "c" else scheme.stages)]
 
 
 class LargeFunction(NamedTuple):

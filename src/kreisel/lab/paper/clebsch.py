@@ -21,7 +21,7 @@ KIRCHHOFF, GENERAL, CLEBSCH = kirchhoff.SYSTEM, clebsch_general.SYSTEM, clebsch.
 stated_law(
     "introduction-clebsch",
     "Section 1, second display",
-    "M' = P ^ BP, P' = -MP is Hamiltonian; its map is Poisson, keeps its energy and has a Lax pair",
+    "M' = P ^ BP, P' = -MP is Hamiltonian; its map is Poisson, conserves its energy and has a Lax pair",
     CLEBSCH,
     "hamiltonian-flow",
     "poisson",

@@ -252,7 +252,7 @@ def two_forms(a: Action) -> Sides:
 @stated(
     "cotangent-bundle",
     "Section 3, after (dEL syst)",
-    f"{ON}: the map (g_k, Pi_k) -> (g_(k+1), Pi_(k+1)) of a generic L(g_k, g_(k+1)) without symmetry keeps the two-form of T*G",
+    f"{ON}: the map (g_k, Pi_k) -> (g_(k+1), Pi_(k+1)) of a generic L(g_k, g_(k+1)) without symmetry conserves the two-form of T*G",
     dimensions=(3,),
 )
 def cotangent_bundle(s: Setting) -> Sides:

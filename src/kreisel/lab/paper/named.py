@@ -127,7 +127,7 @@ for name, (place, commutes) in MAPS.items():
     stated_law(
         f"{name}-map",
         place,
-        "the map is Poisson, keeps its integrals and has a Lax pair"
+        "the map is Poisson, conserves its integrals and has a Lax pair"
         + ("; it commutes with the flow and with itself at other steps" if commutes else ""),
         system,
         "poisson",

@@ -122,7 +122,7 @@ def moving_turn(s: Setting) -> Sides:
 stated_law(
     "theorem-6.3",
     "Section 6.2, Theorem 6.3, (dmLT body), Hbar_eps",
-    "the discrete Euler-Lagrange equations of (dmLT Lagr body) are the map; it is Poisson and keeps Hbar_eps",
+    "the discrete Euler-Lagrange equations of (dmLT Lagr body) are the map; it is Poisson and conserves Hbar_eps",
     MOVING,
     "discrete-euler-lagrange",
     "poisson",

@@ -194,7 +194,7 @@ def dlt_turn(s: Setting) -> Sides:
 stated_law(
     "theorem-6.1",
     "Section 6.1, Theorem 6.1, (dLT rest frame), (dLT rest H)",
-    "the discrete Euler-Lagrange equations of (dmLT Lagr 1) are the map; it is Poisson and keeps H_eps, any |a|",
+    "the discrete Euler-Lagrange equations of (dmLT Lagr 1) are the map; it is Poisson and conserves H_eps, any |a|",
     TOP,
     "discrete-euler-lagrange",
     "poisson",

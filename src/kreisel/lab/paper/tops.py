@@ -29,7 +29,7 @@ stated_law(
 stated_law(
     "introduction-top-map",
     "Section 1, first display, right",
-    "M_(k+1) = M_k + eps A ^ P_k, P_(k+1) = cay(-eps/2 M_(k+1)) P_k is Poisson, keeps its energy and has a Lax pair",
+    "M_(k+1) = M_k + eps A ^ P_k, P_(k+1) = cay(-eps/2 M_(k+1)) P_k is Poisson, conserves its energy and has a Lax pair",
     SYMMETRIC,
     "poisson",
     "integrals-of-the-map",
