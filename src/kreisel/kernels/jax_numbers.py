@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
 from kreisel.kernels import adjoint, jax_primitives, layout
 from kreisel.kernels.jax import flat
@@ -25,7 +26,7 @@ jnp = jax.numpy
 lax = jax.lax
 
 
-class Number:
+class Number(Ring):
     """A scalar of JAX, `value`."""
 
     __slots__ = ("value",)
@@ -42,22 +43,12 @@ class Number:
             return NotImplemented
         return self if _is(other, 0) else Number(self.value + plain(other))
 
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        return self + (-other) if _is_number(other) else NotImplemented
-
-    def __rsub__(self, other: Any) -> Any:
-        return (-self) + other if _is_number(other) else NotImplemented
-
     def __mul__(self, other: Any) -> Any:
         if not _is_number(other):
             return NotImplemented
         if _is(other, 0) or _is(other, 1) or _is(other, -1):
             return 0.0 if other == 0 else (self if other == 1 else -self)
         return Number(self.value * plain(other))
-
-    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
         return Number(self.value / plain(other)) if _is_number(other) else NotImplemented

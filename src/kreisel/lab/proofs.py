@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError, shown
 from kreisel.kernels import layout
 from kreisel.lab.subject import coordinate_names
@@ -21,7 +22,7 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 
-class Expression:
+class Expression(Ring):
     """A rational function of SymPy that lets arrays have their say."""
 
     __slots__ = ("f",)
@@ -38,19 +39,11 @@ class Expression:
     def __truediv__(self, other: Any) -> Any:
         return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f / _inner(other))
 
-    def __sub__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f - _inner(other))
-
-    def __rsub__(self, other: Any) -> Expression:
-        return Expression(_inner(other) - self.f)
-
     def __rtruediv__(self, other: Any) -> Expression:
         return Expression(_inner(other) / self.f)
 
     def __neg__(self) -> Expression:
         return Expression(-self.f)
-
-    __radd__, __rmul__ = __add__, __mul__
 
 
 def _inner(x: Any) -> Any:

@@ -122,13 +122,17 @@ def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> A
         raise InputError(
             "Functions of kreisel.reduction take floats, got exact numbers. Use numbers=('float',) in the laws."
         )
-    values = [np.vectorize(lambda v: float(getattr(v, "value", v)), otypes=[float])(a) for a in args]
+    values = [np.vectorize(_plain_number, otypes=[float])(a) for a in args]
     if some is None:
         return run(values, known)
     slopes = np.array([getattr(v, "slope", 0 * some.slope) for v in flat], dtype=np.float64)
     known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
     out, rates = run.pushed(values, known, slopes.T)
     return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
+
+
+def _plain_number(number: Any) -> float:
+    return float(getattr(number, "value", number))
 
 
 def _dual_array(kind: Any, value: Array, rates: Array) -> Any:
