@@ -14,6 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
+from kreisel.kernels.correcting import Correction, corrected, prepared
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method, scheme
@@ -162,11 +163,12 @@ class Plan:
             part, letter = name.split("-", 1)
             parts[part][letter] = value
         self.scheme = replace(self.scheme, **parts)
-        for made in ("engine", "_compiled"):
+        for made in ("engine", "_compiled", "_correction"):
             self.__dict__.pop(made, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
+        z = z if self._correction is None else self._correction(z)
         return self._shaped(z, self._together(z, self._plainly(z) if self._compiled is None else self._compiled(z)))
 
     @cached_property
@@ -192,6 +194,12 @@ class Plan:
                 value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
             out[name] = value if self.batched else value[:, 0]
         return out
+
+    @cached_property
+    def _correction(self) -> Correction | None:
+        """What takes rows to those that are observed."""
+        with spent_on("kernels"):
+            return corrected(self.scheme)
 
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         """What is observed of a state in the method's own variables."""
@@ -242,11 +250,13 @@ def default(model: Model, settings: Settings) -> str:
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by an engine or the one that is chosen by n."""
     made, start, printer = _lanes(model, made, parts, engine)
+    with spent_on("kernels"):
+        first = prepared(made, start.reshape(-1, start.shape[-1]))
     return Plan(
         model=model,
         scheme=made,
         settings=settings,
-        first=start.reshape(-1, start.shape[-1]),
+        first=first,
         batched=start.ndim > 1,
         start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
         printer=printer,
