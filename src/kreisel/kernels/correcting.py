@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Numbers, Scheme
+
+Rows = Callable[[Floats], Floats]  # (rows, lanes, d)
 
 AT_REST = 16  # engines that are kept for the next call
 
@@ -42,11 +45,12 @@ class Correction:
         return engine_of(self._scheme, z.copy(), name="cpu", dt=1.0, steps=1, every=1, printer=None, project=False)
 
 
-def corrected(scheme: Scheme) -> Correction | None:
-    """From the variables that a scheme steps to those that are observed; None where they are the same."""
-    return None if scheme.corrector is None else Correction(scheme, scheme.corrector.out)
+def corrections(scheme: Scheme) -> tuple[Rows, Rows]:
+    """From rows that are prepared to the variables that are stepped, and from these to those that are observed."""
+    if scheme.corrector is None:
+        return _same, _same
+    return Correction(scheme, scheme.corrector.back), Correction(scheme, scheme.corrector.out)
 
 
-def prepared(scheme: Scheme, z: Floats) -> Floats:
-    """Rows (lanes, d), prepared by a scheme, in the variables that it steps."""
-    return z if scheme.corrector is None else Correction(scheme, scheme.corrector.back)(z[None])[0]
+def _same(rows: Floats) -> Floats:
+    return rows

@@ -34,13 +34,14 @@ SAFETY = 10.0  # the error may grow faster later, where the motion is near to ch
 
 
 class Pilot(NamedTuple):
-    """The state at the end of some steps (lanes, numbers), and what a step costs; None where it does not get there."""
+    """The state at the end of some steps (lanes, numbers), and what a step costs, and a row beside its steps."""
 
     state: Array
     cost: float
+    row: float = 0.0
 
 
-Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count)
+Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count); None where it does not get there
 
 
 def rate_of(model: Model, state: tuple[Array, ...]) -> float:
@@ -73,7 +74,7 @@ def choose(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> 
             if found is None or not expected <= tolerance:
                 continue
             in_spacing = max(1, int(np.ceil(spacing * count / span * (1 - 1e-12))))
-            cost = found.cost * in_spacing
+            cost = found.cost * in_spacing + found.row
             if best is None or cost < best[0]:
                 best = cost, Choice(order, in_spacing, float(expected), "splitting")
             break

@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
-from kreisel.kernels.correcting import Correction, corrected, prepared
+from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method, scheme
@@ -163,12 +163,12 @@ class Plan:
             part, letter = name.split("-", 1)
             parts[part][letter] = value
         self.scheme = replace(self.scheme, **parts)
-        for made in ("engine", "_compiled", "_correction"):
+        for made in ("engine", "_compiled", "corrections"):
             self.__dict__.pop(made, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
-        z = z if self._correction is None else self._correction(z)
+        z = self.corrections[1](z)
         return self._shaped(z, self._together(z, self._plainly(z) if self._compiled is None else self._compiled(z)))
 
     @cached_property
@@ -196,10 +196,9 @@ class Plan:
         return out
 
     @cached_property
-    def _correction(self) -> Correction | None:
-        """What takes rows to those that are observed."""
-        with spent_on("kernels"):
-            return corrected(self.scheme)
+    def corrections(self) -> tuple[Rows, Rows]:
+        """What takes rows (rows, lanes, d) to those that are stepped, and these to those that are observed."""
+        return corrections(self.scheme)
 
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         """What is observed of a state in the method's own variables."""
@@ -250,13 +249,12 @@ def default(model: Model, settings: Settings) -> str:
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by an engine or the one that is chosen by n."""
     made, start, printer = _lanes(model, made, parts, engine)
-    with spent_on("kernels"):
-        first = prepared(made, start.reshape(-1, start.shape[-1]))
+    back, _ = corrections(made)
     return Plan(
         model=model,
         scheme=made,
         settings=settings,
-        first=first,
+        first=back(start.reshape(1, -1, start.shape[-1]))[0],
         batched=start.ndim > 1,
         start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
         printer=printer,
