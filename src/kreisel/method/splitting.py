@@ -9,8 +9,8 @@ the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds i
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
 
-A corrector is a step of the same parts by other numbers, which ends at the time where it began: its inverse comes before
-the first step, and it comes after the last one before a row, on a copy.
+A corrector is a step of the same parts by other numbers, which ends at the time where it began: its inverse prepares
+the start, and rows are taken through it when they are observed.
 
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
 with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential and by
