@@ -62,7 +62,10 @@ def choice_of(
         steps, rate = _pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
         choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
         beside = _pilot(model, state, settings, orientation, auto_splitting.NUDGE)
-        if auto_splitting.separates(steps, beside, choice, rate, *when[:2]):
+        chaotic = auto_splitting.separates(steps, beside, choice, rate, *when[:2])
+        if chaotic and auto_splitting.within_reach(rate, settings.time):
+            choice, chaotic = auto_splitting.witnessed(steps, choice, rate, *when, chaotic=True), False
+        if chaotic:
             warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
         elif choice.expected > (settings.tol or 0):
             said = MISSED.format(tol=settings.tol, expected=choice.expected)
