@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -15,6 +16,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body
 from kreisel.forces.turns import turns_of
+from kreisel.method import auto_splitting
 from kreisel.record.model import Model
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
@@ -361,10 +363,26 @@ def test_a_perturbation_too_large_for_its_step_is_warned_of() -> None:
             run(k, dt)
 
 
-def test_chaos_is_warned_of_where_a_step_is_chosen() -> None:
+CHAOTIC = swinging(potential=lambda a: 0.1 * a[0] ** 2)
+
+
+def test_chaos_is_warned_of_where_a_step_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the motion is longer than what is run of it before."""
+    monkeypatch.setattr(auto_splitting, "CHAOTIC", 1)
     asked = {"dt": 1.0, "steps": 200, "every": 10, "order": "auto", "tol": 1e-3}
     with pytest.warns(kr.AccuracyWarning, match="neighbours part much faster, as in chaos"):
-        kr.simulate(swinging(potential=lambda a: 0.1 * a[0] ** 2), SWING, **asked)
+        kr.simulate(CHAOTIC, SWING, **asked)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         kr.simulate(swinging(potential=lambda a: 0.1 * a[2] ** 2), SWING, **asked)
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-5])
+def test_a_chaotic_motion_is_run_to_its_end_before(tol: float) -> None:
+    """Nothing is warned of, and the error is below the tolerance."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = kr.simulate(CHAOTIC, SWING, dt=200.0, steps=1, order="auto", tol=tol)
+    truth = kr.simulate(CHAOTIC, SWING, dt=1 / 64, steps=12800, every=12800, order=8)
+    off = max(abs(run[k][-1] - truth[k][-1]).max() / abs(truth[k][-1]).max() for k in SWING)
+    assert off <= json.loads(run.attrs["options"])["expected_error"] <= tol

@@ -19,6 +19,7 @@ import pytest
 import scipy.linalg
 
 import kreisel as kr
+from kreisel.bodies import BODIES
 from kreisel.lab import exact
 from kreisel.runs import integration
 from kreisel.runs import simulate as runs
@@ -410,6 +411,11 @@ SHAPES: dict[str, tuple[Any, Any, dict[str, Any]]] = {
     "dop853": (TOP, LANES, {"method": "dop853"}),
     "variational": (TOP, LANES, {"method": "variational"}),
     "kahan": (TOP, LANES, {"method": "kahan", "order": 4, "orientation": (1, 0, 0, 0)}),
+    "corrector": (
+        BODIES["satellite"](moments=(1.0, 1.6, 2.0), semi_major_axis=7e6),
+        {"M": [(0.4, 0.3, 1.5), (0.3, -0.5, 1.7)]},
+        {"orientation": (1, 0, 0, 0), "order": (10, 2)},
+    ),
     "veselov": (
         kr.EulerTop(J=(1, 2, 2.5)),
         {"M": RNG.standard_normal((2, 3))},

@@ -97,6 +97,11 @@ def contents(plan: Plan) -> Contents:
     """All that a file says of a plan of one trajectory.  Raises `InputError` where its step is no straight line."""
     plan = in_steps(plan)
     made = plan.scheme
+    if made.corrector is not None:
+        raise InputError(
+            f"code: expected a method that steps the state itself, got the order {made.options['order']}, whose "
+            "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
+        )
     if plan.batched or not isinstance(made.motion, Steps) or plan.printer is not None or made.coupling is not None:
         raise InputError(
             f"code: expected one trajectory, a method that makes steps and n <= 10, got {made.name}, n = {plan.model.n}"

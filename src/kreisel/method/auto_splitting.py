@@ -30,17 +30,20 @@ ROUND_OFF = 4e-15
 NUDGE = 1e-8  # of the momenta: a neighbouring orbit
 LONG, EXPONENTIAL = 20, 20.0  # pilots; how much farther apart after twice the time, where in proportion is 2
 WITNESS, REFINED, SHORTER = 20, 8, 1.4  # pilots; how often steps are made shorter, and by how much
+WHOLE = 1e-6  # of a step: rounding in a count
+CHAOTIC, MARGIN = 100, 4.0  # pilots of a motion whose neighbours part fast, which is run to its end if that is nearer
 SAFETY = 10.0  # the error may grow faster later, where the motion is near to chaos
 
 
 class Pilot(NamedTuple):
-    """The state at the end of some steps (lanes, numbers), and what a step costs; None where it does not get there."""
+    """The state at the end of some steps (lanes, numbers), and what a step costs, and a row beside its steps."""
 
     state: Array
     cost: float
+    row: float = 0.0
 
 
-Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count)
+Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count); None where it does not get there
 
 
 def rate_of(model: Model, state: tuple[Array, ...]) -> float:
@@ -73,7 +76,7 @@ def choose(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> 
             if found is None or not expected <= tolerance:
                 continue
             in_spacing = max(1, int(np.ceil(spacing * count / span * (1 - 1e-12))))
-            cost = found.cost * in_spacing
+            cost = found.cost * in_spacing + found.row
             if best is None or cost < best[0]:
                 best = cost, Choice(order, in_spacing, float(expected), "splitting")
             break
@@ -101,26 +104,36 @@ def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: fl
     return any(later > EXPONENTIAL * earlier for earlier, later in pairwise(apart))
 
 
-def witnessed(steps: Steps, choice: Choice, rate: float, spacing: float, time: float, tol: Any) -> Choice:
+def witnessed(
+    steps: Steps, choice: Choice, rate: float, spacing: float, time: float, tol: Any, chaotic: bool = False
+) -> Choice:
     """The choice, with shorter steps where it is off by more than `tol` in a run of some pilots against half the step.
+
+    A chaotic motion is run for longer, and with a margin: what rounding does to it grows too.
 
     A pilot does not see what is slow, such as the beats of coupled bodies, by which errors grow faster than the time.
     """
-    tolerance = checked_tolerance(tol)
-    tried: list[Choice] = []
+    tolerance, tried, best = checked_tolerance(tol), list[Choice](), np.inf
+    pilots, margin = (CHAOTIC, MARGIN) if chaotic else (WITNESS, 1.0)
     for _ in range(REFINED):
         h = spacing / choice.steps
-        count = int(min(time, WITNESS * TURNS / rate) / h) if 0 < rate < np.inf else 0
+        count = int(min(time, pilots * TURNS / rate) / h + WHOLE) if 0 < rate < np.inf else 0
         both = [steps(choice.order, h / k, count * k) for k in (1, 2)] if count else []
         ends = [end.state for end in both if end is not None]
         if len(ends) < 2:
             break
-        found = _apart(*ends) * max(time / (h * count), 1.0)
+        found = margin * _apart(*ends) * max(time / (h * count), 1.0)
         tried.append(replace(choice, expected=found if tried else max(choice.expected, found)))
-        if found <= tolerance:
+        if found <= tolerance or found >= best:  # shorter steps do not help
             break
+        best = found
         choice = replace(choice, steps=int(np.ceil(choice.steps * SHORTER)))
     return min(tried, key=lambda one: one.expected, default=choice)
+
+
+def within_reach(rate: float, time: float) -> bool:
+    """Whether a motion ends within the pilots that are run of a chaotic one."""
+    return time * rate <= CHAOTIC * TURNS
 
 
 def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[Array, float]:

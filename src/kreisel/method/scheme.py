@@ -116,6 +116,20 @@ class Coupling:
     together: Callable[[Mapping[str, Array], tuple[Array, ...]], dict[str, Array]]
 
 
+class Numbers(NamedTuple):
+    """Other constants of a step and of its stages."""
+
+    constants: Mapping[str, Array]
+    stages: Mapping[str, Array]
+
+
+class Corrector(NamedTuple):
+    """C, from the variables that a method steps to those of the body, and its inverse: each a step by other numbers."""
+
+    out: Numbers
+    back: Numbers
+
+
 class Part(NamedTuple):
     """A function that kernels call in turn: its name there, and the kinds of what it takes behind the state.
 
@@ -207,6 +221,7 @@ class Scheme:
     between                              the most steps between two projections; 0: what their cost allows
     coupling                             what lanes do to each other; None for lanes on their own
     guard                                what the run must not exceed; None for nothing
+    corrector                            between `prepare` and the steps, and between these and `observe`; None without
     """
 
     name: str
@@ -229,6 +244,7 @@ class Scheme:
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
     between: int = 0
     coupling: Coupling | None = None
+    corrector: Corrector | None = None
     dt_in_constants: bool = False  # whether dt enters `constants` and `stages` alone, beside what is observed
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
     definition_key: tuple[Any, ...] | None = None  # differ in constants of the trajectory alone
@@ -287,6 +303,11 @@ class Scheme:
         return replace(
             self, constants={**self.constants, **constants}, stages={**self.stages, **stages}, trajectory=None
         )
+
+    def by(self, numbers: Numbers) -> Scheme:
+        """The same motion by other numbers, without a corrector."""
+        constants = {**self.constants, **numbers.constants}
+        return replace(self, constants=constants, stages=numbers.stages, corrector=None)
 
     def advance(self, *z: Array) -> tuple[Array, ...]:
         """A whole step by the definition: every stage once, then `close`.  Engines compile the same."""

@@ -9,6 +9,9 @@ the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds i
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
 
+A corrector is a step of the same parts by other numbers, which ends at the time where it began: its inverse prepares
+the start, and rows are taken through it when they are observed.
+
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
 with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential and by
 those that depend on time.
@@ -42,8 +45,9 @@ from kreisel.method.driven import (
 from kreisel.method.integrable import Integrable, integrable
 from kreisel.method.observing import Only, as_matrix, observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import CoupledSteps, Guard, Outcome, Scheme, Steps
-from kreisel.method.splitting_coefficients import ORDERS, splitting
+from kreisel.method.scheme import Corrector, CoupledSteps, Guard, Numbers, Outcome, Scheme, Steps
+from kreisel.method.splitting_coefficients import ORDERS, corrector, inverse, splitting
+from kreisel.method.splitting_coefficients import Splitting as Fractions
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
@@ -125,12 +129,12 @@ class Splitting:
         """The time at a node of the step."""
         return (more[COUNT] + node) * known["_dt"] if self.timed else None
 
-    def close(self, *z: Array, _last: Array, **known: Array) -> State:
-        """The last A, and the count of steps."""
+    def close(self, *z: Array, _last: Array, _whole: Array, **known: Array) -> State:
+        """The last A, and the count of steps: 1, 0 of a corrector."""
         own, g, more = self.apart(z)
         own, g, more = self.moved(own, g, more, _last, known)
         if self.timed:
-            more[COUNT] = more[COUNT] + 1
+            more[COUNT] = more[COUNT] + _whole
         return (*own, *g, *more.values())
 
     def moved(
@@ -212,14 +216,9 @@ def _require_a_symmetric_kick(model: Model, order: Any) -> None:
 def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
     """The splitting with step dt of that order.  Raises `InputError` where a force takes an orientation and none is."""
     body = Splitting(model, dt, order, oriented)
-    a, b = (np.array(x) for x in body.fractions)
     observe, outcomes = _observer(body, order)
-    stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
-    if body.divided:
-        first = np.arange(len(body.parts)) == 0
-        parts = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
-        stages = {name: np.outer(values, parts[name]).ravel() for name, values in stages.items()}
-    constants = {"_last": np.array(a[-1] * dt), "_dt": np.array(dt)}
+    constants, stages = _numbers(body, body.fractions, 1.0)
+    correcting = corrector(order)
     coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt)})
     return Scheme(
         name="splitting",
@@ -239,7 +238,21 @@ def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
         dt_in_constants=True,
         guard=None if body.part.reach is None else _guard(body.part),
         coupling=coupling,
+        corrector=None
+        if correcting is None
+        else Corrector(_numbers(body, correcting, 0.0), _numbers(body, inverse(correcting), 0.0)),
     )
+
+
+def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
+    """The constants of a sequence of these parts that lasts so many steps."""
+    (a, b), dt = map(np.array, parts), body.dt
+    stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
+    if body.divided:
+        first = np.arange(len(body.parts)) == 0
+        each = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
+        stages = {name: np.outer(values, each[name]).ravel() for name, values in stages.items()}
+    return Numbers({"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt)}, stages)
 
 
 def _guard(part: Integrable) -> Guard:
@@ -288,7 +301,7 @@ METHOD = Method(
     default=DEFAULT,
     poisson="yes, without torque and damping",
     conserves="Casimirs and integrals that no force changes",
-    sources=("touma1994", "laskar2001", "blanes2013"),
+    sources=("touma1994", "wisdom1996", "laskar2001", "blanes2013"),
     make=make,
     rank=0,
 )

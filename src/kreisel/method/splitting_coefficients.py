@@ -8,12 +8,17 @@ if the sums over ordered products of the b_i are the integrals for all monomials
 
 w = 1/m! for m equal indices.  A splitting is of the order (p_1, p_2, ...) with p_k that of eps^k, the last one that of
 all further powers too: its error is O(eps h^(p_1) + eps^2 h^(p_2) + ...).
-[Laskar, Robutel 2001; Blanes et al. 2013]
+
+A corrector C, of the same parts, makes of the step K the step C K C^-1, which is K in other variables: many steps are
+C K^N C^-1, so that C^-1 is needed at the start and C where the state is seen.  It is A and B at the times +-h/2, +-h,
+... +-m h/2 around that where it stands, with weights of B that are odd in the time, and then A back to that time.  The
+conditions are those of the sequence C^-1, K, C; those of eps^1 are linear in the m weights.
+[Laskar, Robutel 2001; Blanes et al. 2013; Wisdom, Holman, Touma 1996]
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import pairwise, product
 from typing import Any, NamedTuple
@@ -64,25 +69,79 @@ class Splitting(NamedTuple):
     b: tuple[float, ...]
 
 
-ORDERS: tuple[Any, ...] = ((2, 2), (4, 2), (6, 2), (8, 2), *PUBLISHED, *(p for p in FIRST_HALVES if p > 2))
+CORRECTED = {(10, 2): 4, (18, 2): 8}  # weights m of the corrector of a single kick, which leaves O(eps h^(2 m + 2))
+ORDERS: tuple[Any, ...] = (
+    *((2, 2), (4, 2), (6, 2), (8, 2), *CORRECTED),
+    *PUBLISHED,
+    *(p for p in FIRST_HALVES if p > 2),
+)
 
 
 @cache
 def splitting(order: Any) -> Splitting:
     """The splitting of that order: (2 n, 2) of n kicks, a published one, or one order for all powers of eps.
 
-    Raises `ArithmeticError` where an order condition does not hold.
+    Of one with a corrector the step without it.  Raises `ArithmeticError` where an order condition does not hold.
     """
     import mpmath
 
     with mpmath.workdps(DIGITS):
         a, b = _fractions(order)
-        orders = order if isinstance(order, tuple) else (order,)
-        for k, degrees in conditions(orders):
-            off = abs(ordered_sum(a, b, degrees) - ordered_integral(degrees))
-            if off > HOLDS:
-                raise ArithmeticError(f"splitting {order}: the condition of eps^{k} on {degrees} is off by {off}")
+        require_conditions((2, 2) if order in CORRECTED else order, a, b)
         return Splitting(tuple(map(float, a)), tuple(map(float, b)))
+
+
+@cache
+def corrector(order: Any) -> Splitting | None:
+    """C of a splitting of that order, in fractions of a step; None without.  `inverse` is C^-1.
+
+    Raises `ArithmeticError` where an order condition of C^-1, step, C does not hold.
+    """
+    import mpmath
+
+    if order not in CORRECTED:
+        return None
+    with mpmath.workdps(DIGITS):
+        step = Splitting(*map(tuple, _fractions(order)))
+        found = _correcting(step, CORRECTED[order])
+        require_conditions(order, *joined(inverse(found), step, found))
+        return Splitting(tuple(map(float, found.a)), tuple(map(float, found.b)))
+
+
+def inverse(parts: Splitting) -> Splitting:
+    """The same parts backwards, with the other sign."""
+    return Splitting(tuple(-x for x in parts.a[::-1]), tuple(-x for x in parts.b[::-1]))
+
+
+def joined(*splittings: Splitting) -> Splitting:
+    """One after the other; where two meet, both of their A."""
+    a, b = splittings[0]
+    for one in splittings[1:]:
+        a, b = (*a[:-1], a[-1] + one.a[0], *one.a[1:]), (*b, *one.b)
+    return Splitting(a, b)
+
+
+def require_conditions(order: Any, a: Sequence[Any], b: Sequence[Any]) -> None:
+    """Raises `ArithmeticError` where parts do not have that order."""
+    for k, degrees in conditions(order if isinstance(order, tuple) else (order,)):
+        off = abs(ordered_sum(a, b, degrees) - ordered_integral(degrees))
+        if off > HOLDS:
+            raise ArithmeticError(f"splitting {order}: the condition of eps^{k} on {degrees} is off by {off}")
+
+
+def _correcting(step: Splitting, count: int) -> Splitting:
+    """With `count` weights w, so that sum b c^p + sum_j w_j ((1 + t_j)^p - t_j^p) = 1/(p + 1) for p <= 2 count + 1."""
+    import mpmath
+
+    half = mpmath.mpf(1) / 2
+    places = [half * j for j in range(1, count + 1)]
+    powers = range(2, 2 * count + 1, 2)  # odd ones follow, by symmetry
+    left = [[(1 + t) ** p - (1 - t) ** p for t in places] for p in powers]
+    right = [ordered_integral((p,)) - ordered_sum(step.a, step.b, (p,)) for p in powers]
+    weights = list(mpmath.lu_solve(mpmath.matrix(left), mpmath.matrix(right)))
+    nothing = [mpmath.mpf(0)] * (count - 1)  # on the way there and back: no motion is longer than half a step
+    b = [*nothing, *(-w for w in weights[::-1]), mpmath.mpf(0), *weights, *nothing]
+    return Splitting((*[-half] * count, *[half] * (2 * count), *[-half] * count), tuple(b))
 
 
 def _fractions(order: Any) -> tuple[list[Any], list[Any]]:
@@ -93,7 +152,7 @@ def _fractions(order: Any) -> tuple[list[Any], list[Any]]:
         odd = len(a) > len(b)  # the middle one is an a
         return a + (a[-2::-1] if odd else a[::-1]), b + (b[::-1] if odd else b[-2::-1])
     if isinstance(order, tuple):
-        return _gauss(order[0] // 2)
+        return _gauss(1 if order in CORRECTED else order[0] // 2)
     half = [mpmath.mpf(gamma) for gamma in FIRST_HALVES[order]]
     half[-1] = 1 - 2 * sum(half[:-1])
     b = half + half[-2::-1]
@@ -120,7 +179,7 @@ def conditions(orders: tuple[int, ...]) -> Iterator[tuple[int, tuple[int, ...]]]
                 yield k, degrees
 
 
-def ordered_sum(a: list[Any], b: list[Any], degrees: tuple[int, ...]) -> Any:
+def ordered_sum(a: Sequence[Any], b: Sequence[Any], degrees: tuple[int, ...]) -> Any:
     """sum_(i_1 <= ... <= i_k) w b_(i_1) c_(i_1)^(p_1) ..., w = 1/m! for m equal indices."""
     totals = [1, *(0 for _ in degrees)]  # of the first j factors, over the kicks so far
     time = 0

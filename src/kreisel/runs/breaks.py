@@ -236,8 +236,10 @@ def _require_suitable(plan: Plan, p: Propagator) -> None:
         )
     deformed = [name for name, outcome in made.outcomes.items() if outcome.conserved and name.endswith("_eps")]
     changing = [event for event in plan.events if event.action]
-    if isinstance(made.motion, Flow) or deformed:
+    if isinstance(made.motion, Flow) or deformed or made.corrector is not None:
         why = f"conserves {deformed[0]}, which depends on the step" if deformed else "chooses its steps"
+        if made.corrector is not None:
+            why = f"steps variables that depend on the step for order={made.options['order']}"
         raise InputError(
             f"{what}: expected a method whose steps may differ, such as 'baecklund' or 'splitting', got "
             f"method={made.name!r}, which {why}."

@@ -62,7 +62,10 @@ def choice_of(
         steps, rate = _pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
         choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
         beside = _pilot(model, state, settings, orientation, auto_splitting.NUDGE)
-        if auto_splitting.separates(steps, beside, choice, rate, *when[:2]):
+        chaotic = auto_splitting.separates(steps, beside, choice, rate, *when[:2])
+        if chaotic and auto_splitting.within_reach(rate, settings.time):
+            choice, chaotic = auto_splitting.witnessed(steps, choice, rate, *when, chaotic=True), False
+        if chaotic:
             warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
         elif choice.expected > (settings.tol or 0):
             said = MISSED.format(tol=settings.tol, expected=choice.expected)
@@ -95,11 +98,15 @@ def _pilot(
         plan = planned(model, made, asked, parts, None)
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)
-        z = layout.restore(out[0], plan.kinds, model.n)
+        z = layout.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
         if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
             return None
         own = layout.flatten(z[: len(parts)], plan.kinds[: len(parts)])
-        return Pilot(own, made.stage_count * getattr(plan.engine, "work", 1.0)) if np.isfinite(own).all() else None
+        if not np.isfinite(own).all():
+            return None
+        row = 0 if made.corrector is None else made.by(made.corrector.out).stage_count
+        work = getattr(plan.engine, "work", 1.0)
+        return Pilot(own, made.stage_count * work, row * work)
 
     return steps
 

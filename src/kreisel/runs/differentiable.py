@@ -124,6 +124,11 @@ def _step_of(model: Model, method: str | None, order: Any) -> Step:
             f"differentiable: expected a method that makes steps and n of at most {MOST_N}, of a body on its own, got "
             f"method={made.name!r}, {model.system.name}, n = {model.n}."
         )
+    if made.corrector is not None:
+        raise InputError(
+            f"differentiable: expected a method that steps the state itself, got order={made.options['order']}, whose "
+            "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
+        )
     begin, end = _same, _same
     if made.name == "suris" and made.options["order"] == 2:
         begin, end = (_of(f) for f in (model.map.from_symmetric, model.map.to_symmetric))

@@ -14,6 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import require_bodies
 from kreisel.kernels import layout
+from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
@@ -157,11 +158,12 @@ class Plan:
             part, letter = name.split("-", 1)
             parts[part][letter] = value
         self.scheme = replace(self.scheme, **parts)
-        for made in ("engine", "_compiled"):
+        for made in ("engine", "_compiled", "corrections"):
             self.__dict__.pop(made, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
+        z = self.corrections[1](z)
         return self._shaped(z, self._together(z, self._plainly(z) if self._compiled is None else self._compiled(z)))
 
     @cached_property
@@ -187,6 +189,11 @@ class Plan:
                 value = np.broadcast_to(value, (*z.shape[:2], *value.shape[2:]))
             out[name] = value if self.batched else value[:, 0]
         return out
+
+    @cached_property
+    def corrections(self) -> tuple[Rows, Rows]:
+        """What takes rows (rows, lanes, d) to those that are stepped, and these to those that are observed."""
+        return corrections(self.scheme)
 
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
         """What is observed of a state in the method's own variables."""
@@ -218,11 +225,12 @@ def default(model: Model, settings: Settings) -> str:
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by an engine or the one that is chosen by n."""
     made, start, printer = _lanes(model, made, parts, engine)
+    back, _ = corrections(made)
     return Plan(
         model=model,
         scheme=made,
         settings=settings,
-        first=start.reshape(-1, start.shape[-1]),
+        first=back(start.reshape(1, -1, start.shape[-1]))[0],
         batched=start.ndim > 1,
         start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
         printer=printer,

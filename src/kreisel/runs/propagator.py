@@ -121,9 +121,9 @@ class Propagator(StateForms):
             found = self._by_a_plan(x, count, between)
         else:
             into, out_of = self._conversions(len(x))
-            z = self._at_time(into(x[None])[0], time)
+            z = self._back(self._at_time(into(x[None])[0], time)[None])[0]
             engine = self._begun(z, count, between)
-            found = out_of(self._rows(engine, x, z, count, between))
+            found = out_of(self._out(self._rows(engine, x, z, count, between)))
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
 
@@ -200,10 +200,12 @@ class Propagator(StateForms):
         return isinstance(self._scheme.motion, Orbits)
 
     def _require_steps(self, what: str) -> None:
-        if self._scheme.name == "suris" and self._scheme.options.get("order") == 2:
+        made, order = self._scheme, self._scheme.options.get("order")
+        if made.corrector is not None or (made.name == "suris" and order == 2):
+            use = "order=(8, 2) or (8, 6, 4)" if made.corrector else "method='baecklund', or order=1"
             raise InputError(
-                f"{what}: expected a method whose steps may differ, got method='suris' of order 2, whose variables "
-                "depend on dt. Use method='baecklund', or order=1."
+                f"{what}: expected a method whose steps may differ, got method={made.name!r} of order {order}, whose "
+                f"variables depend on dt. Use {use}."
             )
         if self.model.n >= LARGE or isinstance(self._scheme.motion, Flow):
             raise InputError(

@@ -14,6 +14,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import pairs_of, require_bodies
 from kreisel.kernels import layout
+from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION, with_orientation
@@ -42,6 +43,7 @@ class StateForms:
         alone = not model.batch and pairs_of(model) is None
         self._alone = (self.size,) if alone else None  # the shape of one state as it may be given
         self._converters: dict[int, tuple[Rows, Rows]] = {}
+        self._back, self._out = corrections(made)
 
     def _plan(self, made: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
         return Plan(self.model, made, self.settings.but(steps=steps, every=every), z, True, {})

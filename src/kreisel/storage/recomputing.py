@@ -65,12 +65,15 @@ def steps_again(run: xr.Dataset) -> list[str]:
 def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
     """The row after the first of `saved`, `before` steps on, from a start that is changed by `nudge`, relative."""
     plan = _plan_from_row(record, saved, steps)
+    back, out = plan.corrections
+    plan.engine.z[:] = out(plan.engine.z[None])[0]
     plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
     letters = [letter for letter, _ in plan.scheme.components]
     for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # of forces that depend on time
         if clock in letters:
             kinds = plan.kinds[: letters.index(clock)]
             plan.engine.z[:, sum(layout.coordinate_count(kind, plan.model.n) for kind in kinds)] = now
+    plan.engine.z[:] = back(plan.engine.z[None])[0]
     *_, last = Integration(plan).blocks()
     return {name: value[-1] for name, value in last.items()}
 

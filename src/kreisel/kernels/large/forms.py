@@ -228,7 +228,7 @@ def _momentum(value: Any) -> StructuredVector:
 
 def form_of(scheme: Scheme) -> LargeForm | None:
     """The form that a scheme with the constants of its trajectories has, found by recording it; None for none."""
-    if not isinstance(scheme.motion, Steps) or not scheme.recordable or scheme.n < LEAST_N:
+    if not isinstance(scheme.motion, Steps) or not scheme.recordable or scheme.corrector or scheme.n < LEAST_N:
         return None
     kinds = tuple(scheme.kinds)
     if not set(kinds) <= {"skew", "vector", "matrix"} or kinds.count("skew") > 1 or kinds.count("matrix") > 1:
