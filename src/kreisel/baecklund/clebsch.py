@@ -62,8 +62,8 @@ def curve(M, P, *, c, mu):
 
 def _root(M, P, c, mu):
     """kappa = -1/rho are the eigenvalues of -A^-1 diag(c, -1), A = [[M + mu, P], [P^T, 0]]."""
-    A = border(M + mat(mu) * identity(M.shape[-1]), P + vec(0 * mu))
-    ends = np.concatenate([c + 0 * P, -1 + 0 * P[..., :1]], -1)
+    A = border(M + mat(mu) * identity(M.shape[-1]), P + vec(0 * mu)).astype(complex if np.iscomplexobj(mu) else float)
+    ends = np.concatenate([c + 0 * P, -1 + 0 * P[..., :1]], -1).astype(float)
     kappa = np.linalg.eigvals(np.linalg.solve(A, -ends[..., None] * identity(M.shape[-1] + 1)))
     least = np.take_along_axis(kappa, kappa.real.argmin(-1)[..., None], -1)[..., 0]
     return -1 / (least if np.iscomplexobj(mu) else least.real)

@@ -99,7 +99,7 @@ def composed(
         "n": model.n,
         "prepare": reopen,
         "motion": Steps(step),
-        "observe": lambda z, /, **constants: observe(z[:last], **constants),
+        "observe": lambda z, only=None, /, **constants: observe(z[:last], only, **constants),
         "reopen": reopen,
         "outcomes": outcomes,
         "options": {"order": order},
