@@ -5,14 +5,16 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kreisel.cli.output import OverwriteFile, a_path, app, say, system_names
 from kreisel.errors import InputError
 from kreisel.record.contract import Parameter, System
-from kreisel.runs.examples import Example, example
+
+if TYPE_CHECKING:
+    from kreisel.runs.examples import Example
 
 HEAD = "# Written by `kreisel new`"  # by which --overwrite knows that the file is Kreisel's
 STEPS, EVERY = 10_000, 5
@@ -39,6 +41,7 @@ def new(
 ) -> None:
     """Write a commented TOML file that runs as it is: kreisel new lagrange-top, then kreisel run lagrange-top.toml."""
     from kreisel.bodies import KNOWN, find
+    from kreisel.runs.examples import example
 
     if sum((perturbed, satellite, lagrangian)) > 1 or (swept and (perturbed or lagrangian)):
         raise InputError("kreisel new: expected one of --perturbed, --satellite, --lagrangian, --sweep, got several.")

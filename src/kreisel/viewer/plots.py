@@ -166,7 +166,7 @@ def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     if model is None or model.system.perturbation is not None:  # no flow of the state alone is at hand
         return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
     kinds = dict(model.system.space.components)
-    start = {k: read_values(run[k][0]) for k in kinds}
+    start = {k: read_values(run[k][:1])[0] for k in kinds}  # [0] would import dask
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
     return float(speed * record.dt * record.every)
 
