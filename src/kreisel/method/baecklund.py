@@ -135,13 +135,14 @@ class Product:
                 rho = call(self.record.point, state, {**self.known, "mu": mus})
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
-        if not np.isfinite(rho).all():
-            self._explain(own, mus)
+            if not np.isfinite(rho).all():
+                self._explain(own, mus)
         return rho
 
     def _explain(self, own: tuple[Array, ...], mus: Array) -> None:
         name = self.model.system.name
-        if self.record.largest_step is None or np.iscomplexobj(mus):
+        squares = all(np.isfinite((x * x).sum()) for x in own)
+        if self.record.largest_step is None or np.iscomplexobj(mus) or not squares:
             raise InputError(
                 f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
                 "look for a state that is zero or so large that its square overflows."
