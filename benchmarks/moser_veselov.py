@@ -31,7 +31,7 @@ SIZES = {"single": (1, 200_000), "lane": (1024, 400)}
 
 
 def kernel(model: object, state: dict[str, object], lanes: int, method: str) -> tuple[Callable[[int], None], object]:
-    """A march of a number of steps, and the engine."""
+    """What makes a number of steps, and the engine."""
     start = {k: np.tile(v, (lanes, 1)) for k, v in state.items()} if lanes > 1 else state
     plan = make_plan(model, model.state(**start), dt=DT, steps=1, every=1, method=method, order=2, orientation=None)
     out = np.empty((1, *plan.engine.z.shape))
@@ -58,15 +58,15 @@ def main() -> None:
             mine, engine = kernel(top, {"M": MU}, lanes, "veselov")
             theirs, rows = by_hand(library, lanes, engine.z[0, :3].copy())
             beside, _ = kernel(other, {"m": MU, "a": (0.6, 0.0, 0.8)}, lanes, "suris")
-            for march in (mine, theirs, beside):
-                march(1000)
+            for run in (mine, theirs, beside):
+                run(1000)
             apart = float(abs(engine.z[:, :3] - rows).max())
             assert apart < 1e-12, f"kernel and C++ are {apart} apart after 1000 steps"
             ns = np.empty((TURNS, 3))
             for turn in range(TURNS):
-                for place, march in enumerate((mine, theirs, beside)):
+                for place, run in enumerate((mine, theirs, beside)):
                     begun = time.process_time()
-                    march(steps)
+                    run(steps)
                     ns[turn, place] = (time.process_time() - begun) / steps / lanes * 1e9
             middle = np.median(ns, 0)
             result[name] = {

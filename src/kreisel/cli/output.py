@@ -13,13 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import (
-    ConservationWarning,
-    InputError,
-    brief,
-    printable,
-    shown,
-)
+from kreisel.errors import ConservationWarning, InputError, brief, printable, shown
 
 if TYPE_CHECKING:
     import pandas as pd

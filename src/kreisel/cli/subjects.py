@@ -22,9 +22,7 @@ from kreisel.cli.output import (
     system_names,
     width,
 )
-from kreisel.errors import (
-    InputError,
-)
+from kreisel.errors import InputError
 
 
 @app.command()

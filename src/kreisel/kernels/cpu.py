@@ -23,14 +23,7 @@ from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
 from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven, compiled, plain, room_of
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
-from kreisel.kernels.projection.program import (
-    MOST_N,
-    Program,
-    cost_of,
-    program_of,
-    program_of_orientation,
-    recordable,
-)
+from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.recording import Recording, flat_constants, indented, recorded_outputs, special_constants
 from kreisel.kernels.stepped import SteppedEngine

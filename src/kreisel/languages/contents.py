@@ -15,14 +15,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line
 from kreisel.kernels.projection.program import Program, program_of, program_of_orientation
-from kreisel.kernels.recording import (
-    Outputs,
-    Recording,
-    flat_constants,
-    flat_stages,
-    recorded_outputs,
-    recorded_values,
-)
+from kreisel.kernels.recording import Outputs, Recording, flat_constants, flat_stages, recorded_outputs, recorded_values
 from kreisel.kernels.tape import Scalar, Tape
 from kreisel.method import scheme
 from kreisel.method.integrable import closed_form

@@ -11,14 +11,7 @@ from kreisel.record.model import Model, State
 from kreisel.runs.breaks import broken_by
 from kreisel.runs.choosing import choice_of, with_choice
 from kreisel.runs.plan import Plan, default, initial_parts, planned
-from kreisel.runs.settings import (
-    Settings,
-    check_model,
-    checked_state,
-    observed,
-    whole_order,
-    within_tolerances,
-)
+from kreisel.runs.settings import Settings, check_model, checked_state, observed, whole_order, within_tolerances
 
 if TYPE_CHECKING:
     from kreisel.record.model import OrientationLike, StateLike

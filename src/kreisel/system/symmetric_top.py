@@ -7,18 +7,7 @@ Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E1
 
 from dataclasses import replace
 
-from kreisel.algebra import (
-    act,
-    cayley_act,
-    dot,
-    identity,
-    moebius,
-    pairing,
-    project_out,
-    trace_log,
-    vec,
-    wedge,
-)
+from kreisel.algebra import act, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund import lagrange_top, lagrange_top_moving
