@@ -84,12 +84,20 @@ runs = [kr.simulate(body, x0, dt=0.1, times=[0, 0.2, 0.37, 0.6], method="splitti
 assert runs[0].attrs["engine"] == "cuda"
 for name in ("M", "g", "work"):
     print(name, abs(runs[0][name].values - runs[1][name].values).max(), abs(np.ptp(runs[1][name].values, 0)).max())
+swung = kr.perturbed(
+    kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5),
+    potential=lambda P, t, *, k: k * P[0] * np.cos(t), params={"k": 1e-3},
+)
+asked = {"dt": 0.5, "steps": 6, "every": 2, "order": (10, 2), "orientation": (1, 0, 0, 0), "progress": False}
+runs = [kr.simulate(swung, {"M": (0.3, 0.2, 1.1), "P": (0.6, 0, 0.8)}, engine=engine, **asked)
+        for engine in ("cpu", "cuda")]
+print("corrected", abs(runs[0].M.values - runs[1].M.values).max(), abs(np.ptp(runs[1].M.values, 0)).max())
 """
 
 
 def test_forces_on_the_gpu(tmp_path: Path) -> None:
-    """sin, exp and log of forces, time, damping, orientation, parameters by lane, impulses, rows within steps: the same
-    numbers as on the CPU.
+    """sin, exp and log of forces, time, damping, orientation, parameters by lane, impulses, rows within steps, a
+    corrector: the same numbers as on the CPU.
     """
     env = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = [sys.executable, "-c", FORCED]
@@ -98,7 +106,7 @@ def test_forces_on_the_gpu(tmp_path: Path) -> None:
     for line in out.stdout.splitlines():
         _, apart, change = line.split()
         assert float(apart) < 1e-13 < 1e-4 < float(change)
-    assert len(out.stdout.splitlines()) == 3
+    assert len(out.stdout.splitlines()) == 4
 
 
 def test_the_kernel_of_the_gpu_is_the_definition(tmp_path: Path) -> None:
