@@ -65,7 +65,7 @@ CASES = [
     ("dt = 0.05", "dt = 1e-320", ["at least"]),
     ("a = [0.6, 0.0, 0.8]", "a = [0, 0, 0]", ["zero vector"]),
     ("m = [0.1, 0.2, 1.5]", "m = [1.2e154, 0, 0]", ["not finite", "overflow"]),
-    ("m = [0.1, 0.2, 1.5]", "m = [1e308, 1e308, 1e308]", ["square overflows"]),
+    ("m = [0.1, 0.2, 1.5]", "m = [1e308, 1e308, 1e308]", ["no longer finite"]),
     ('path = "run.zarr"', 'path = "."', ["must name"]),
     ('path = "run.zarr"', 'path = ""', ["must name"]),
     ('path = "run.zarr"', 'path = "\\u0000"', ["must name"]),
@@ -225,7 +225,7 @@ def test_clebsch_pole_is_refused_with_the_largest_step() -> None:
 
 def test_a_run_that_blows_up_says_where(top: object) -> None:
     with np.errstate(all="ignore"), pytest.raises(kr.RunError, match="no longer finite"):
-        kr.simulate(top, top.state(m=(1e200, 0, 0), a=(0.6, 0, 0.8)), dt=1.0, steps=10, method="suris")
+        kr.simulate(top, top.state(m=(1e200, 0, 0), a=(0.6, 0, 0.8)), dt=1.0, steps=10)
 
 
 def test_tops_that_make_no_sense() -> None:

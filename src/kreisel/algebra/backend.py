@@ -70,6 +70,9 @@ def _linear_algebra(A: Array) -> Any:
 def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
     """Gaussian elimination without pivoting; the pivots and the solution.  Batch axes allowed."""
     kind = np.result_type(A, B) if A.dtype.kind in "fc" else object
+    if A.shape[:-2] != B.shape[:-2]:
+        lead = np.broadcast_shapes(A.shape[:-2], B.shape[:-2])
+        A, B = (np.broadcast_to(x, (*lead, *x.shape[-2:])) for x in (A, B))
     A, B = A.astype(kind), B.astype(kind)
     n, pivots = A.shape[-1], []
     for k in range(n):

@@ -125,24 +125,26 @@ class Product:
         return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
     def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
-        """The constants of the trajectory (..., points)."""
+        """The constants of the trajectory (..., points), in extended precision where the platform has it.
+
+        NumPy's complex doubles are no choice: their last bits depend on how many lanes there are.
+        """
         if len(mus) > 1 and own[0].size > MANY:  # arrays of all points would leave the cache
             return np.concatenate([self._rho(own, mus[i : i + 1]) for i in range(len(mus))], -1)
-        kinds = self.model.system.space.kinds
+        wide, kinds = np.clongdouble if np.iscomplexobj(mus) else np.longdouble, self.model.system.space.kinds
         state = tuple(_at_points(x, component_axes(kind)) for kind, x in zip(kinds, own, strict=True))
         with np.errstate(all="ignore"):
             try:
-                rho = call(self.record.point, state, {**self.known, "mu": mus})
+                rho = call(self.record.point, state, {**self.known, "mu": mus.astype(wide)})
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
-            if not np.isfinite(rho).all():
-                self._explain(own, mus)
-        return rho
+        if not np.isfinite(rho).all():
+            self._explain(own, mus)
+        return rho.astype(mus.dtype)
 
     def _explain(self, own: tuple[Array, ...], mus: Array) -> None:
         name = self.model.system.name
-        squares = all(np.isfinite((x * x).sum()) for x in own)
-        if self.record.largest_step is None or np.iscomplexobj(mus) or not squares:
+        if self.record.largest_step is None or np.iscomplexobj(mus):
             raise InputError(
                 f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
                 "look for a state that is zero or so large that its square overflows."
@@ -171,8 +173,8 @@ class Product:
 
 
 def _at_points(x: Array, axes: int) -> Array:
-    """With an axis of the points before its own."""
-    x = np.asarray(x)
+    """With an axis of the points before its own, in extended precision."""
+    x = np.asarray(x, dtype=np.longdouble)
     lead = x.ndim - axes
     return x.reshape((*x.shape[:lead], 1, *x.shape[lead:]))
 
