@@ -490,6 +490,17 @@ BAD: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
     "words for t": (lambda sim, path: attach(sim, {0: BALL}).integrate("later"), "got 'later'"),
     "half a step": (lambda sim, path: attach(sim, {0: BALL}).steps(0.5), "a whole number of steps"),
     "other body": (lambda sim, path: attach(sim, {"star": BALL}).spin("stat"), "Did you mean 'star'"),
+    "no simulation or bodies": (lambda sim, path: attach(), "attach: expected sim, bodies, got none"),
+    "a misspelt body": (
+        lambda sim, path: Body(1, love_number=0.3),
+        "no argument 'love_number'. Did you mean 'love'",
+    ),
+    "a misspelt step": (
+        lambda sim, path: attach(sim, {0: BALL}, dts=0.1),
+        "no argument 'dts'. Did you mean 'dt'",
+    ),
+    "no end": (lambda sim, path: attach(sim, {0: BALL}).integrate(), "expected t, got none"),
+    "no path": (lambda sim, path: load(), "load: expected path, got none"),
     "no file": (lambda sim, path: load(__file__), "expected a file that spins.save wrote"),
 }
 

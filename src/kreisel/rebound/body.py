@@ -10,12 +10,13 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody
 from kreisel.physical.measures import RATE, si_numbers
 from kreisel.rebound.compiled import is_ball
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class Body:
     """An extended body, in the units of the simulation.

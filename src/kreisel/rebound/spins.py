@@ -17,7 +17,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, hint, shown
+from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.rebound import compiled, saving
 from kreisel.rebound.body import Body
 from kreisel.rebound.interaction import potential
@@ -61,6 +61,7 @@ class Spins:
             raise InputError(f"dt: expected a finite number that is not 0, got {shown(dt)}.")
         return float(dt)
 
+    @explained
     def integrate(self, t: float) -> None:
         """Go on in steps of dt until the time is t or later, by less than a step.
 
@@ -76,6 +77,7 @@ class Spins:
             )
         self.steps(max(0, int(np.ceil(ahead - LATE))))
 
+    @explained
     def steps(self, count: int) -> None:
         """Make `count` steps.  Raises what `integrate` does."""
         dt = self.dt
@@ -122,24 +124,29 @@ class Spins:
             self._check_count()
             kernels.act_on_all(*self._arguments(), self._dv, dt / 2, G, True)
 
+    @explained
     def spin(self, which: int | str) -> Array:
         """The angular velocity (3,) of a body in the frame of the simulation.  Raises `InputError`."""
         k = self._number(which)
         R = algebra.rotation_matrix(self._z[k, 3:])
         return R @ ((self._z[k, :3] @ R) * self._c[k, :3])
 
+    @explained
     def orientation(self, which: int | str) -> Array:
         """The unit quaternion (4,) of the principal axes of a body, body to the frame of the simulation."""
         return self._z[self._number(which), 3:].copy()
 
+    @explained
     def spin_angular_momentum(self, which: int | str) -> Array:
         """Of a body, (3,)."""
         return self._z[self._number(which), :3].copy()
 
+    @explained
     def angular_momentum(self) -> Array:
         """Of all orbits and spins, (3,)."""
         return np.array([*self.sim.angular_momentum()]) + self._z[:, :3].sum(0)
 
+    @explained
     def energy(self) -> float:
         """Of the particles, of the rotation of the bodies, and of their interaction; tides that lag take it away."""
         p, masses, index, z, c = self._arguments()
@@ -155,6 +162,7 @@ class Spins:
                     total += masses[j] * potential(b, M * known[:3], **given)
         return float(total)
 
+    @explained
     def save(self, path: str | os.PathLike[str]) -> None:
         """One file with the simulation, as REBOUND's own data, and the bodies; `kreisel.rebound.load` reads it."""
         names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
@@ -295,6 +303,7 @@ def index_of(sim: Any, name: int | str) -> int:
     )
 
 
+@explained
 def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) -> Spins:
     """Make particles of a REBOUND simulation extended bodies, by index or name; `sim` itself is moved by the result.
 
@@ -319,6 +328,7 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
     return Spins(sim, bodies, z, c, dt)
 
 
+@explained
 def load(path: str | os.PathLike[str]) -> Spins:
     """The simulation and its bodies as they were saved; they go on bit for bit.
 

@@ -121,7 +121,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
             shown = int(np.searchsorted(arc, ARC_SHOWN * size / len(lanes))) + 1
             path = _on_sphere(xyz[:shown], size)
             axes.plot(*path.T, color=colour, linewidth=0.8, label=name or f"tip of ${letter}$")
-            spans.add(f"to time {float(one['time'][min(shown, len(xyz)) - 1]):.4g}")
+            spans.add(f"to time {read_values(one['time'][: min(shown, len(xyz))])[-1]:.4g}")
         else:
             dots = xyz[mixed(xyz, MOST_DOTS // len(lanes))]
             axes.plot(*dots.T, ".", color=colour, markersize=1.0, label=name or f"tip of ${letter}$")
@@ -166,7 +166,7 @@ def _advance_per_row(run: xr.Dataset, letter: str) -> float:
     if model is None or model.system.perturbation is not None:  # no flow of the state alone is at hand
         return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
     kinds = dict(model.system.space.components)
-    start = {k: read_values(run[k][:1])[0] for k in kinds}  # [0] would import dask
+    start = {k: read_values(run[k][:1])[0] for k in kinds}  # a scalar index would import dask
     speed = np.linalg.norm(model.flow(*model.state(**start).values())[list(kinds).index(letter)])
     return float(speed * record.dt * record.every)
 
