@@ -27,7 +27,7 @@ from kreisel.algebra import (
 )
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
-from kreisel.record.contract import Baecklund, defined
+from kreisel.record.contract import Baecklund
 
 CLOSE = 1e-10  # relative: the next step of Newton's method changes the last places of wider numbers alone
 
@@ -155,10 +155,14 @@ def gaussian_case(n, draw, diagonal=any_diagonal):
 
 
 BAECKLUND = Baecklund(
-    **defined(Baecklund, globals()),
     point=curve,
     vector=eigenvector,
     defect=lambda M, P, Q, *, rho: dot(P, Q) - rho,
+    step=step,
+    pair=pair,
+    arc=arc,
+    arc_of_pair=arc_of_pair,
+    darboux=darboux,
     block=block,
     case=rational_case,
     pair_case=gaussian_case,

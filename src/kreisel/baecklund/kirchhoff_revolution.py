@@ -6,7 +6,7 @@ commutes with that.  So the maps are those of Clebsch's case for (a1 M, P).
 
 from kreisel.algebra import act, mat, project_out
 from kreisel.baecklund import clebsch, lagrange_top
-from kreisel.record.contract import Baecklund, defined
+from kreisel.record.contract import Baecklund
 
 
 def eigenvector(M, P, *, c, a1, mu, rho):
@@ -60,12 +60,16 @@ def along_axis(n, draw):
 
 
 BAECKLUND = Baecklund(
-    **defined(Baecklund, globals()),
     point=curve,
     vector=eigenvector,
     defect=clebsch.BAECKLUND.defect,
+    step=step,
+    pair=pair,
     arc=clebsch.arc,
+    arc_of_pair=arc_of_pair,
     darboux=clebsch.darboux,
+    block=block,
+    spin=spin,
     axis="e",
     case=rational_case,
     pair_case=gaussian_case,

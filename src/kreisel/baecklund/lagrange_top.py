@@ -29,7 +29,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.algebra.matrices import border
-from kreisel.record.contract import Baecklund, defined
+from kreisel.record.contract import Baecklund
 
 
 def eigenvector(m, a, *, p, mu, rho):
@@ -120,10 +120,17 @@ def gaussian_case(n, draw):
 
 
 BAECKLUND = Baecklund(
-    **defined(Baecklund, globals()),
     point=curve,
     vector=eigenvector,
     defect=lambda m, a, e, *, rho: dot(e, e) - 4 * rho,
+    step=step,
+    pair=pair,
+    arc=arc,
+    arc_of_pair=arc_of_pair,
+    darboux=darboux,
+    block=block,
+    spin=spin,
+    largest_step=largest_step,
     case=rational_case,
     pair_case=gaussian_case,
     source="the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md",

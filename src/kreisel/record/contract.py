@@ -11,7 +11,7 @@ from __future__ import annotations
 import enum
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from kreisel.algebra import invariants
@@ -320,12 +320,3 @@ class System:
                 for p in self.parameters
             ]
         )
-
-
-def defined(record: type, page: Mapping[str, Any], **instead: Function | None) -> dict[str, Any]:
-    """The functions that a page defines under the names of fields: `System(**defined(System, globals()), ...)`.
-
-    `instead`: others for some fields, None where a function is not meant for the record.
-    """
-    own = {name: value for name, value in page.items() if getattr(value, "__module__", "") == page["__name__"]}
-    return {f.name: own[f.name] for f in fields(record) if callable(own.get(f.name))} | instead

@@ -10,7 +10,7 @@ from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, p
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P
@@ -114,7 +114,6 @@ def largest_step(M, P, *, b):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="clebsch",
     title="Clebsch's case, the special flow c = 1",
     equations="M' = P ^ BP,  P' = -M P",
@@ -124,13 +123,27 @@ SYSTEM = System(
     parameters=(
         Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2. Adding a constant to b leaves the flow as it is"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    translation=translation,
+    inverse_inertia=inverse_inertia,
     scaling="The one moment of inertia is 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
+    lax=lax,
     map=Map(
-        **defined(Map, globals(), lax=lax_matrix),
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
         to_symmetric=half_kick,
         from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
         source="Suris 2001, section 7, (dClebsch spec)",
     ),
     baecklund=BAECKLUND,

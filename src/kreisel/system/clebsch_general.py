@@ -8,7 +8,7 @@ from kreisel.algebra import act, dot, identity, pairing, wedge
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.checks import distinct
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, Relation, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, Relation, System
 
 
 def quotients(*, a, b):
@@ -47,7 +47,6 @@ def lax(M, P, *, a, b, c, lam):  # L = lambda A + M + P P^T / lambda,   U = lamb
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="clebsch-general",
     title="Clebsch's case of Kirchhoff's equations",
     equations="M' = [M, Omega] + P ^ BP,  P' = -Omega P,  Omega_jk = (b_j - b_k)/(a_j - a_k) M_jk",
@@ -58,10 +57,16 @@ SYSTEM = System(
         Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True),
         Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    translation=translation,
+    inverse_inertia=inverse_inertia,
     derive=quotients,
     scaling="Any consistent units.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
+    lax=lax,
     relations=(
         Relation("kirchhoff", lambda M, P, g, *, b, c: ((M, P), {"C": c, "B": diagonal(b)}), meaning="a special case"),
     ),

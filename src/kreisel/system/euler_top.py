@@ -18,7 +18,7 @@ from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
 from kreisel.record.checks import check_mass_tensor
-from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def sums(*, J):
@@ -116,8 +116,18 @@ def largest_step(M, *, J, enough=inf):
 
 
 MAP = Map(
-    **defined(Map, globals(), lax=lax_matrix),
+    step=step,
+    inverse=inverse,
     adjoint=step,
+    involution=involution,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
+    turn=turn,
+    trajectory=trajectory,
+    move=move,
+    largest_step=largest_step,
     rational=False,
     commutes=True,
     order=2,
@@ -125,7 +135,6 @@ MAP = Map(
 )
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="euler-top",
     title="Euler top, moving frame",
     equations="M' = [M, Omega],  M = J Omega + Omega J",
@@ -141,9 +150,14 @@ SYSTEM = System(
             positive=True,
         ),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="Any consistent units.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
+    lax=lax,
     map=MAP,
     moments=lambda *, J: np.stack([J[1] + J[2], J[2] + J[0], J[0] + J[1]]),
     derive=sums,

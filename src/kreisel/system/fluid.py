@@ -4,7 +4,7 @@ H = (1/2) sum [x_i M_i^2 + 2 y_i M_i P_i + z_i P_i^2] with axial vectors;  M' = 
 """
 
 from kreisel.algebra import axial, cross, dot, hat
-from kreisel.record.contract import MOVING_SPACE, Frame, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, System
 
 
 def velocity(M, P, *, x, y):  # Omega = dH/dM
@@ -31,7 +31,6 @@ def around(b):
 
 
 CASE = System(
-    **defined(System, globals()),
     name="kirchhoff-case",
     title="Kirchhoff's equations",
     equations="M' = M x dH/dM + P x dH/dP,  P' = P x dH/dM",
@@ -39,6 +38,10 @@ CASE = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    translation=translation,
     scaling="Any consistent units.",
     n=3,
     notes="No integrable discretization is known here. H has mixed terms, so that it runs by dop853.",

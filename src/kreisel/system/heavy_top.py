@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.algebra import act, dot, identity, is_exact, pairing, wedge
 from kreisel.errors import InputError
 from kreisel.record.checks import moments
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 
 def principal(*, J):
@@ -44,7 +44,6 @@ def energy(M, P, *, A, R, c, eps=0):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="heavy-top",
     title="Heavy top, moving frame",
     equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = J Omega + Omega J",
@@ -61,6 +60,10 @@ SYSTEM = System(
         ),
         Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", fixed="body"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     derive=principal,
     scaling="Any consistent units: <P, A> is the potential energy, so |A| |P| = M g l.",
     notes="Not integrable for general J and A: no map conserves more than the energy and the Casimirs.",

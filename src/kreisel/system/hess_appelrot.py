@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, dot, hat, wedge
 from kreisel.errors import InputError
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 
 def positive(a, letter):
@@ -52,7 +52,6 @@ def rate(M, P, *, k, x, z):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="hess-appelrot",
     title="Hess and Appelrot's heavy top",
     equations="M' = [M, Omega] + A ^ P,  P' = -Omega P",
@@ -65,6 +64,10 @@ SYSTEM = System(
         Parameter("x", "scalar", "first coordinate of the centre of mass (x, 0, z)"),
         Parameter("z", "scalar", "third coordinate of the centre of mass"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     derive=body,
     scaling="Any consistent units: <P, A> is the potential energy.",
     invariant={"hess": (hess, rate)},

@@ -6,7 +6,7 @@ for a body in a fluid B = -diag(1/(mass + added mass)).  Plus bracket, F' = {H, 
 
 from kreisel.algebra import act, dot, pairing, wedge
 from kreisel.record.checks import off_diagonal
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 
 def inverse_inertia(M, *, C):  # Omega_jk = c_jk M_jk
@@ -31,7 +31,6 @@ def energy(M, P, *, C, B, eps=0):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="kirchhoff",
     title="Kirchhoff's rigid body in an ideal fluid",
     equations="M' = [M, Omega] + P ^ BP,  P' = -Omega P,  Omega_jk = c_jk M_jk",
@@ -44,6 +43,11 @@ SYSTEM = System(
         ),
         Parameter("B", "symmetric", "H has -<P, BP>/2: minus the inverse masses; a matrix or its diagonal"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    translation=translation,
+    inverse_inertia=inverse_inertia,
     scaling="Any consistent units. `kreisel.physical.Ellipsoid` gives C and B of an ellipsoid from SI data.",
     notes="Integrable only for special C and B: Clebsch's case is clebsch-general.",
 )

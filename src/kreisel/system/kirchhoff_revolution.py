@@ -26,7 +26,7 @@ from kreisel.algebra import (
 )
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
 from kreisel.errors import InputError, shown
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 from kreisel.system import clebsch
 
 
@@ -146,7 +146,6 @@ def check_positive(value, name):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="kirchhoff-revolution",
     title="Kirchhoff's case of a body of revolution in a fluid, without mixed terms",
     equations="M' = [M, Omega] + U ^ P,  P' = -Omega P,  Omega = a1 M + (a3 - a1) Pi M Pi,  "
@@ -161,13 +160,27 @@ SYSTEM = System(
         Parameter("c3", "scalar", "inverse mass along the axis, with the added mass"),
         Parameter("n", "dimension", "the dimension of the space", default=3),
     ),
+    derive=derive,
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    translation=translation,
+    inverse_inertia=inverse_inertia,
     scaling="Any consistent units.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
+    lax=lax,
     map=Map(
-        **defined(Map, globals(), lax=lax_matrix),
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
         to_symmetric=half_kick,
         from_symmetric=half_kick_back,
+        generator=generator,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
         source="Suris 2001, section 7, and a turn about the axis",
     ),
     baecklund=BAECKLUND,

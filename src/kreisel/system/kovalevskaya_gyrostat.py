@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import act, identity, mat, pairing, wedge
 from kreisel.algebra.invariants import laurent_spectrum
-from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, System
 
 
 def shape(*, n):
@@ -69,7 +69,6 @@ def lax(M, P, Q, *, gamma, c, e, h, lam):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="kovalevskaya-gyrostat",
     title="Kovalevskaya gyrostat in two fields",
     equations="M' = [M, Omega] + e_1 ^ P + e_2 ^ Q,  P' = -Omega P,  Q' = -Omega Q",
@@ -80,9 +79,13 @@ SYSTEM = System(
         Parameter("n", "dimension", "the dimension of the space"),
         Parameter("gamma", "scalar", "the momentum of the rotor, in the plane of e_1 and e_2"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
     derive=shape,
     scaling="The moments of inertia of all planes are 1, that of the plane (1, 2) is 1/2.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
+    lax=lax,
     notes="No integrable discretization is known: open. Q = 0 is the gyrostat in one field.",
 )

@@ -4,7 +4,7 @@ For n = 3 and Q = 0 this is Kovalevskaya's top of 1889.  [as `kovalevskaya_gyros
 """
 
 from kreisel.algebra import act
-from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, Relation, System, defined
+from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
 
@@ -34,7 +34,6 @@ def lax(M, P, Q, *, c, e, h, lam):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="kovalevskaya-top",
     title="Kovalevskaya top in two fields",
     equations="M' = [M, Omega] + e_1 ^ P + e_2 ^ Q,  P' = -Omega P,  Q' = -Omega Q",
@@ -42,10 +41,15 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=TWO_FIELDS_SPACE,
     parameters=(Parameter("n", "dimension", "the dimension of the space"),),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     derive=gyrostat.shape,
     scaling="The moments of inertia of all planes are 1, that of the plane (1, 2) is 1/2; for n = 3 (1, 1, 1/2).",
     integrals={"spectrum": spectrum, "noether": gyrostat.noether},
     commuting=("spectrum",),
+    lax=lax,
     relations=(
         Relation(
             "kovalevskaya-gyrostat",

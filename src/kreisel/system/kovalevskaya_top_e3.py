@@ -9,7 +9,7 @@ cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2).  It is
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Relation, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 from kreisel.system import kovalevskaya_top_so3 as two
@@ -93,14 +93,18 @@ def lax(M, P, *, c, e, h, lam):
 
 
 MAP = Map(
-    **defined(Map, globals(), lax=None, turn=None),
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
     to_symmetric=half_kick,
     from_symmetric=half_kick_back,
+    generator=generator,
+    largest_step=largest_step,
     source="Kreisel",
 )
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="kovalevskaya-top-e3",
     title="Kovalevskaya's top of 1889",
     equations="M' = [M, Omega] + e_1 ^ P,  P' = -Omega P",
@@ -108,12 +112,16 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
     inverse_inertia=top.inverse_inertia,
     derive=lambda: gyrostat.shape(n=np.asarray(3)),
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2. With the body values I, I, I/2 and M g l "
     "the unit of time is sqrt(I/(M g l)), and |P| = 1.",
     integrals={"kovalevskaya": kovalevskaya},
     commuting=("kovalevskaya",),
+    lax=lax,
     map=MAP,
     relations=(
         Relation("kovalevskaya-top", lambda M, P, g: ((M, P, 0 * P), {"n": 3}), meaning="one field of two, Q = 0"),

@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cayley, cayley_columns, cross, dot, identity, mat, pairing, solve, vec, wedge
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import Map, Relation, defined
+from kreisel.record.contract import Map, Relation
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 
@@ -157,9 +157,14 @@ def two_fields(M, P, Q):
 
 
 MAP = Map(
-    **defined(Map, globals(), turn=None),
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
     to_symmetric=half_kick,
     from_symmetric=half_kick_back,
+    generator=generator,
+    largest_step=largest_step,
     source="Kreisel",
 )
 

@@ -23,7 +23,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import REST_SPACE, Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a
@@ -112,15 +112,21 @@ def to_moving_frame(m, a, g, *, p, alpha):
 
 
 MAP = Map(
-    **defined(Map, globals(), lax=lax_matrix),
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
     to_symmetric=half_kick,
     from_symmetric=half_kick_back,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
     darboux=darboux_variables,
     source="Suris 2001, section 6.1, (dLT rest frame)",
 )
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="lagrange-top",
     title="Lagrange top, rest frame",
     equations="m' = a ^ p,  a' = m a",
@@ -137,12 +143,17 @@ SYSTEM = System(
             1.0,
         ),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
     check_state=lambda m, a: nonzero_vector(a, "a"),
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
+    lax=lax,
     map=MAP,
     baecklund=BAECKLUND,
     top=lambda m, a, *, p: (m, a, p),

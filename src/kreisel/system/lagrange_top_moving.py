@@ -27,7 +27,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top_moving import BAECKLUND
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)
@@ -124,14 +124,20 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
 
 
 MAP = Map(
-    **defined(Map, globals(), lax=lax_matrix, turn=None),
+    step=step,
+    inverse=inverse,
+    adjoint=adjoint,
+    involution=involution,
     to_symmetric=lambda M, P, *, A, eps: half_kick(M, P, A=A, eps=-eps),
     from_symmetric=half_kick,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
     source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
 )
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="lagrange-top-moving",
     title="Lagrange top, moving frame",
     equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = alpha Omega + (1 - alpha)(Omega AA^T + AA^T Omega)/|A|^2",
@@ -144,9 +150,14 @@ SYSTEM = System(
         ),
         Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0", nonzero_alpha, 1.0),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The transverse moment of inertia is 1; |A| |P| is M g l in that unit. See lagrange-top.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
+    lax=lax,
     map=MAP,
     baecklund=BAECKLUND,
     top=lambda M, P, *, A: (M, A, P),

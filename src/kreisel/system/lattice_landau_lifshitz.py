@@ -22,7 +22,7 @@ from kreisel.algebra import log, sqrt, vec
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.spins import cross, inner, shifted
 from kreisel.errors import InputError
-from kreisel.record.contract import Frame, Map, Parameter, System, defined
+from kreisel.record.contract import Frame, Map, Parameter, System
 from kreisel.record.spheres import LATTICE_SPACE
 
 MOST_VALUES = 8  # of the spectral parameter
@@ -196,7 +196,10 @@ SYSTEM = System(
     integrals={"transfer": transfer, "magnetization": magnetization},
     commuting=("transfer", "magnetization"),
     map=Map(
-        **defined(Map, globals()),
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        largest_step=largest_step,
         rational=False,
         source="Krajnik, Ilievski, Prosen, Pasquier 2021",
     ),

@@ -10,7 +10,7 @@ from kreisel.algebra import dot, log, mat, vec, wedge
 from kreisel.algebra.invariants import plane_spectrum
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
-from kreisel.record.contract import Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import Frame, Map, Parameter, Relation, System
 from kreisel.record.spheres import SPHERE_SPACE
 from kreisel.system import clebsch
 
@@ -113,7 +113,6 @@ def largest_step(x, q, *, b):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="neumann",
     title="Neumann's particle on the sphere",
     equations="x' = q,  q' = Bx - (<x, Bx> + |q|^2) x",
@@ -121,13 +120,27 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=SPHERE_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2"),),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
+    lax=lax,
     map=Map(
-        **defined(Map, globals(), lax=lax_matrix, turn=None),
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
         to_symmetric=half_kick,
         from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
+        second_order=second_order,
         source="Suris 2001, section 7, end (Adler's discretization)",
     ),
     baecklund=BAECKLUND,

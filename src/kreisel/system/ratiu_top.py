@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.algebra import bracket, identity, mat, pairing, wedge
 from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.errors import InputError
-from kreisel.record.contract import ADJOINT_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import ADJOINT_SPACE, Frame, Parameter, System
 
 
 def positive(a, letter):
@@ -59,7 +59,6 @@ def lax(M, G, *, c, X, C, lam):  # L = lambda^2 C + lambda M + G with C = (a + b
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="ratiu-top",
     title="Ratiu's Lagrange top",
     equations="M' = [M, Omega] + [G, chi],  G' = [G, Omega],  M = J Omega + Omega J,  J = diag(a, a, b, ..., b)",
@@ -72,9 +71,14 @@ SYSTEM = System(
         Parameter("b", "scalar", "J_3 = ... = J_n, positive", positive, positive=True),
         Parameter("chi", "scalar", "chi_12, the strength of the field"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     derive=planes,
     scaling="Any consistent units: <G, chi> is the potential energy.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
+    lax=lax,
     notes="The block M_ij, i, j >= 3, is conserved too. An integrable discretization for n >= 5 is not known: open.",
 )

@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import Frame, Map, Parameter, System, defined
+from kreisel.record.contract import Frame, Map, Parameter, System
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
@@ -127,10 +127,14 @@ SYSTEM = System(
     commuting=("squares",),
     lax=lax,
     map=Map(
-        **defined(Map, globals(), lax=lax_matrix),
+        step=step,
+        inverse=inverse,
         adjoint=step,
         involution=neumann_veselov.involution,
         generator=neumann.generator,
+        lax=lax_matrix,
+        conjugator=conjugator,
+        largest_step=largest_step,
         rational=False,
         commutes=True,
         order=2,

@@ -13,7 +13,7 @@ Conclusions.  The Lax pair was found from the requirement of involution; it was 
 from kreisel.algebra import bracket, identity, mat, pairing, vec
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import diagonal
-from kreisel.record.contract import ADJOINT_PAIR_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import ADJOINT_PAIR_SPACE, Frame, Parameter, System
 
 
 def coefficients(*, b, s, l):
@@ -69,7 +69,6 @@ def lax(M, P, *, b, s, l, x, y, lam):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="steklov-lyapunov",
     title="Steklov's and Lyapunov's cases of a body in a fluid",
     equations="M' = [M, Omega] + [P, dH/dP],  P' = [P, Omega],  Omega = dH/dM",
@@ -81,9 +80,13 @@ SYSTEM = System(
         Parameter("s", "scalar", "how much of Steklov's H"),
         Parameter("l", "scalar", "how much of Lyapunov's H"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
     derive=coefficients,
     scaling="Any consistent units.",
     integrals={"traces": traces},
     commuting=("traces",),
+    lax=lax,
     notes="No integrable discretization is known: open. H has mixed terms, so that it runs by dop853.",
 )

@@ -7,12 +7,23 @@ Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E1
 
 from dataclasses import replace
 
-from kreisel.algebra import act, cayley_act, dot, identity, moebius, pairing, project_out, trace_log, vec, wedge
+from kreisel.algebra import (
+    act,
+    cayley_act,
+    dot,
+    identity,
+    moebius,
+    pairing,
+    project_out,
+    trace_log,
+    vec,
+    wedge,
+)
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund import lagrange_top, lagrange_top_moving
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System, defined
+from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
@@ -110,7 +121,6 @@ def one(A):
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="symmetric-top",
     title="Totally symmetric Lagrange top, moving frame",
     equations="M' = A ^ P,  P' = -M P",
@@ -122,13 +132,25 @@ SYSTEM = System(
             "A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector, fixed="body"
         ),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
     scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
+    lax=lax,
     map=Map(
-        **defined(Map, globals(), lax=lax_matrix),
+        step=step,
+        inverse=inverse,
+        adjoint=adjoint,
+        involution=involution,
         to_symmetric=half_kick,
         from_symmetric=half_kick_back,
+        generator=generator,
+        lagrangian=lagrangian,
+        lax=lax_matrix,
+        conjugator=conjugator,
         darboux=darboux_variables,
         source="Suris 2001, section 1 (Introduction)",
     ),

@@ -16,7 +16,7 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 from kreisel.algebra import axial, dot, hat, identity
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.checks import positive
-from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System, defined
+from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System
 from kreisel.system.fluid import around
 
 
@@ -51,7 +51,6 @@ def lax(M, *, h, w, lam):  # L = S (lambda M - Omega),   U = S M,   S = lambda -
 
 
 SYSTEM = System(
-    **defined(System, globals()),
     name="zhukovsky-volterra",
     title="Zhukovsky-Volterra gyrostat",
     equations="M' = [M, Omega],  Omega_i = (M_i - h_i)/I_i",
@@ -68,8 +67,13 @@ SYSTEM = System(
         ),
         Parameter("h", "vector", "momentum of the wheel relative to the body"),
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
     derive=inverse_moments,
+    gyrostat=gyrostat,
     scaling="Any consistent units.",
+    lax=lax,
     n=3,
     notes="Its flow is known in elliptic functions [Volterra 1899]; method='exact' makes it a quotient of "
     "quadratic forms in M. h = 0 is the Euler top.",
