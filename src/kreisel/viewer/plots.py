@@ -203,7 +203,7 @@ def _components(part: Any, lane: tuple[str, xr.Dataset], letter: str, theme: The
     below.plot(
         whole[:1, i], whole[:1, j], "o", color=theme.ink, markerfacecolor=theme.colours[1], markersize=4, label="start"
     )
-    end = float(run["time"][len(whole) - 1])
+    end = float(read_values(run["time"][: len(whole)])[-1])
     below.set(
         xlabel=f"${letter}_{{{labels[i]}}}$",
         ylabel=f"${letter}_{{{labels[j]}}}$",
