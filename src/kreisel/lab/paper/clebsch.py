@@ -131,12 +131,14 @@ def two_lax_forms(s: Setting) -> Sides:
 # -- the map --------------------------------------------------------------------------------------------
 
 
-stated(
+@stated(
     "clebsch-discrete-limit",
     "Section 7, (dClebsch spec Lagr)",
     "eps (discrete Lagrangian - constant) = eps^2 (Clebsch spec Lagr) + O(eps^3), with 2/eps before the logarithm (E1, E15)",
     "E1, E15",
-)(lambda s: _discrete_limit(s, 2))
+)
+def discrete_limit(s: Setting) -> Sides:
+    yield from _discrete_limit(s, 2)
 
 
 def _discrete_limit(s: Setting, factor: int) -> Sides:
@@ -150,7 +152,9 @@ def _discrete_limit(s: Setting, factor: int) -> Sides:
     yield np.asarray(coefficient(value, 0b11) / 2), pairing(Omega, Omega) / 2 + dot(P, b * P) / 2
 
 
-printed("clebsch-discrete-limit")(lambda s: _discrete_limit(s, 4))
+@printed("clebsch-discrete-limit")
+def discrete_limit_printed(s: Setting) -> Sides:
+    yield from _discrete_limit(s, 4)
 
 
 @stated(

@@ -94,7 +94,9 @@ def _expansion(s: Setting, order: int) -> Sides:
     yield new - old, at_0 + at_1 / lam + at_2 / lam**2 - t**2 * R @ (P1 - P) @ Q / lam**order
 
 
-printed("clebsch-aux6")(lambda s: _expansion(s, 2))
+@printed("clebsch-aux6")
+def aux6_printed(s: Setting) -> Sides:
+    yield from _expansion(s, 2)
 
 
 @stated(
@@ -113,7 +115,9 @@ def _aux8(k: Step) -> Sides:
     yield k.Q @ k.Q, k.Q
 
 
-printed("clebsch-aux8")(lambda s: _aux8(Step(s, unit=False)))
+@printed("clebsch-aux8")
+def aux8_printed(s: Setting) -> Sides:
+    yield from _aux8(Step(s, unit=False))
 
 
 @stated(
@@ -126,12 +130,14 @@ def aux9(s: Setting) -> Sides:
     yield k.script1, (k.one - k.e / 2 * k.M1) @ outer(k.P) @ (k.one + k.e / 2 * k.M1)
 
 
-stated(
+@stated(
     "clebsch-last-display",
     "Section 7, last display of the proof",
     "(P_(k+1) + P_k) Q_k = R_k (P_(k+1) + P_k) = 2 (I - eps/4 dM) P P^T (I + eps/4 dM) (E3: the 2)",
     "E3",
-)(lambda s: _last_display(Step(s), 2))
+)
+def last_display(s: Setting) -> Sides:
+    yield from _last_display(Step(s), 2)
 
 
 def _last_display(k: Step, factor: int) -> Sides:
@@ -140,4 +146,6 @@ def _last_display(k: Step, factor: int) -> Sides:
     yield k.R @ (k.script1 + k.script), right
 
 
-printed("clebsch-last-display")(lambda s: _last_display(Step(s), 1))
+@printed("clebsch-last-display")
+def last_display_printed(s: Setting) -> Sides:
+    yield from _last_display(Step(s), 1)

@@ -39,12 +39,14 @@ def neumann_leaf_printed(s: Setting) -> Sides:
     yield np.asarray(_leaf_rank(s)), np.asarray(2 * s.n)
 
 
-stated(
+@stated(
     "neumann-flow",
     "Section 7, end, Neumann's system",
     "P = x, M = x ^ q: x' = q, q' = Bx - (...)x, that is the potential energy -<x, Bx>/2 (printed +, E7)",
     "E7",
-)(lambda s: _neumann_flow(s, 1))
+)
+def neumann_flow(s: Setting) -> Sides:
+    yield from _neumann_flow(s, 1)
 
 
 def _neumann_flow(s: Setting, sign: int) -> Sides:
@@ -57,7 +59,9 @@ def _neumann_flow(s: Setting, sign: int) -> Sides:
     yield M_rate, wedge(x_rate, q) + wedge(x, q_rate)
 
 
-printed("neumann-flow")(lambda s: _neumann_flow(s, -1))
+@printed("neumann-flow")
+def neumann_flow_printed(s: Setting) -> Sides:
+    yield from _neumann_flow(s, -1)
 
 
 stated_law(

@@ -166,18 +166,22 @@ def euler_lagrange(s: Setting, left: bool) -> Sides:
     yield objects(raw), 2 * (objects(momentum_rate) - coordinates(turning + pull))
 
 
-stated(
+@stated(
     "theorem-2.1a",
     "Section 2, Theorem 2.1 a), (EL left Ham red)",
     "Euler-Lagrange in a chart <=> M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P, for a generic L(Omega, P)",
-)(lambda s: euler_lagrange(s, left=True))
+)
+def theorem_2_1_a(s: Setting) -> Sides:
+    yield from euler_lagrange(s, left=True)
 
 
-stated(
+@stated(
     "right-euler-poincare",
     "Section 2, (EL right Ham red)",
     "Euler-Lagrange in a chart <=> m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a, for a generic L(omega, a)",
-)(lambda s: euler_lagrange(s, left=False))
+)
+def right_euler_poincare(s: Setting) -> Sides:
+    yield from euler_lagrange(s, left=False)
 
 
 def _hamiltonian(s: Setting, left: bool) -> Sides:
@@ -273,18 +277,22 @@ def discrete_equations(s: Setting, left: bool) -> Sides:
     yield derivative(lambda x: whole(x, h + 0 * x), g), -M
 
 
-stated(
+@stated(
     "theorem-3.1a",
     "Section 3, Theorem 3.1 a), (dEL left Ham red), (dEL syst)",
     "(dEL) <=> Ad*_(W_k^-1) M_(k+1) = M_k + grad_P Lambda <> P_k, P_(k+1) = W_k^-1 P_k, M_(k+1) = d'_W Lambda, generic Lambda",
-)(lambda s: discrete_equations(s, left=True))
+)
+def theorem_3_1_a(s: Setting) -> Sides:
+    yield from discrete_equations(s, left=True)
 
 
-stated(
+@stated(
     "right-discrete-euler-poincare",
     "Section 3, (dEL right Ham red)",
     "(dEL) <=> Ad*_(w_k) m_(k+1) = m_k - grad_a Lambda <> a_k, a_(k+1) = w_k a_k, m_(k+1) = d_w Lambda, generic Lambda",
-)(lambda s: discrete_equations(s, left=False))
+)
+def right_discrete(s: Setting) -> Sides:
+    yield from discrete_equations(s, left=False)
 
 
 def implicit_map(s: Setting, left: bool) -> Sides:
@@ -332,15 +340,19 @@ def _times_h(entries: list[Any]) -> Array:
     return objects([Jet({0: coefficient(e, 0b10), 1: coefficient(e, 0b11)}) for e in entries])
 
 
-stated(
+@stated(
     "theorem-3.1b",
     "Section 3, Theorem 3.1 b)",
     "the map (M_k, P_k) -> (M_(k+1), P_(k+1)) of a generic Lambda(W, P) is Poisson for the bracket of e*(n)",
-)(lambda s: implicit_map(s, left=True))
+)
+def theorem_3_1_b(s: Setting) -> Sides:
+    yield from implicit_map(s, left=True)
 
 
-stated(
+@stated(
     "right-poisson",
     "Section 3, after Theorem 3.1",
     "the map (m_k, a_k) -> (m_(k+1), a_(k+1)) of a generic Lambda(w, a) is Poisson for the minus bracket",
-)(lambda s: implicit_map(s, left=False))
+)
+def right_poisson(s: Setting) -> Sides:
+    yield from implicit_map(s, left=False)

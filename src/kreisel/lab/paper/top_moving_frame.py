@@ -39,15 +39,19 @@ def moving_lagrangian(s: Setting) -> Sides:
     yield varied(shown), body
 
 
-stated(
+@stated(
     "moving-discrete-limit",
     "Section 6.2, after (dmLT Lagr body)",
     "eps (Lambda(P, W) - constant) = eps^2 L(P, Omega) + O(eps^3), W = I + eps Omega + ..., |A| = 1 (E15: the constant is not 0)",
     "E15",
-)(lambda s: expanded_lagrangian(s, moving=True))
+)
+def moving_discrete_limit(s: Setting) -> Sides:
+    yield from expanded_lagrangian(s, moving=True)
 
 
-printed("moving-discrete-limit")(lambda s: expanded_lagrangian(s, moving=True, constant=False))
+@printed("moving-discrete-limit")
+def moving_discrete_limit_printed(s: Setting) -> Sides:
+    yield from expanded_lagrangian(s, moving=True, constant=False)
 
 
 @stated(

@@ -120,7 +120,9 @@ def continuous_limit(s: Setting) -> Sides:
     yield from expanded_lagrangian(s)
 
 
-printed("continuous-limit")(lambda s: expanded_lagrangian(s, constant=False))
+@printed("continuous-limit")
+def continuous_limit_printed(s: Setting) -> Sides:
+    yield from expanded_lagrangian(s, constant=False)
 
 
 @stated(
@@ -202,12 +204,14 @@ stated_law(
 )
 
 
-stated(
+@stated(
     "length-of-a",
     "Section 6.1, (dmLT Lagr 1) for |a| not 1",
     "with |A|^2 + <a_k, a_(k+1)> for 1 + <a_k, a_(k+1)> the discrete Lagrangian holds for any |a|, alpha not 1 (E11)",
     "E11",
-)(lambda s: by_law(TOP, "discrete-euler-lagrange")(s))
+)
+def length_of_a(s: Setting) -> Sides:
+    yield from by_law(TOP, "discrete-euler-lagrange")(s)
 
 
 def unnormalised(g: Array, h: Array, A: Array, *, p: Array, alpha: Any, eps: Any) -> Any:

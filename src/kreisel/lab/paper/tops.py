@@ -93,15 +93,19 @@ def _kinetic_energy(s: Setting, turn: Any) -> Sides:
     yield np.asarray(energy), -np.trace(Omega @ J @ Omega) / 2
 
 
-stated(
+@stated(
     "body-frame",
     "Section 4, the body frame and (mLT Lagr 1)",
     "e_k(t) = g(t) e_k(0): the kinetic energy of point masses is -tr(Omega J Omega)/2, J = sum m x x^T (E8)",
     "E8",
-)(lambda s: _kinetic_energy(s, lambda g: g))
+)
+def body_frame(s: Setting) -> Sides:
+    yield from _kinetic_energy(s, lambda g: g)
 
 
-printed("body-frame")(lambda s: _kinetic_energy(s, lambda g: g.T))
+@printed("body-frame")
+def body_frame_printed(s: Setting) -> Sides:
+    yield from _kinetic_energy(s, lambda g: g.T)
 
 
 @stated(
