@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,16 @@ pytest.MonkeyPatch.undo = _forgetting(pytest.MonkeyPatch.undo)  # type: ignore[m
 def nothing_is_reused() -> None:
     """Each test records its steps itself."""
     forget()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def kernels_are_freed() -> Iterator[None]:
+    """A process that keeps the kernels of all files grows to 6 GB; those that are needed again are on disk."""
+    yield
+    forget()
+    for name in [name for name in sys.modules if name.startswith("kreisel_kernel")]:
+        del sys.modules[name]
+    gc.collect()
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import kreisel as kr
 from kreisel.errors import RunError
 from kreisel.method import splitting_coefficients
 from kreisel.method.splitting_coefficients import ORDERS, Splitting, conditions, splitting
+from sizes import FULL
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
 MASS = I.sum() / 2 - I
@@ -244,6 +245,7 @@ def test_a_torque_of_the_momentum_has_order_four() -> None:
         kr.simulate(body, {"M": M0}, dt=0.1, steps=1, order=8)
 
 
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it: more than a minute to compile")
 def test_damping_of_four_dimensions_by_lanes() -> None:
     body = kr.perturbed(kr.EulerTop(J=(1.0, 2.0, 3.0, 4.0)), damping=(0.1, 0.2, 0.3))
     start = np.zeros((4, 4))
