@@ -65,10 +65,10 @@ def parts_of(tmp_path: Path, minutes: float, *words: str) -> tuple[int, dict[str
 
 
 def test_one_case_can_be_repeated(tmp_path: Path) -> None:
-    command = [sys.executable, str(TRIAL), "--part", "calls", "--seed", "1", "--case", "1"]
+    command = [sys.executable, str(TRIAL), "--part", "configurations", "--seed", "1", "--case", "1"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300, cwd=tmp_path)
     printed = json.loads(done.stdout)
-    assert (printed["case"], printed["outcome"]) == (1, "physical: refused"), printed
+    assert (printed["case"], printed["outcome"]) == (1, "run: refused"), printed
 
 
 def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
