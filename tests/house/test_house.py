@@ -186,6 +186,24 @@ main()
     assert out.split() == ["first", "step"]
 
 
+def test_a_whole_run_with_its_figure_needs_no_dask(tmp_path: Path) -> None:
+    """xarray imports dask.array where it makes a scalar of a variable: figures take slices."""
+    text = (ROOT / "examples" / "lagrange-top.toml").read_text(encoding="utf-8")
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    code = """
+import sys
+from kreisel.cli import main
+sys.argv = ["kreisel", "run", "run.toml", "--set", "run.steps=2000"]
+try:
+    main()
+finally:
+    print("matplotlib" in sys.modules, "dask.array" in sys.modules)
+"""
+    run = [sys.executable, "-c", code]
+    out = subprocess.run(run, capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120).stdout
+    assert out.splitlines()[-1] == "True False"
+
+
 def test_every_public_name_exists() -> None:
     assert set(kr.__all__) <= set(dir(kr))
     assert all(getattr(kr, name) is not None for name in dir(kr))
