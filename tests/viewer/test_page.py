@@ -263,7 +263,7 @@ def test_text_of_an_archive_stays_text_in_a_notebook(kernel, oriented):
 @needs_browser
 def test_cells_share_the_script_and_say_where_it_is_missing(kernel, chromium, oriented, tmp_path, monkeypatch):
     monkeypatch.setattr(notebook, "SANDBOX", notebook.SANDBOX + " allow-same-origin")  # to look inside
-    monkeypatch.setattr(notebook, "WAIT", 2)
+    monkeypatch.setattr(notebook, "WAIT", 6)
     first, second = shown(kernel, oriented, "one"), shown(kernel, hostile(oriented), "two")
     chromium.complaints.clear()
     for name, cells, frames in (("both.html", second + first, 2), ("lost.html", second, 0)):
