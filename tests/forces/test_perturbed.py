@@ -255,7 +255,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "an error": (lambda: kr.perturbed(REST, potential=lambda a: a[7]), "IndexError"),
     "a torque of two": (lambda: kr.perturbed(REST, torque=lambda a: a[:2]), "3 numbers"),
     "inertia at rest": (lambda: kr.perturbed(REST, inertia=I), "LagrangeTopMoving"),
-    "ragged inertia": (lambda: kr.perturbed(MOVING, inertia=(1, 1, [0.5, 0.7])), "the lanes in front"),
+    "ragged inertia": (lambda: kr.perturbed(MOVING, inertia=(1, 1, [0.5, 0.7])), "ragged"),
     "inertia below 0": (lambda: kr.perturbed(MOVING, inertia=(1, 1, -1)), "> 0"),
     "no numbers": (lambda: kr.perturbed(MOVING, damping="much"), "real numbers"),
     "params of no dict": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params=3), "a dict"),

@@ -7,8 +7,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Collection, Mapping
-from dataclasses import fields
+from collections.abc import Collection
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -17,7 +16,6 @@ import pytest
 
 import kreisel as kr
 from kreisel.lab import exact
-from kreisel.record.contract import Baecklund, Map, System
 from support import ROOT
 
 SOURCE = Path(kr.__file__).parent
@@ -221,29 +219,26 @@ def test_version_stands_in_one_place() -> None:
     assert kr.__version__ == version("kreisel")
 
 
-def idle(page: str, words: Mapping[str, int]) -> list[str]:
-    """Functions of a page of formulas that neither a record states nor other code names, such as a misspelt `enrgy`."""
-    stated = {field.name for record in (System, Map, Baecklund) for field in fields(record)}
-    functions = [node.name for node in ast.parse(page).body if isinstance(node, ast.FunctionDef)]
-    return [name for name in functions if name not in stated and words[name] < 2]
-
-
-def words_of(text: str) -> Counter[str]:
-    return Counter(re.findall(r"\w+", text))
+def idle(page: str, elsewhere: str, module: str) -> list[str]:
+    """Functions of a page of formulas that neither the page nor other code names, such as a misspelt `enrgy`."""
+    words = Counter(re.findall(r"\w+", page))
+    alone = [node.name for node in ast.parse(page).body if isinstance(node, ast.FunctionDef) and words[node.name] < 2]
+    return [name for name in alone if not re.search(rf"\b{module}\.{name}\b|\bimport\b[^\n]*\b{name}\b", elsewhere)]
 
 
 def test_every_function_of_a_page_is_stated_or_used() -> None:
-    words = words_of("\n".join(path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")))
+    package = "\n".join(path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py"))
     pages = [*(SOURCE / "system").glob("*.py"), *(SOURCE / "baecklund").glob("*.py")]
-    found = {path.name: idle(path.read_text(encoding="utf-8"), words) for path in pages}
+    found = {path.name: idle(path.read_text(encoding="utf-8"), package, path.stem) for path in pages}
     assert len(pages) > 40 and {name: what for name, what in found.items() if what} == {}
 
 
 def test_a_function_with_a_wrong_name_is_seen() -> None:
-    page = "def energy(M):\n    return halved(M)\n\n\ndef halved(M):\n    return M / 2\n"
-    assert idle(page, words_of(page)) == []
-    page = page.replace("def energy", "def enrgy")
-    assert idle(page, words_of(page)) == ["enrgy"]
+    page = "def energy(M):\n    return halved(M)\n\ndef halved(M):\n    return M / 2\n\nSYSTEM = dict(energy=energy)\n"
+    assert idle(page, "", "page") == []
+    assert idle(page.replace("def energy", "def enrgy"), "", "page") == ["enrgy"]
+    assert idle(page.replace("energy=energy", ""), "energy = other.energy", "page") == ["energy"]
+    assert idle(page.replace("energy=energy", ""), "from page import energy", "page") == []
 
 
 GREEK = "alpha beta gamma delta eps zeta eta theta kappa lam mu nu xi pi rho sigma tau phi chi psi omega".split()

@@ -245,12 +245,17 @@ def test_a_torque_of_the_momentum_has_order_four() -> None:
         kr.simulate(body, {"M": M0}, dt=0.1, steps=1, order=8)
 
 
-@pytest.mark.skipif(not FULL, reason="`make test-full` runs it: more than a minute to compile")
-def test_damping_of_four_dimensions_by_lanes() -> None:
-    body = kr.perturbed(kr.EulerTop(J=(1.0, 2.0, 3.0, 4.0)), damping=(0.1, 0.2, 0.3))
+IN_FOUR = {"lagrange-top-moving": (kr.LagrangeTopMoving(A=(0, 0, 0, 1)), {"P": (0, 0, 0, 1)})}
+IN_FOUR |= {"euler-top": (kr.EulerTop(J=(1.0, 2.0, 3.0, 4.0)), {})} if FULL else {}  # more than a minute to compile
+
+
+@pytest.mark.parametrize("name", IN_FOUR)
+def test_damping_of_four_dimensions_by_lanes(name: str) -> None:
+    system, more = IN_FOUR[name]
+    body = kr.perturbed(system, damping=(0.1, 0.2, 0.3))
     start = np.zeros((4, 4))
     start[0, 1], start[1, 0] = 1.0, -1.0
-    run = kr.simulate(body, {"M": start}, dt=0.1, steps=4, every=4)
+    run = kr.simulate(body, {"M": start, **more}, dt=0.1, steps=4, every=4)
     assert abs(run.M.values[-1, :, 0, 1] - np.exp(-0.4 * np.array([0.1, 0.2, 0.3]))).max() < 1e-14
 
 

@@ -55,9 +55,8 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
 
     def observed(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         out = observe((*back(z[:2]), *z[2:]), only, **constants)
-        if (
-            body is not model and "casimir" in out
-        ):  # on a leaf <x, q> = 0 is <M, P> = 0, which (x, q) do not show and rounding would lose
+        # on a leaf <x, q> = 0 is <M, P> = 0, which (x, q) do not show and rounding would lose
+        if body is not model and "casimir" in out:
             out["casimir"] = np.stack([out["casimir"][..., 0], algebra.dot(algebra.axial(z[0]), z[1])], -1)
         return out
 

@@ -20,7 +20,7 @@ from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.calling import keywords
 from kreisel.record.contract import Frame, Parameter, System
-from kreisel.record.given import SKEW_TOLERANCE, axes_of
+from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.system import REGISTRY
@@ -222,7 +222,8 @@ def _keywords(model: Model) -> set[str]:
 def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[str, Parameter]:
     out = {}
     for name, value in ((DAMPING, damping), (INERTIA, inertia), (COUPLING, coupling)):
-        _require_an_array(value, name)
+        if value is not None:
+            numbers(value, name)
     if damping is not None:
         kind = "vector" if np.shape(damping)[-1:] == (3,) and model.n == 3 else "scalar"
         meaning = "rate of linear damping, M' = -damping M, of all axes or of each"
@@ -233,16 +234,6 @@ def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[s
     if coupling is not None:
         out[COUPLING] = Parameter(COUPLING, "symmetric", "K in M.KP, what H has beside", None, coupling)
     return out
-
-
-def _require_an_array(value: Any, name: str) -> None:
-    try:
-        np.asarray(value, dtype=object if value is None else np.float64)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{name}: expected real numbers, or an array of them with the lanes in front, got {shown(value)}. For "
-            "lanes write one row for each."
-        ) from None
 
 
 def _alike(value: Array, name: str) -> None:

@@ -28,23 +28,22 @@ class SteppedEngine:
         if scheme.kernel_key is None or scheme.kernel_key != self.scheme.kernel_key or len(z) != len(self.z):
             return False
         if scheme is not self.scheme:
-            if self._another_kernel(_changed(scheme.constants, self.scheme.constants)):
+            if not self._takes(_changed(scheme.constants, self.scheme.constants)):
                 return False
             fill(self.stages, self.stage_columns, _changed(scheme.stages, self.scheme.stages), scheme.axes)
             self.scheme = scheme
         self.z[:] = z
         return True
 
-    def _another_kernel(self, changed: Mapping[str, Array]) -> bool:
-        """Take these constants; whether they need another kernel, and none is taken."""
-        if not changed:
-            return False
-        constants = self.constants.copy()
-        fill(constants, self.columns, changed, self.scheme.axes)
-        if special_constants(constants) != special_constants(self.constants):
-            return True
-        self.constants[:] = constants
-        return False
+    def _takes(self, changed: Mapping[str, Array]) -> bool:
+        """Go on with these constants; whether the kernel is made for them: it leaves out what is 0, 1 or -1."""
+        if changed:
+            constants = self.constants.copy()
+            fill(constants, self.columns, changed, self.scheme.axes)
+            if special_constants(constants) != special_constants(self.constants):
+                return False
+            self.constants[:] = constants
+        return True
 
     def snapshot(self) -> dict[str, Floats]:
         return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}

@@ -127,7 +127,7 @@ class Product:
     def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
         """The constants of the trajectory (..., points), in extended precision where the platform has it.
 
-        NumPy's complex doubles are no choice: their last bits depend on how many lanes there are.
+        NumPy's complex doubles are no choice: their last bits depend on how they lie in an array, and so on the lanes.
         """
         if len(mus) > 1 and own[0].size > MANY:  # arrays of all points would leave the cache
             return np.concatenate([self._rho(own, mus[i : i + 1]) for i in range(len(mus))], -1)

@@ -16,6 +16,11 @@ from kreisel.errors import InputError, shown
 if TYPE_CHECKING:
     from kreisel.record.contract import Parameter, PhaseSpace
 
+COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
+PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
+SKEW_TOLERANCE = 1e-12
+MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
+
 
 def whole_dimension(value: Array, letter: str, system: str) -> int:
     """n that a parameter says.  Raises `InputError` for what is no whole number from 3 on."""
@@ -29,7 +34,8 @@ def whole_dimension(value: Array, letter: str, system: str) -> int:
     return n
 
 
-def _array(value: Any, name: str) -> Array:
+def numbers(value: Any, name: str) -> Array:
+    """An array of finite real numbers, or of others that can be multiplied.  Raises `InputError`."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
@@ -62,7 +68,7 @@ def axes_of(p: Parameter, value: Array) -> int:
 def parameter(p: Parameter, value: Any, system: str) -> Array:
     """The array of a parameter.  Raises `InputError` for another shape or kind of number."""
     name = f"{system}'s parameter {p.letter}"
-    array = _array(value, name)
+    array = numbers(value, name)
     if not array.size:
         raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
     axes = axes_of(p, array)
@@ -94,7 +100,7 @@ def _check_symmetric(array: Array, name: str) -> None:
 def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool) -> Array:
     """A component of a state; `of_bodies`: with an axis of bodies, so that 3 x 3 numbers are three axial vectors."""
     name = f"state component {letter}"
-    array = _array(value, name)
+    array = numbers(value, name)
     if of_bodies and kind == "skew" and array.shape in ((3,), (3, 3)):
         return algebra.hat(np.atleast_2d(array))
     if kind == "symmetric":
@@ -140,12 +146,6 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> Non
                 f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
                 "Normalise x, then take the part of q orthogonal to x."
             )
-
-
-COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
-PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
-SKEW_TOLERANCE = 1e-12
-MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
 
 
 def check_dimension(n: int, name: str) -> None:

@@ -122,7 +122,7 @@ def dataset(path: Path, store: Any, **options: Any) -> xr.Dataset:
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
 
 
-def _array_lengths(store: Path) -> dict[str, int]:
+def array_lengths(store: Path) -> dict[str, int]:
     """The rows of each array.  After a kill while a run is lengthened, some arrays have the new length."""
     found = {}
     for path in store.glob("*/zarr.json"):

@@ -23,7 +23,7 @@ from kreisel.runs.settings import Settings, check_model
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.nodes import (
     LARGEST_CHUNK,
-    _array_lengths,
+    array_lengths,
     dataset,
     is_sweep,
     metadata,
@@ -139,7 +139,7 @@ def opened(path: Path, known: manifest.Listed | None, every_array: bool = False)
     from kreisel.storage.verified import verified
 
     store: Any = path if known is None else verified(path, known, every_array)
-    lengths, options = _array_lengths(path), {"create_default_indexes": False}
+    lengths, options = array_lengths(path), {"create_default_indexes": False}
     if len(set(lengths.values())) < 2:
         return dataset(path, store, **options)
     parts = [dataset(path, store, drop_variables=set(lengths) - {name}, **options) for name in lengths]
