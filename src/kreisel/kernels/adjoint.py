@@ -20,6 +20,8 @@ from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.recording import indented, recorded_values
+from kreisel.kernels.simd import HEAD as SIMD_HEAD
+from kreisel.kernels.simd import function_of_tuples
 from kreisel.kernels.tape import TRANSCENDENTAL, Scalar, Tape, TooLong, source_of
 from kreisel.kernels.threads import on_threads
 
@@ -30,36 +32,37 @@ PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 FORWARD = """
 @njit("void(f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8, i8)", {options})
 def forward(z, c, s, marks, every, part):
-{load}
+    x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
     parts = (every + part - 1) // part
     for mark in range(marks.shape[0]):
         for _ in range(part if (mark + 1) % parts else every - part * (parts - 1)):
 {steps}
-{save}
+        put_numbers(marks, (mark,), x, ())
 """
 
 PULL = """
 @njit("void(f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8)", {options})
 def pull(z, c, s, path, g, gc, gs, steps):
-{load}
-    i = 0
+    x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
+    w = numbers(g, (), {d}, ())
+{begin}    i = 0
     for _ in range(steps):
 {steps}
-{slopes}
     for _ in range(steps):
 {back}
-{store}
-"""
+    put_numbers(g, (), w, ())
+{end}"""
 
 PUSH = """
 @njit("void(f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8)", {options})
 def push(z, c, s, dz, dc, ds, out, every):
-{load}
+    x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
     for row in range(out.shape[0]):
         for _ in range(every):
 {steps}
         out[row] = dz
 """
+STAGES = "for stage in range(s.shape[0]):"
 
 
 class Record(NamedTuple):
@@ -128,34 +131,38 @@ class Code:
     @cached_property
     def forward(self) -> Any:
         """(z, c, s, marks, every, part): the state at the ends of parts of every so many steps."""
-        return self._kernel(
-            FORWARD.format(
-                options=EXACT,
-                load=self._load("z", 4) + "\n" + self._load("c", 4),
-                steps=self._steps(12, ""),
-                save=indented([f"marks[mark, {i}] = z{i}" for i in range(self.dim)], 8),
-            )
-        ).forward
+        functions, steps = self._steps(())
+        return self._kernel(functions, FORWARD, 12, steps).forward
 
-    def _kernel(self, text: str) -> Any:
-        return load_kernel(HEAD.format(name=f"a step of {self.dim} numbers and its derivative") + text)
+    def _kernel(self, functions: str, text: str, indent: int, steps: list[str], **more: Any) -> Any:
+        head = HEAD.format(name=f"a step of {self.dim} numbers and its derivative") + SIMD_HEAD
+        sizes = {"d": self.dim, "constants": self.sizes[1]}
+        kernel = text.format(options=EXACT, **sizes, steps=indented(steps, indent), **more)
+        return load_kernel(head + functions + kernel)
 
-    def _load(self, letter: str, indent: int, source: str = "{}[{}]") -> str:
-        count = self.sizes["zcs".index(letter)]
-        return indented([f"{letter}{i} = {source.format(letter, i)}" for i in range(count)], indent)
+    @property
+    def _parts(self) -> list[tuple[str, Record, dict[str, list[str]]]]:
+        """The parts of a step by name, and what they take."""
+        names = {letter: [f"{letter}{i}" for i in range(n)] for letter, n in zip("zcs", self.sizes, strict=True)}
+        parts = [("step", self.stage, names)]
+        return parts if self.close is None else [*parts, ("close", self.close, {**names, "s": []})]
 
-    def _steps(self, indent: int, keep: str) -> str:
-        """A step, with `keep` before each part of it."""
-        kept = keep.splitlines()
+    def _arguments(self, part: str) -> str:
+        return f"x, known, {self._of_stage}" if part == "step" else "x, known, ()"
 
-        def piece(record: Record, indent: int) -> str:
+    @property
+    def _of_stage(self) -> str:
+        return f"numbers(s, (stage,), {self.sizes[2]}, ())"
+
+    def _steps(self, keep: Sequence[str]) -> tuple[str, list[str]]:
+        """The functions of a step, and its lines, with `keep` before each part of it."""
+        functions, text = "", []
+        for name, record, given in self._parts:
             lines = arranged(list(record.lines), [v.strip("(-)") for v in record.new])
-            new = f"{_state(self.dim)} = {', '.join(record.new)},"
-            return indented([*kept, *(line.text for line in lines), new], indent)
-
-        text = [" " * indent + "for stage in range(s.shape[0]):", self._load("s", indent + 4, "{}[stage, {}]")]
-        text.append(piece(self.stage, indent + 4))
-        return "\n".join([*text, *([piece(self.close, indent)] if self.close else [])])
+            functions += function_of_tuples(name, given, lines, list(record.new))
+            block = [*keep, f"x = {name}({self._arguments(name)})"]
+            text += [STAGES, *(f"    {line}" for line in block)] if name == "step" else block
+        return functions, text
 
     def pull(self, wide: bool) -> Any:
         """(z, c, s, path, g, gc, gs, steps): g <- J^T g of some steps, gc and gs with it where `wide`.
@@ -163,71 +170,67 @@ class Code:
         path (parts of all steps, d) is room.
         """
         if ("pull", wide) not in self._made:
-            self._made["pull", wide] = self._kernel(self._pull_text(wide)).pull
+            self._made["pull", wide] = self._pull(wide).pull
         return self._made["pull", wide]
 
-    def _pull_text(self, wide: bool) -> str:
-        keep = "\n".join([*(f"path[i, {i}] = z{i}" for i in range(self.dim)), "i += 1"])
-        constants = range(self.sizes[1] if wide else 0)
-        h = [f"h{j}" for j in constants]
-
-        def piece(record: Record, indent: int, staged: bool) -> str:
-            found = backward(record, self.sizes, wide)
-            lines = ["i -= 1", *(f"z{i} = path[i, {i}]" for i in range(self.dim)), *(line.text for line in found.lines)]
-            new = [f"w{i}" for i in range(self.dim)]
-            values = [found.outputs[f"z{i}"] for i in range(self.dim)]
-            for j in constants:
-                if found.outputs[f"c{j}"] != "0.0":
-                    new.append(h[j])
-                    values.append(f"{h[j]} + {found.outputs[f'c{j}']}")
-            if staged and wide:
-                lines += [f"gs[stage, {j}] += {found.outputs[f's{j}']}" for j in range(self.sizes[2])]
-            return indented([*lines, f"{', '.join(new)}, = {', '.join(values)},"], indent)
-
-        back = [piece(self.close, 8, False)] if self.close else []
-        back += ["        for stage in range(s.shape[0] - 1, -1, -1):", self._load("s", 12, "{}[stage, {}]")]
-        back.append(piece(self.stage, 12, True))
-        slopes = [*(f"w{i} = g[{i}]" for i in range(self.dim)), *(f"{v} = gc[{j}]" for j, v in enumerate(h))]
-        store = [*(f"g[{i}] = w{i}" for i in range(self.dim)), *(f"gc[{j}] = {v}" for j, v in enumerate(h))]
-        return PULL.format(
-            options=EXACT,
-            load=self._load("z", 4) + "\n" + self._load("c", 4),
-            steps=self._steps(8, keep),
-            slopes=indented(slopes, 4),
-            back="\n".join(back),
-            store=indented(store, 4),
-        )
+    def _pull(self, wide: bool) -> Any:
+        d, constants, of_stage = self.dim, self.sizes[1] * wide, self.sizes[2] * wide
+        functions, steps = self._steps(("put_numbers(path, (i,), x, ())", "i += 1"))
+        back: list[str] = []
+        for name, record, given in reversed(self._parts):
+            staged, found = name == "step", backward(record, self.sizes, wide)
+            sums = [f"h{j}" for j in range(constants)] + [f"q{j}" for j in range(of_stage * staged)]
+            old = [v.replace("h", "c").replace("q", "s") for v in sums]
+            new = [found.outputs[f"z{i}"] for i in range(d)]
+            new += [f"{v} + {found.outputs[slope]}" for v, slope in zip(sums, old, strict=True)]
+            more = {"w": [f"w{i}" for i in range(d)], "h": sums[:constants], "q": sums[constants:]}
+            given = {**given, **{letter: names for letter, names in more.items() if names}}
+            functions += function_of_tuples(f"{name}_back", given, found.lines, new)
+            own = staged and of_stage > 0
+            slopes = (", h" if constants else "") + (f", numbers(gs, (stage,), {of_stage}, ())" if own else "")
+            block = ["i -= 1", f"x = numbers(path, (i,), {d}, ())"]
+            block += [f"v = {name}_back({self._arguments(name)}, w{slopes})", f"w = v[:{d}]"]
+            block += [f"h = v[{d}:{d + constants}]"] if constants else []
+            block += [f"put_numbers(gs, (stage,), v[{d + constants}:], ())"] if own else []
+            back += ["for stage in range(s.shape[0] - 1, -1, -1):", *(f"    {v}" for v in block)] if staged else block
+        begin = f"    h = numbers(gc, (), {constants}, ())\n" if constants else ""
+        end = "    put_numbers(gc, (), h, ())\n" if constants else ""
+        return self._kernel(functions, PULL, 8, steps, back=indented(back, 8), begin=begin, end=end)
 
     def push(self, wide: bool) -> Any:
         """(z, c, s, dz, dc, ds, out, every): columns dz (d, k) -> J dz + ..., and those at the rows of `out`."""
         if ("push", wide) not in self._made:
-            self._made["push", wide] = self._kernel(self._push_text(wide)).push
+            self._made["push", wide] = self._push(wide).push
         return self._made["push", wide]
 
-    def _push_text(self, wide: bool) -> str:
-        def piece(record: Record, indent: int, staged: bool) -> str:
-            found = forward(record, self.sizes, wide)
-            slopes = [f"v{letter}{i}" for letter, size in zip("zcs", self.sizes, strict=True) for i in range(size)]
-            names = {n for line in found.lines for n in (*line.names, *line.needs)} - {*slopes}
-            moving: set[str] = {*slopes}
+    def _push(self, wide: bool) -> Any:
+        d, functions, text = self.dim, "", []
+        for name, record, given in self._parts:
+            found, staged = forward(record, self.sizes, wide), name == "step"
+            slopes = {f"v{letter}": [f"v{v}" for v in given[letter]] for letter in ("zcs" if wide else "z")}
+            moving = {v for group in slopes.values() for v in group}
+            names = {v for line in found.lines for v in (*line.names, *line.needs)} - moving
             for line in found.lines:
                 if not moving.isdisjoint(line.needs):
                     moving.update(line.names)
             fixed, rest = split(found.lines, names - moving)
-            used = {n for line in rest for n in line.needs} | {v.strip("(-)") for v in found.outputs.values()}
-            where = {"z": "dz[{}, k]", "c": "dc[{}, k]", "s": "ds[stage, {}, k]"}
-            loads = [f"{n} = {where[n[1]].format(n[2:])}" for n in slopes if n in used]
-            stores = [f"dz[{i}, k] = {found.outputs[f'dz{i}']}" for i in range(self.dim)]
-            inner = indented([*loads, *(line.text for line in rest), *stores], indent + 4)
-            new = f"{_state(self.dim)} = {', '.join(found.outputs[f'z{i}'] for i in range(self.dim))},"
-            head = indented([*(line.text for line in fixed), "for k in range(dz.shape[1]):"], indent)
-            return "\n".join([head, inner, " " * indent + new])
-
-        steps = ["            for stage in range(s.shape[0]):", self._load("s", 16, "{}[stage, {}]")]
-        steps.append(piece(self.stage, 16, True))
-        steps += [piece(self.close, 12, False)] if self.close else []
-        load = self._load("z", 4) + "\n" + self._load("c", 4)
-        return PUSH.format(options=EXACT, load=load, steps="\n".join(steps))
+            new = {d: [found.outputs[f"{d}z{i}"] for i in range(self.dim)] for d in ("", "d")}
+            used = {v for line in rest for v in line.needs} | {v.strip("(-)") for v in new["d"]}
+            handed = sorted(v for v in used - moving if v.isidentifier())
+            functions += function_of_tuples(f"{name}_fixed", given, fixed, [*new[""], *handed])
+            functions += function_of_tuples(f"{name}_moving", {"f": handed, **slopes}, rest, new["d"])
+            columns = [f"numbers(dz, (), {d}, (k,))"]
+            if wide:
+                columns.append(f"numbers(dc, (), {self.sizes[1]}, (k,))")
+                columns.append(f"numbers(ds, (stage,), {self.sizes[2]}, (k,))" if staged else "()")
+            block = [
+                f"y = {name}_fixed({self._arguments(name)})",
+                f"x, f = y[:{d}], y[{d}:]",
+                "for k in range(dz.shape[1]):",
+                f"    put_numbers(dz, (), {name}_moving(f, {', '.join(columns)}), (k,))",
+            ]
+            text += [STAGES, *(f"    {line}" for line in block)] if staged else block
+        return self._kernel(functions, PUSH, 12, text)
 
     # -- rows of lanes -----------------------------------------------------------------------------
 
@@ -282,10 +285,6 @@ def _columns(v: Floats) -> Floats:
     """Tangents (k, ...) as columns (..., k); where there are several, zeros fill the vectors of the processor."""
     more = -len(v) % VECTOR if len(v) > 1 else 0
     return np.ascontiguousarray(np.moveaxis(np.concatenate([v, np.zeros((more, *v.shape[1:]))]), 0, -1))
-
-
-def _state(count: int) -> str:
-    return "".join(f"z{i}, " for i in range(count)).rstrip()
 
 
 # -- derivatives of a record -----------------------------------------------------------------------

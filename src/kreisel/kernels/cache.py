@@ -69,7 +69,8 @@ def _operations() -> bytes:
     """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
     folder = Path(__file__).with_name("_numba")
     return b"".join(
-        (folder / f"{name}.py").read_bytes() for name in ("fused", "vector_type", "vectors", "pointers", "projecting")
+        (folder / f"{name}.py").read_bytes()
+        for name in ("fused", "straight", "vector_type", "vectors", "pointers", "projecting")
     )
 
 

@@ -27,24 +27,21 @@ from kreisel.kernels.recording import (
     recorded_values,
 )
 from kreisel.kernels.simd import HEAD as SIMD_HEAD
-from kreisel.kernels.simd import INLINED, Functions
+from kreisel.kernels.simd import Functions, function_of_tuples, gathered
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import Tape
 from kreisel.method.scheme import Coupling, Scheme
 
 PULL = """
-@njit({inlined})
-def pull(z, c, s, p, forces, i, j, pair, stage):
-{load}
-{body}
-{add}
-
-
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8)", {options})
 def pull_all(z, c, s, p, pairs, forces, stage):
     forces[:] = 0.0
     for pair in range(len(pairs)):
-        pull(z, c, s, p, forces, pairs[pair, 0], pairs[pair, 1], pair, stage)
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        f = numbers(forces, (i,), {count}, ()) + numbers(forces, (j,), {count}, ())
+        f = pull(f, numbers(z, (i,), {size}, ()) + numbers(z, (j,), {size}, ()){more})
+        put_numbers(forces, (i,), f[:{count}], ())
+        put_numbers(forces, (j,), f[{count}:], ())
 
 """
 
@@ -137,7 +134,7 @@ def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
     coupling = of(scheme)
     (constants, columns), (of_pairs, pair_columns) = flat_constants(scheme, lanes), constants_of(coupling)
     source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}")
-    source += _pull_source(scheme, {"c": columns, "s": {}, "p": pair_columns})
+    source += SIMD_HEAD + _pull_source(scheme, {"c": columns, "s": {}, "p": pair_columns})
     pull_all = load_kernel(source).pull_all
     count, no_stages = _count_of_forces(scheme), np.zeros((lanes, 1, 0))
 
@@ -157,19 +154,16 @@ def source_of(record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[s
     size, forces = len(record.state), _count_of_forces(scheme)
     known, staged = len(functions.known), len(functions.staged)
 
-    def gathered(array: str, letter: str) -> str:
-        count = max((place.stop for place in record.columns[letter].values()), default=0)
-        return f"gather({array}, {count}, lane, lanes, {width})"
-
-    varying = record.used("s") and not functions.by_stage
-    rows = [gathered("c", "c")] * bool(record.used("c")) + [gathered("s[:, 0]", "s")] * bool(varying)
-    begin = [f"here = known({', '.join(rows)})"]
+    here, varying = "lane, lanes", record.used("s") and not functions.by_stage
+    rows = [gathered("c", record.count("c"), width)] * bool(record.used("c"))
+    rows += [gathered("s[:, 0]", record.count("s"), width)] * bool(varying)
+    begin = [f"here = known({', '.join(rows).format(here=here)})"]
     begin += [f"store(k, block * {known}, here)"] if known else []
     if staged:
-        of_stage = f"staged(here, {gathered('s[:, stage]', 's')})"
+        of_stage = f"staged(here, {gathered('s[:, stage]', record.count('s'), width).format(here=here)})"
         begin += ["for stage in range(stages):", f"    store(v, (block * stages + stage) * {staged}, {of_stage})"]
     of_known = f", load(k, block * {known}, {known}, {width})" if known else ", ()"
-    state = f"gather(z, {size}, lane, lanes, {width})"
+    state = gathered("z", size, width).format(here=here)
     close = [
         "for block in range(blocks):",
         "    lane = block * WIDTH",
@@ -187,7 +181,7 @@ def source_of(record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[s
             staged=staged,
             begin=indented(begin, 8),
             state=state,
-            pulled=f"gather(forces, {forces}, lane, lanes, {width})",
+            pulled=gathered("forces", forces, width).format(here=here),
             of_known=of_known,
             of_stage=f", load(v, (block * stages + stage) * {staged}, {staged}, {width})" if staged else "",
             close=indented(close if functions.closes else [], 12),
@@ -209,20 +203,16 @@ def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> 
     found = coupling.pull(*z, **known)
     values: list[Any] = list(layout.flatten(found, [*coupling.forces, *coupling.forces]))
     lines, sources = recorded_values(tape, values)
-    half = len(values) // 2
     size = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
     used = {name for line in lines for name in line.needs} | {source.strip("(-)") for source in sources}
-    load = []
-    for name in sorted(name for name in used if name[1:].isdigit() and name[0] in "zcsp"):
-        at = int(name[1:])
-        of_body = f"z[i, {at}]" if at < size else f"z[j, {at - size}]"
-        sources_of = {"z": of_body, "c": f"c[i, {at}]", "s": f"s[i, stage, {at}]", "p": f"p[pair, {at}]"}
-        load.append(f"{name} = {sources_of[name[0]]}")
-    add = [f"forces[{'ij'[k // half]}, {k % half}] += {source}" for k, source in enumerate(sources) if source != "0.0"]
-    return PULL.format(
-        options=EXACT,
-        inlined=INLINED,
-        load=indented(load, 4),
-        body=indented([line.text for line in lines], 4),
-        add=indented(add or ["pass"], 4),
+    given = {"f": [f"f{k}" for k in range(len(values))], "z": [f"z{k}" for k in range(2 * size)]}
+    more = ""
+    for letter, at in (("c", "(i,)"), ("s", "(i, stage)"), ("p", "(pair,)")):
+        if names := sorted(name for name in used if name[0] == letter and name[1:].isdigit()):
+            given[letter] = names
+            count = max(place.stop for place in columns[letter].values())
+            more += f", numbers({letter}, {at}, {count}, ())"
+    sums = [f if source == "0.0" else f"{f} + {source}" for f, source in zip(given["f"], sources, strict=True)]
+    return function_of_tuples("pull", given, lines, sums) + PULL.format(
+        options=EXACT, size=size, count=len(values) // 2, more=more
     )

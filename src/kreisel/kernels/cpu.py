@@ -17,11 +17,11 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.kernels import dense, simd
+from kreisel.kernels import dense, layout, simd
 from kreisel.kernels.cache import load_kernel as load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import CompiledProjection, Weave, Woven, compiled, plain, room_of
+from kreisel.kernels.projection.compiled import CompiledProjection, Weave, compiled, plain, woven
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
 from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
@@ -59,7 +59,6 @@ from kreisel.kernels._numba.fused import fma, sign
 ADVANCE = """
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
 def kernel(z, c, s, out, every, first, last{arguments}):
-{begin}
     for lane in range(first, last):
 {load}
         for row in range(out.shape[0]):
@@ -76,19 +75,16 @@ STEP = """for stage in range(s.shape[1]):
 OBSERVE = """
 @njit("void(f8[:,:,::1], f8[:,::1], f8[:,:,::1])", {options})
 def kernel(z, c, out):
+    lanes = z.shape[1]
     for row in range(z.shape[0]):
-        for lane in range(z.shape[1]):
-{load}
-{body}
-{save}
+        for lane in range(lanes):
+            scatter(out, (row,), lane, lanes, observe({given}))
 """
 
 RATE = """
-@njit("void(f8[::1], f8[::1], f8[::1])", {options})
+@njit("void(f8[:,::1], f8[:,::1], f8[:,::1])", {options})
 def kernel(z, c, out):
-{load}
 {body}
-{save}
 """
 
 
@@ -118,19 +114,19 @@ def code_of(
 
     def make() -> Code:
         record = Recording(scheme, constants, columns, stage_columns)
-        in_vectors, woven = len(constants) > 1 and record.straight, project and scheme.n <= MOST_N
+        in_vectors, tried = len(constants) > 1 and record.straight, project and scheme.n <= MOST_N
         try:
-            program = recordable(lambda: program_of(scheme, columns)) if woven else None
+            program = recordable(lambda: program_of(scheme, columns)) if tried else None
         except TooLong:
-            woven, program = False, None
+            tried, program = False, None
         programs = [part for part in (program, program and program_of_orientation(scheme)) if part is not None]
         width, every, weave, project_them = (WIDE if in_vectors else 1), 0, plain, None
         if programs:
             every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
-            weave, project_them = Woven(room_of(programs, width)), compiled(programs, width)
-        text = simd.simd_source(record, EXACT, weave, len(constants)) if in_vectors else _one_by_one(record, weave)
+            weave, project_them = woven, compiled(programs, width)
+        text = _one_by_one(record, weave) if record.places else simd.simd_source(record, EXACT, weave, len(constants))
         source = _head(scheme, record) + weave.head + text
-        return Code(source, load_kernel(source).kernel, record.work, tuple(programs), project_them, every, width, woven)
+        return Code(source, load_kernel(source).kernel, record.work, tuple(programs), project_them, every, width, tried)
 
     return reused(key, make)
 
@@ -187,7 +183,9 @@ class CpuEngine(SteppedEngine):
         more = self._woven.arguments if self._woven else ()
 
         def work_on(first: int, last: int) -> None:
-            self._kernel(self.z, self.constants, self.stages, out, every, first, last, *more)
+            room = self._woven.room if self._woven else None
+            address = () if room is None else (room.ctypes.data,)
+            self._kernel(self.z, self.constants, self.stages, out, every, first, last, *more, *address)
 
         on_threads(len(self.z), len(out) * every * len(self.z), work_on)
 
@@ -252,7 +250,6 @@ def _one_by_one(record: Recording, weave: Weave) -> str:
         options=FAST if record.places else EXACT,
         types=weave.types,
         arguments=weave.arguments,
-        begin=weave.begin(4),
         load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines()], 8),
         steps=indented(weave.steps(step, load, store, "lane + 1"), 12),
         save=record.save("out[row, lane, ", record.state, 12),
@@ -315,14 +312,14 @@ def _observing(
     if len(found.lines) > OBSERVED_LINES:
         return None
     used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}
-    names = sorted(name for name in used if name[0] in "zc" and name[1:].isdigit())
-    load = [f"{n} = z[row, lane, {n[1:]}]" if n[0] == "z" else f"{n} = c[lane, {n[1:]}]" for n in names]
-    source = HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}") + OBSERVE.format(
-        options=EXACT,
-        load=indented(load, 12),
-        body=indented([line.text for line in found.lines], 12),
-        save=indented([f"out[row, lane, {j}] = {value}" for j, value in enumerate(found.values)], 12),
-    )
+    size = sum(layout.coordinate_count(kind, scheme.n) for kind in scheme.kinds)
+    width = max((place.stop for place in columns.values()), default=0)
+    constants = sorted(name for name in used if name[0] == "c" and name[1:].isdigit())
+    given = {"z": [f"z{i}" for i in range(size)], **({"c": constants} if constants else {})}
+    rows = [simd.gathered("z", size, lead="(row,)")] + [simd.gathered("c", width)] * bool(constants)
+    source = HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}") + simd.HEAD
+    source += simd.function_of_tuples("observe", given, found.lines, found.values)
+    source += OBSERVE.format(options=EXACT, given=", ".join(rows).format(here="lane, lanes"))
     return load_kernel(source).kernel, len(found.values), found.places
 
 
@@ -335,17 +332,20 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
     """The right-hand side y' = f(t, y, constants) of a scheme that states a rate, compiled; of one lane at a time."""
     constants, columns = flat_constants(scheme, lanes)
     record = Recording(scheme, np.full_like(constants, np.nan), columns)
-    source = _head(scheme, record) + RATE.format(
-        options=FAST if record.places else EXACT,
-        load=record.load("z[", 4) + "\n" + record.load_constants("c", "c[", 4),
-        body=record.body(4),
-        save=record.save("out[", record.state, 4),
-    )
+    if record.places:
+        load, store = record.load("z[0, ", 4) + "\n" + record.load_constants("c", "c[0, ", 4), "out[0, "
+        functions, body = "", "\n".join([load, record.body(4), record.save(store, record.state, 4)])
+    else:
+        given = {"z": record.state, "c": record.used("c")}
+        functions = simd.HEAD + simd.function_of_tuples("rate", given, record.pieces[0].lines, record.pieces[0].new)
+        rows = [simd.gathered("z", len(record.state))] + [simd.gathered("c", constants.shape[1])] * bool(given["c"])
+        body = f"    scatter(out, (), 0, 1, rate({', '.join(rows).format(here='0, 1')}))"
+    source = _head(scheme, record) + functions + RATE.format(options=FAST if record.places else EXACT, body=body)
     kernel = load_kernel(source).kernel
 
     def rate(t: float, y: Floats, c: Floats) -> Floats:
-        out = np.empty_like(y)
-        kernel(np.ascontiguousarray(y), c, out)
-        return out
+        out = np.empty((1, len(y)))
+        kernel(np.ascontiguousarray(y)[None], c[None], out)
+        return out[0]
 
     return rate

@@ -106,6 +106,10 @@ class Recording:
         """The constants of that letter that straight-line code needs."""
         return sorted((n for n in self.words if n[0] == letter and n[1:].isdigit()), key=lambda n: int(n[1:]))
 
+    def count(self, letter: str) -> int:
+        """How many constants of that letter there are."""
+        return max((place.stop for place in self.columns[letter].values()), default=0)
+
     def varying(self) -> Varying:
         """The pieces without what does not vary from step to step."""
         by_stage = self.scheme.stage_count > 1

@@ -1,8 +1,8 @@
-"""Ensembles of straight-line code: the step of one trajectory on vectors of lanes, whose state stays in registers.
+"""Kernels of straight-line code: the step on numbers, or on vectors of lanes; the state stays in registers.
 
-Each number of the record becomes a vector (`kernels/_numba/vector_type.py`); lane i has the bits of a run on its own.
-A short step takes two or four vectors, one after the other in the same loop: while one waits for a result, the others
-go on.  At a ragged end the last lane stands in the places that are left.
+In an ensemble each number of the record becomes a vector (`kernels/_numba/vector_type.py`); lane i has the bits of a
+run on its own.  A short step takes two or four vectors, one after the other in the same loop: while one waits for a
+result, the others go on.  At a ragged end the last lane stands in the places that are left.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from kreisel.kernels.recording import Recording, indented, names_of
 # order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
 # Each more takes longer to compile.
 FOUR_VECTORS, TWO_VECTORS = 100, 300  # lines of a step up to which it takes so many; beyond, in the order of the record
-INLINED = 'error_model="numpy", forceinline=True'
 
-HEAD = "from kreisel.kernels._numba.vector_type import gather, load, scatter, store\n\n"
+HEAD = """from kreisel.kernels._numba.straight import straight
+from kreisel.kernels._numba.vector_type import gather, load, numbers, put_numbers, scatter, store
+
+"""
 
 FUNCTION = """
-@njit({options})
+@straight
 def {name}({arguments}):
 {body}
     return {result}
@@ -37,7 +39,6 @@ LANES = {lanes}  # at once
 
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
 def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
-{room}
     for lane in range(first, last, LANES):
         end = lane + min(LANES, last - lane)
 {begin}
@@ -54,8 +55,9 @@ def simd_source(record: Recording, options: str, weave: Weave, lanes: int) -> st
     from kreisel.kernels._numba.vector_type import register_width
 
     functions = Functions.of(record)
-    width, vectors = register_width(), 4 if functions.lines <= FOUR_VECTORS else 2 if functions.short else 1
-    while (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
+    width = register_width() if lanes > 1 and record.straight else 1
+    vectors = 1 if width == 1 else 4 if functions.lines <= FOUR_VECTORS else 2 if functions.short else 1
+    while vectors > 1 and (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
         vectors //= 2
     return HEAD + functions.text + _kernel_source(record, functions, options, weave, width, vectors)
 
@@ -94,13 +96,18 @@ class Functions(NamedTuple):
         known = [name for name in (*early, *names_of(fixed)) if name in words]
 
         lines = sum(len(piece.lines) for piece in pieces)
-        text = _function_of_tuples("known", {"c": constants, "s": [] if by_stage else varying}, fixed, known)
+        rows = [("c", constants), ("s", [] if by_stage else varying)]
+        text = function_of_tuples("known", {letter: names for letter, names in rows if names}, fixed, known)
         if staged:
-            text += _function_of_tuples("staged", {"k": known, "s": varying}, of_stage, staged)
+            text += function_of_tuples("staged", {"k": known, "s": varying}, of_stage, staged)
         for piece in pieces:
-            given = {"z": record.names(piece.part), "k": known, **({"v": staged} if piece.part.staged else {})}
+            given = {
+                "z": record.names(piece.part),
+                "k": known,
+                **({"v": staged} if piece.part.staged and staged else {}),
+            }
             ordered = latest(piece.lines) if lines <= TWO_VECTORS else piece.lines
-            text += _function_of_tuples(piece.part.name, given, ordered, piece.new)
+            text += function_of_tuples(piece.part.name, given, ordered, piece.new)
         return cls(text, known, staged, by_stage, pieces[-1].part.name == "close", lines)
 
 
@@ -119,17 +126,14 @@ def _kernel_source(
             lines.append(text.format(k=k, here=here, there=there))
         return indented(lines, indent)
 
-    def gathered(array: str, letter: str) -> str:
-        columns = max((place.stop for place in record.columns[letter].values()), default=0)
-        return f"gather({array}, {columns}, {{here}}, {width})"
-
     varying = record.used("s") and not functions.by_stage
-    rows = [gathered("c", "c")] * bool(record.used("c")) + [gathered("s[:, 0]", "s")] * bool(varying)
-    load = each(0, f"z{{k}} = gather(z, {len(record.state)}, {{here}}, {width})")
+    rows = [gathered("c", record.count("c"), width)] * bool(record.used("c"))
+    rows += [gathered("s[:, 0]", record.count("s"), width)] * bool(varying)
+    load = each(0, "z{k} = " + gathered("z", len(record.state), width))
     begin = [indented(load.splitlines(), 8), each(8, f"k{{k}} = known({', '.join(rows)})")]
     loaded = ""
     if functions.staged:
-        of = f"staged(k{{k}}, {gathered('s[:, stage]', 's')})"
+        of = f"staged(k{{k}}, {gathered('s[:, stage]', record.count('s'), width)})"
         begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of})")]
         loaded = f", load({{there}}, {count}, {width})"
     step = f"z{{k}} = step(z{{k}}, k{{k}}{loaded})"
@@ -140,7 +144,6 @@ def _kernel_source(
         options=options,
         types=weave.types,
         arguments=weave.arguments,
-        room=weave.begin(4),
         scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if functions.staged else "",
         lanes=vectors * width,
         begin="\n".join(begin),
@@ -150,19 +153,23 @@ def _kernel_source(
     )
 
 
-def _function_of_tuples(name: str, given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
-    """A function of tuples of numbers: of rows c, s all columns, of others those that are listed."""
+def gathered(array: str, count: int, width: int = 1, lead: str = "()") -> str:
+    """The columns of the rows {here} of an array, as text."""
+    return f"gather({array}, {lead}, {count}, {{here}}, {width})"
+
+
+def function_of_tuples(name: str, given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:
+    """A function of tuples of numbers: c, s and p have all columns, not only those that are listed."""
     unpacked = [
         f"{', '.join(names)}, = {', '.join(f'{letter}[{n[1:]}]' for n in names)},"
-        if letter in "cs"
+        if letter in "csp"
         else f"{', '.join(names)}, = {letter}"
         for letter, names in given.items()
         if names
     ]
     return FUNCTION.format(
-        options=INLINED,
         name=name,
-        arguments=", ".join(letter for letter, names in given.items() if names or letter not in "csv"),
-        body=indented([*unpacked, *(line.text for line in lines)], 4),
+        arguments=", ".join(given),
+        body=indented([*unpacked, *(part for line in lines for part in line.text.splitlines())], 4),
         result=f"({', '.join(result)}{',' * (len(result) == 1)})",
     )

@@ -20,6 +20,12 @@ def _of(kinds: tuple[Any, ...], emit: Callable[..., Any]) -> Any:
     return signature(kind, *[kind] * len(kinds)), lambda context, builder, form, values: emit(builder, *values)
 
 
+def sign_of(builder: ir.IRBuilder, x: Any) -> Any:
+    """-1 where x < 0, else 1, as LLVM's operations."""
+    less, more = (everywhere(x.type, number) for number in (-1.0, 1.0))
+    return builder.select(builder.fcmp_ordered("<", x, everywhere(x.type, 0.0)), less, more)
+
+
 @intrinsic
 def fma(typing_context: Any, x: Any, y: Any, z: Any) -> Any:
     """x y + z, rounded once: LLVM's fused multiply-add."""
@@ -29,12 +35,7 @@ def fma(typing_context: Any, x: Any, y: Any, z: Any) -> Any:
 @intrinsic
 def sign(typing_context: Any, x: Any) -> Any:
     """-1 where x < 0, else 1."""
-
-    def emit(builder: ir.IRBuilder, x: Any) -> Any:
-        less, more = (everywhere(x.type, number) for number in (-1.0, 1.0))
-        return builder.select(builder.fcmp_ordered("<", x, everywhere(x.type, 0.0)), less, more)
-
-    return _of((x,), emit)
+    return _of((x,), sign_of)
 
 
 @intrinsic

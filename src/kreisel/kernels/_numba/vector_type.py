@@ -18,7 +18,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
 DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
-INDEX = ir.IntType(32)
+INDEX, INTEGER = ir.IntType(32), ir.IntType(64)
 
 Emit = Callable[..., Any]
 
@@ -96,7 +96,7 @@ def llvm_intrinsic(name: str) -> Emit:
     return emit
 
 
-def _larger(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
+def larger(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
     """Python's max: x unless y > x."""
     return builder.select(builder.fcmp_ordered(">", y, x), y, x)
 
@@ -112,7 +112,7 @@ for _function, _count, _emit in (
     (math.cos, 1, llvm_intrinsic("cos")),
     (math.exp, 1, llvm_intrinsic("exp")),
     (math.log, 1, llvm_intrinsic("log")),
-    (max, 2, _larger),
+    (max, 2, larger),
 ):
     _vector_operation(_function, _count, _emit)
 
@@ -129,32 +129,82 @@ def _element(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, indices
     return cgutils.get_item_pointer(context, builder, kind, made, indices)
 
 
-def _row_pointer(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, row: Any, of: VectorType) -> Any:
-    """A pointer to a row of a scratch array, as a vector."""
+def _row_pointer(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, row: Any, of: Any) -> Any:
+    """A pointer to a row of a scratch array, as a vector or a number."""
     start = _element(context, builder, kind, array, [row, row.type(0)])
-    return builder.bitcast(start, of.llvm.as_pointer())
+    return builder.bitcast(start, of.llvm.as_pointer()) if isinstance(of, VectorType) else start
+
+
+def _places_of(kind: Any) -> Any:
+    """The type of indices, each a whole number."""
+    return types.UniTuple(types.intp, len(kind))
+
+
+def _numbers(width: int) -> Any:
+    """The type of so many numbers: of one, a double."""
+    return VectorType(width) if width > 1 else types.float64
 
 
 @intrinsic(prefer_literal=True)
-def gather(typing_context: Any, array: Any, columns: Any, first: Any, end: Any, width: Any) -> Any:
-    """The columns 0, 1, ... of the rows first, first + 1, ... of `array`: `columns` vectors of `width` numbers.
+def numbers(typing_context: Any, array: Any, lead: Any, count: Any, tail: Any) -> Any:
+    """The numbers 0, 1, ... of array[lead, :, tail], as many as `count`, which is written out."""
+    out, leads, tails = types.UniTuple(types.float64, count.literal_value), _places_of(lead), _places_of(tail)
 
-    In place of rows from `end` on stands the one before it.  `columns` and `width` are written out.
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        at = [
+            cgutils.unpack_tuple(builder, value, len(kind)) for value, kind in ((values[1], leads), (values[3], tails))
+        ]
+        each = [[*at[0], INTEGER(j), *at[1]] for j in range(out.count)]
+        found = [builder.load(_element(context, builder, form.args[0], values[0], indices)) for indices in each]
+        return context.make_tuple(builder, out, found)
+
+    return signature(out, array, leads, count, tails), emit
+
+
+@intrinsic
+def put_numbers(typing_context: Any, array: Any, lead: Any, given: Any, tail: Any) -> Any:
+    """Put numbers into array[lead, :, tail]."""
+    leads, tails = _places_of(lead), _places_of(tail)
+
+    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        at = [
+            cgutils.unpack_tuple(builder, value, len(kind)) for value, kind in ((values[1], leads), (values[3], tails))
+        ]
+        for j, number in enumerate(cgutils.unpack_tuple(builder, values[2], len(given))):
+            place = _element(context, builder, form.args[0], values[0], [*at[0], INTEGER(j), *at[1]])
+            builder.store(number, place)
+        return context.get_dummy_value()
+
+    return signature(types.void, array, leads, types.UniTuple(types.float64, len(given)), tails), emit
+
+
+@intrinsic(prefer_literal=True)
+def gather(typing_context: Any, array: Any, lead: Any, columns: Any, first: Any, end: Any, width: Any) -> Any:
+    """The columns 0, 1, ... of the rows first, first + 1, ... of array[lead]: `columns` vectors of `width` numbers.
+
+    In place of rows from `end` on stands the one before it.  `columns` and `width` are written out; vectors of one are
+    numbers.
     """
-    kind = VectorType(width.literal_value)
+    kind = _numbers(width.literal_value)
     out = types.UniTuple(kind, columns.literal_value)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
+        before = cgutils.unpack_tuple(builder, values[1], len(form.args[1]))
+
+        def number(at: Any, j: int) -> Any:
+            return builder.load(_element(context, builder, form.args[0], values[0], [*before, at, at.type(j)]))
+
+        if not isinstance(kind, VectorType):
+            return context.make_tuple(builder, out, [number(values[3], j) for j in range(out.count)])
         builder.function.attributes.add("nounwind")  # llvmlite prints the other one only beside it
         builder.function.attributes.alignstack = 8 * kind.width  # or what is spilled lies across cache lines
         vectors = [ir.Constant(kind.llvm, ir.Undefined)] * out.count
-        for i, at in enumerate(_places(builder, kind.width, *values[2:4])):
-            for j in range(out.count):
-                number = builder.load(_element(context, builder, form.args[0], values[0], [at, at.type(j)]))
-                vectors[j] = builder.insert_element(vectors[j], number, INDEX(i))
+        for i, at in enumerate(_places(builder, kind.width, *values[3:5])):
+            vectors = [builder.insert_element(v, number(at, j), INDEX(i)) for j, v in enumerate(vectors)]
         return context.make_tuple(builder, out, vectors)
 
-    return signature(out, array, columns, types.intp, types.intp, width), emit
+    lead = _places_of(lead)
+    return signature(out, array, lead, columns, types.intp, types.intp, width), emit
 
 
 @intrinsic
@@ -167,20 +217,25 @@ def scatter(typing_context: Any, array: Any, lead: Any, first: Any, end: Any, ve
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         before = cgutils.unpack_tuple(builder, values[1], len(form.args[1]))
         columns = cgutils.unpack_tuple(builder, values[4], len(vectors))
+        if not isinstance(vectors.dtype, VectorType):
+            for j, number in enumerate(columns):
+                at = [*before, values[2], values[2].type(j)]
+                builder.store(number, _element(context, builder, form.args[0], values[0], at))
+            return context.get_dummy_value()
         for i, at in enumerate(_places(builder, vectors.dtype.width, *values[2:4])):
             for j, column in enumerate(columns):
                 place = _element(context, builder, form.args[0], values[0], [*before, at, at.type(j)])
                 builder.store(builder.extract_element(column, INDEX(i)), place)
         return context.get_dummy_value()
 
-    lead = types.UniTuple(types.intp, len(lead))
+    lead = _places_of(lead)
     return signature(types.void, array, lead, types.intp, types.intp, vectors), emit
 
 
 @intrinsic(prefer_literal=True)
 def load(typing_context: Any, array: Any, row: Any, rows: Any, width: Any) -> Any:
     """`rows` rows of `array` from `row` on, as vectors of `width` numbers; both are written out."""
-    kind = VectorType(width.literal_value)
+    kind = _numbers(width.literal_value)
     out = types.UniTuple(kind, rows.literal_value)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:

@@ -60,9 +60,10 @@ def jump(z, c, times, step):
     for k in range(rows):
         states[k], constants[k], when[k, 0] = z[k % lanes], c[k % lanes], times[k // lanes]
     for row in range(0, rows, {width}):
-        (number,) = gather(when, 1, row, rows, {width})
+        (number,) = gather(when, (), 1, row, rows, {width})
         t = pair(number, 0.0 * number) * step
-        now, known = gather(states, {state}, row, rows, {width}), gather(constants, {constants}, row, rows, {width})
+        now = gather(states, (), {state}, row, rows, {width})
+        known = gather(constants, (), {constants}, row, rows, {width})
 {body}
     for k in range(rows):
         right[k // lanes, k % lanes] = off[k, 0] <= {tolerance!r}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,6 @@ class Weave:
 
     types = arguments = head = ""
 
-    def begin(self, indent: int) -> str:
-        """What comes before the first lane."""
-        return ""
-
     def steps(self, step: str, load: str, store: str, end: str) -> list[str]:
         """The lines for `every` steps of the lanes from `lane` to `end`."""
         return ["for _ in range(every):", *(f"    {line}" for line in step.splitlines())]
@@ -32,18 +27,12 @@ class Weave:
 plain = Weave()
 
 
-@dataclass(frozen=True)
 class Woven(Weave):
-    """And every `often` steps a projection; `room` numbers for it."""
+    """And every `often` steps a projection, with room for it at the address `room`."""
 
-    room: int
-
-    types = ", i8, i8, i8, i8"
-    arguments = ", begun, often, project, table"
+    types = ", i8, i8, i8, i8, i8"
+    arguments = ", begun, often, project, table, room"
     head = "from kreisel.kernels._numba.pointers import call_at_address\n\n"
-
-    def begin(self, indent: int) -> str:
-        return " " * indent + f"room = np.zeros({self.room})"
 
     def steps(self, step: str, load: str, store: str, end: str) -> list[str]:
         return [
@@ -58,9 +47,12 @@ class Woven(Weave):
             "    if done == often:",
             "        done = 0",
             *(f"        {line}" for line in store.splitlines()),
-            f"        call_at_address(project, (table, room.ctypes.data, lane, {end}, 0))",
+            f"        call_at_address(project, (table, room, lane, {end}, 0))",
             *(f"        {line}" for line in load.splitlines()),
         ]
+
+
+woven = Woven()
 
 
 def room_of(programs: list[Program], width: int) -> int:
@@ -114,11 +106,16 @@ class CompiledProjection(Corrections):
 
     @property
     def arguments(self) -> tuple[int, ...]:
-        """What a kernel takes for it."""
+        """What a kernel takes for it before the address of `room`."""
         return self.done, self.every, self._compiled.address, self._first
 
+    @property
+    def room(self) -> Floats:
+        """Room for the projections of one thread."""
+        return np.zeros(self._room)
+
     def _call(self, begin: int) -> None:
-        room = np.zeros(self._room)
+        room = self.room
         self._compiled.ctypes(self._first, room.ctypes.data, 0, len(self._z), begin)
 
     def begin(self, steps: int) -> None:
