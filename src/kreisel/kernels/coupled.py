@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.errors import InputError
 from kreisel.kernels import layout
 from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
@@ -30,7 +29,7 @@ from kreisel.kernels.simd import HEAD as SIMD_HEAD
 from kreisel.kernels.simd import Functions, function_of_tuples, gathered
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import Tape
-from kreisel.method.scheme import Coupling, Scheme
+from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 
 PULL = """
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8)", {options})
@@ -83,10 +82,7 @@ class CoupledEngine(SteppedEngine):
         self._pairs, (self._of_pairs, pair_columns) = coupling.pairs, constants_of(coupling)
         record = Recording(scheme, self.constants, self.columns, self.stage_columns)
         if not record.straight:
-            raise InputError(
-                f"{scheme.name}: expected bodies whose step is short enough for straight-line code, such as those with "
-                f"n = 3, to act on each other, got n = {scheme.n}."
-            )
+            raise too_large_to_couple(scheme.name, scheme.n)
         self.source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}") + source_of(
             record, scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns}
         )

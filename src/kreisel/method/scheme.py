@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.errors import InputError
 
 Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "matrix", "quaternion"
 
@@ -93,6 +94,17 @@ class Guard:
     limit: float
     fault: str
     cause: str
+
+
+COUPLED_N = 10  # up to which steps of lanes in pairs are straight-line code, if they are short enough
+
+
+def too_large_to_couple(name: str, n: int) -> InputError:
+    """The error of a method whose step is no straight-line code."""
+    return InputError(
+        f"{name}: expected bodies whose step is short enough for straight-line code, such as those with n = 3, to act "
+        f"on each other, got n = {n}."
+    )
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import ORIENTATION, Body, perturbation_of
-from kreisel.forces.pairs import of_bodies
+from kreisel.forces.pairs import of_bodies, pairs_of
 from kreisel.forces.turns import Turn, turns_of
 from kreisel.method.driven import (
     COUNT,
@@ -45,7 +45,17 @@ from kreisel.method.driven import (
 from kreisel.method.integrable import Integrable, integrable
 from kreisel.method.observing import Only, as_matrix, observer, with_orientation
 from kreisel.method.record import Method
-from kreisel.method.scheme import Corrector, CoupledSteps, Guard, Numbers, Outcome, Scheme, Steps
+from kreisel.method.scheme import (
+    COUPLED_N,
+    Corrector,
+    CoupledSteps,
+    Guard,
+    Numbers,
+    Outcome,
+    Scheme,
+    Steps,
+    too_large_to_couple,
+)
 from kreisel.method.splitting_coefficients import ORDERS, corrector, inverse, splitting
 from kreisel.method.splitting_coefficients import Splitting as Fractions
 from kreisel.record.model import Model
@@ -214,7 +224,12 @@ def _require_a_symmetric_kick(model: Model, order: Any) -> None:
 
 
 def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
-    """The splitting with step dt of that order.  Raises `InputError` where a force takes an orientation and none is."""
+    """The splitting with step dt of that order.
+
+    Raises `InputError` where a force takes an orientation and none is, and for pairs of large bodies.
+    """
+    if pairs_of(model) is not None and model.n > COUPLED_N:
+        raise too_large_to_couple("splitting", model.n)
     body = Splitting(model, dt, order, oriented)
     observe, outcomes = _observer(body, order)
     constants, stages = _numbers(body, body.fractions, 1.0)
