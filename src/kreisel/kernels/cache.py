@@ -70,7 +70,7 @@ def _operations() -> bytes:
     folder = Path(__file__).with_name("_numba")
     return b"".join(
         (folder / f"{name}.py").read_bytes()
-        for name in ("fused", "straight", "vector_type", "vectors", "pointers", "projecting")
+        for name in ("double_double", "fused", "straight", "vector_type", "vectors", "pointers", "projecting")
     )
 
 

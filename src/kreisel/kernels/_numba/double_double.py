@@ -39,12 +39,12 @@ class PairModel(models.StructModel):
         super().__init__(manager, kind, [("upper", kind.element), ("lower", kind.element)])
 
 
-def _pair_parts(context: Any, builder: ir.IRBuilder, kind: Pair, value: Any) -> Two:
+def pair_parts(context: Any, builder: ir.IRBuilder, kind: Pair, value: Any) -> Two:
     held = cgutils.create_struct_proxy(kind)(context, builder, value=value)
     return held.upper, held.lower
 
 
-def _pair_value(context: Any, builder: ir.IRBuilder, kind: Pair, two: Two) -> Any:
+def pair_value(context: Any, builder: ir.IRBuilder, kind: Pair, two: Two) -> Any:
     held = cgutils.create_struct_proxy(kind)(context, builder)
     held.upper, held.lower = two
     return held._getvalue()
@@ -111,22 +111,23 @@ def _pair_operation(function: Callable[..., Any], count: int, emit: Callable[...
 
     def lower(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         kind = form.return_type
-        parts = [_pair_parts(context, builder, kind, value) for value in values]
-        return _pair_value(context, builder, kind, emit(builder, *parts))
+        parts = [pair_parts(context, builder, kind, value) for value in values]
+        return pair_value(context, builder, kind, emit(builder, *parts))
 
     infer_global(function)(Template)
     lower_builtin(function, *[Pair] * count)(lower)
 
 
-for _function, _count, _emit in (
-    (operator.add, 2, _add),
-    (operator.sub, 2, lambda builder, x, y: _add(builder, x, _negative(builder, y))),
-    (operator.mul, 2, _multiply),
-    (operator.truediv, 2, _divide),
-    (operator.neg, 1, _negative),
-    (math.sqrt, 1, _pair_sqrt),
-):
-    _pair_operation(_function, _count, _emit)
+OPERATIONS: dict[Callable[..., Any], Callable[..., Two]] = {
+    operator.add: _add,
+    operator.sub: lambda builder, x, y: _add(builder, x, _negative(builder, y)),
+    operator.mul: _multiply,
+    operator.truediv: _divide,
+    operator.neg: _negative,
+    math.sqrt: _pair_sqrt,
+}
+for _function, _emit in OPERATIONS.items():
+    _pair_operation(_function, 1 if _function in (operator.neg, math.sqrt) else 2, _emit)
 
 
 def _widened(context: Any, builder: ir.IRBuilder, number: Any, kind: Pair, value: Any) -> Any:
@@ -135,14 +136,14 @@ def _widened(context: Any, builder: ir.IRBuilder, number: Any, kind: Pair, value
         value = context.cast(builder, value, number, types.float64)
         if isinstance(kind.element, VectorType):
             value = broadcast(context, builder, types.float64, kind.element, value)
-    return _pair_value(context, builder, kind, (value, everywhere(value.type, 0.0)))
+    return pair_value(context, builder, kind, (value, everywhere(value.type, 0.0)))
 
 
 def _broadcast_pair(context: Any, builder: ir.IRBuilder, one: Any, kind: Any, value: Any) -> Any:
     """The same double-double in all places of a vector."""
-    parts = _pair_parts(context, builder, one, value)
+    parts = pair_parts(context, builder, one, value)
     upper, lower = (broadcast(context, builder, one.element, kind.element, v) for v in parts)
-    return _pair_value(context, builder, kind, (upper, lower))
+    return pair_value(context, builder, kind, (upper, lower))
 
 
 for _kind in (types.Float, types.Integer, VectorType):
@@ -156,7 +157,7 @@ def pair(typing_context: Any, upper: Any, lower: Any) -> Any:
     kind = Pair(next((v for v in (upper, lower) if isinstance(v, VectorType)), types.float64))
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        return _pair_value(context, builder, kind, (values[0], values[1]))
+        return pair_value(context, builder, kind, (values[0], values[1]))
 
     return signature(kind, kind.element, kind.element), emit
 
@@ -166,6 +167,6 @@ def upper(typing_context: Any, x: Any) -> Any:
     """The double next to it."""
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        return _pair_parts(context, builder, x, values[0])[0]
+        return pair_parts(context, builder, x, values[0])[0]
 
     return signature(x.element, x), emit

@@ -50,25 +50,26 @@ def size(typing_context: Any, x: Any) -> Any:
     return _of((x,), llvm_intrinsic("fabs"))
 
 
+def lesser_chosen(builder: ir.IRBuilder, x: Any, y: Any, yes: Any, no: Any) -> Any:
+    """`yes` where x < y, else `no`, as LLVM's operations."""
+    return builder.select(builder.fcmp_ordered("<", x, y), yes, no)
+
+
+def largest_of(builder: ir.IRBuilder, x: Any) -> Any:
+    """The largest of the places of a vector, as LLVM's operations."""
+    if not isinstance(x.type, ir.VectorType):
+        return x
+    places = [builder.extract_element(x, ir.IntType(32)(k)) for k in range(x.type.count)]
+    return reduce(lambda a, b: builder.select(builder.fcmp_ordered(">", b, a), b, a), places)
+
+
 @intrinsic
 def where_less(typing_context: Any, x: Any, y: Any, yes: Any, no: Any) -> Any:
     """`yes` where x < y, else `no`."""
-
-    def emit(builder: ir.IRBuilder, x: Any, y: Any, yes: Any, no: Any) -> Any:
-        return builder.select(builder.fcmp_ordered("<", x, y), yes, no)
-
-    return _of((x, y, yes, no), emit)
+    return _of((x, y, yes, no), lesser_chosen)
 
 
 @intrinsic
 def largest(typing_context: Any, x: Any) -> Any:
     """The largest of the places of a vector; no number if one of them is none."""
-
-    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        (vector,) = values
-        if not isinstance(vector.type, ir.VectorType):
-            return vector
-        places = [builder.extract_element(vector, ir.IntType(32)(k)) for k in range(vector.type.count)]
-        return reduce(lambda a, b: builder.select(builder.fcmp_ordered(">", b, a), b, a), places)
-
-    return signature(types.float64, x), emit
+    return signature(types.float64, x), lambda context, builder, form, values: largest_of(builder, *values)

@@ -6,13 +6,11 @@ give a result with its error, or no number.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import sqrt
 from typing import Any
 
-from numba import njit
-
 from kreisel.kernels._numba import double_double, fused
+from kreisel.kernels._numba.straight import straight
 
 largest: Any = fused.largest
 fma: Any = fused.fma  # called from compiled code, without the context that their definitions take first
@@ -29,12 +27,7 @@ BEYOND = 7  # more of them for ratios up to 1e46
 TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
 
 
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of compiled code that is compiled where it is called."""
-    return njit(error_model="numpy", forceinline=True)(function)
-
-
-@inlined
+@straight
 def largest_root(u: Any, v: Any) -> Any:
     """Of y^3 + u y + v with three real roots, by Newton's method: double-double; and the last change, a double."""
     first, last = upper(u), upper(v)
@@ -53,14 +46,14 @@ def largest_root(u: Any, v: Any) -> Any:
     return root, size(change)
 
 
-@inlined
+@straight
 def either(test: Any, x: Any, y: Any) -> Any:
     """The double-double x where test < 0, else y."""
     first, second = upper(x), upper(y)
     return pair(where_less(test, 0.0, first, second), where_less(test, 0.0, upper(x - first), upper(y - second)))
 
 
-@inlined
+@straight
 def complete(a: Any, g: Any, p: Any) -> Any:
     """M(a, g), the sum S with R_J(0, a^2, g^2, p^2) = 3 pi S/(4 M p^2), and the relative error: double-doubles.
 
@@ -69,7 +62,7 @@ def complete(a: Any, g: Any, p: Any) -> Any:
     return _completed(a, g, p, MEANS)
 
 
-@inlined
+@straight
 def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
     """The same; where `beyond` > 0 for a/g up to 6e13."""
     mean, total, error = _completed(a, g, p, MEANS)
@@ -80,7 +73,7 @@ def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
     return mean, total, error
 
 
-@inlined
+@straight
 def _completed(a: Any, g: Any, p: Any, steps: Any) -> Any:
     term, total = a / a, 0 * a
     for _ in range(steps):
@@ -94,27 +87,27 @@ def _completed(a: Any, g: Any, p: Any, steps: Any) -> Any:
     return mean, total + 2 * term * p / (mean + p), apart * apart
 
 
-@inlined
+@straight
 def _descended(level: Any, a: Any, mean: Any, g: Any) -> Any:
     c, d = level
     ratio = c * c / mean
     return c * d, (g + ratio) / (a + ratio)
 
 
-@inlined
+@straight
 def cs(a: Any, g: Any, angle: Any) -> Any:
     """Jacobi's function of that name, times a, at u = a angle/M(a, g), 0 < angle <= pi/4, where k' = g/a."""
     cos, sin = cos_sin(angle)
     return cs_of(a, g, cos, sin)
 
 
-@inlined
+@straight
 def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
     """The same from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
     return _level(a, g, cos, sin)[0]
 
 
-@inlined
+@straight
 def cs_beyond(a: Any, g: Any, cos: Any, sin: Any, beyond: Any) -> Any:
     """The same; where `beyond` > 0 for a/g up to 6e13."""
     found = cs_of(a, g, cos, sin)
@@ -128,7 +121,7 @@ def cs_beyond(a: Any, g: Any, cos: Any, sin: Any, beyond: Any) -> Any:
     return found
 
 
-@inlined
+@straight
 def _level(a: Any, g: Any, cos: Any, sin: Any) -> Any:
     """cs times a, and dn."""
     a1, g1 = 0.5 * (a + g), sqrt(a * g)
@@ -146,7 +139,7 @@ def _level(a: Any, g: Any, cos: Any, sin: Any) -> Any:
     return _descended(level, a, a1, g)
 
 
-@inlined
+@straight
 def arctan_ratio(e: Any) -> Any:
     """arctan(x)/x, e = x^2: after three bisections of the angle by its series."""
     factor = 1.0 + 0.0 * e
@@ -169,19 +162,19 @@ def arctan_ratio(e: Any) -> Any:
     return factor * (1.0 - e * total)
 
 
-@inlined
+@straight
 def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     """R_J(x, y, z, p) by duplication (Carlson), delta = (p - x)(p - y)(p - z) >= 0."""
     return _duplicated(x, y, z, p, delta, DUPLICATIONS)
 
 
-@inlined
+@straight
 def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     """The same for arguments far apart."""
     return _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
 
 
-@inlined
+@straight
 def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     mean = 0.2 * (x + y + z + 2.0 * p)
     small_x, small_y, small_z = mean - x, mean - y, mean - z
@@ -204,7 +197,7 @@ def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     return part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
 
 
-@inlined
+@straight
 def cos_sin(x: Any) -> Any:
     """Of an angle of at most pi/4, by Taylor's series."""
     e = x * x
@@ -217,7 +210,7 @@ def cos_sin(x: Any) -> Any:
     return 1.0 - e * (0.5 - e * c), fma(x * e, s, x)
 
 
-@inlined
+@straight
 def of_turns(part: Any) -> Any:
     """Cos and sin of 2 pi part, |part| <= 1/2."""
     quarter = nearest(4.0 * part)

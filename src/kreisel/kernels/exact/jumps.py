@@ -40,7 +40,7 @@ WORK = 200  # a jump is worth so many steps of a map in an ensemble
 TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py", "rotating.py")
 
 FUNCTION = """
-@njit(error_model="numpy", forceinline=True)
+@straight
 def {name}({arguments}):
 {body}
     return {result}
@@ -51,23 +51,21 @@ KERNEL = """
 MOST = 64  # maps in a jump
 
 
-@njit("Tuple((f8[:,:,::1], b1[:,::1]))(f8[:,::1], f8[:,::1], f8[::1], f8)", {options})
-def jump(z, c, times, step):
-    lanes, rows = len(z), len(times) * len(z)
+@njit("void(f8[:,::1], f8[:,::1], f8[::1], f8, f8[:,::1], f8[:,::1])", {options})
+def jump(z, c, times, step, out, off):
+    lanes, rows = len(z), len(out)
 {single}
     states, constants, when = np.empty((rows, {state})), np.empty((rows, {constants})), np.empty((rows, 1))
-    out, off, right = np.empty((rows, {state})), np.empty((rows, 1)), np.empty((len(times), lanes), dtype=np.bool_)
     for k in range(rows):
-        states[k], constants[k], when[k, 0] = z[k % lanes], c[k % lanes], times[k // lanes]
+        put_numbers(states, (k,), numbers(z, (k % lanes,), {state}, ()), ())
+        put_numbers(constants, (k,), numbers(c, (k % lanes,), {constants}, ()), ())
+        when[k, 0] = times[k // lanes]
     for row in range(0, rows, {width}):
         (number,) = gather(when, (), 1, row, rows, {width})
         t = pair(number, 0.0 * number) * step
         now = gather(states, (), {state}, row, rows, {width})
         known = gather(constants, (), {constants}, row, rows, {width})
 {body}
-    for k in range(rows):
-        right[k // lanes, k % lanes] = off[k, 0] <= {tolerance!r}
-    return out.reshape((len(times), lanes, {state})), right
 """
 
 TOP = """
@@ -103,16 +101,17 @@ BODY = """
 # A number takes 1.1 us, a vector of eight 1.7 us.
 SINGLE = """
     if rows == 1:
-        now, known, one = ({now}), ({known}), np.empty((1, 1, {state}))
+        now, known = numbers(z, (0,), {state}, ()), numbers(c, (0,), {constants}, ())
         new = rotated(moments({pairs}), begin(*now), pair(times[0], 0.0) * step)
-        for k, x in enumerate(finish(*now, *new[:7])):
-            one[0, 0, k] = x
-        return one, np.full((1, 1), new[7] <= {tolerance!r})
+        put_numbers(out, (0,), finish(*now, *new[:7]), ())
+        off[0, 0] = new[7]
+        return
 """
 
 IMPORTS = """from kreisel.kernels._numba.double_double import pair
 from kreisel.kernels._numba.fused import largest, nearest, where_less
-from kreisel.kernels._numba.vector_type import gather, scatter
+from kreisel.kernels._numba.straight import straight
+from kreisel.kernels._numba.vector_type import gather, numbers, put_numbers, scatter
 from kreisel.kernels.exact.elliptic import of_turns
 from kreisel.kernels.exact.nutating import leap
 from kreisel.kernels.exact.rotating import rotated
@@ -191,7 +190,6 @@ def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
         + functions
         + KERNEL.format(
             options=EXACT,
-            tolerance=TOLERANCE,
             width=register_width(),
             state=state,
             constants=constants,
@@ -265,10 +263,8 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
         BODY.format(pairs=pairs),
         SINGLE.format(
             pairs=pairs,
-            tolerance=TOLERANCE,
             state=state,
-            now=", ".join(f"z[0, {k}]" for k in range(state)),
-            known=", ".join(f"c[0, {k}]" for k in range(constants)),
+            constants=constants,
         ),
     )
 
@@ -294,10 +290,14 @@ class Jumps:
         At the exact products of `times` and `unit`.
         """
         z, c, count = np.ascontiguousarray(z), self._constants, len(z)
+        out, off = np.empty((len(times), *z.shape)), np.empty((len(times), count))
 
-        def jump(first: int, last: int) -> Any:
-            return self._jump(z[first:last], c[first:last], times, unit)
+        def jump(first: int, last: int) -> None:
+            rows = len(times) * (last - first)
+            states, errors = np.empty((rows, z.shape[1])), np.empty((rows, 1))
+            self._jump(z[first:last], c[first:last], times, unit, states, errors)
+            out[:, first:last] = states.reshape(len(times), last - first, -1)
+            off[:, first:last] = errors.reshape(len(times), -1)
 
-        found = on_threads(count, WORK * count * len(times) if count > 1 else 0, jump)
-        out, right = found[0] if len(found) == 1 else (np.concatenate(each, 1) for each in zip(*found, strict=True))
-        return out, right
+        on_threads(count, WORK * count * len(times) if count > 1 else 0, jump)
+        return out, off <= TOLERANCE

@@ -8,13 +8,13 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
+from kreisel.kernels._numba.straight import straight
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
     arctan_ratio,
     complete,
     cs,
-    inlined,
     largest_root,
     nearest,
     pair,
@@ -32,7 +32,7 @@ STEEP = 200.0  # energy/(x3 - x2): beyond, doubles lose more than a digit and a 
 LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than it can without loss
 
 
-@inlined
+@straight
 def leap(known: Any, alphas: Any, t: Any, turning: Any, length: Any) -> Any:
     """The flow over t as `count` times D_eps with the constant r, then a turn about p; and what it may be off.
 
@@ -83,7 +83,7 @@ def leap(known: Any, alphas: Any, t: Any, turning: Any, length: Any) -> Any:
     return count, eps, r, above[0] / upper(above[1]), left, right, off + still, off + least + more
 
 
-@inlined
+@straight
 def axis_of(P2: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
     """What turns about p take: 0 or 1, |p|, c and K, and what `period_of` returns; 0 where p = 0: they do not count."""
     zero = 0.0 * upper(P2)
@@ -95,7 +95,7 @@ def axis_of(P2: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
     return heavy, p, c, K, mean, period, n, last
 
 
-@inlined
+@straight
 def turned_by(axis: Any, maps: Any, alpha: Any, t: Any, turning: Any) -> Any:
     """The turn about an axis in turns, and the size of that by `alpha`."""
     heavy, p, c, K, _, period, _, _ = axis
@@ -111,7 +111,7 @@ def turned_by(axis: Any, maps: Any, alpha: Any, t: Any, turning: Any) -> Any:
     return (upper(turned) - count * direction * theta * TURN[0]) * heavy, size(upper(own)) * heavy
 
 
-@inlined
+@straight
 def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
     """What a rounding of double-doubles does to the turn of a period."""
     heavy, p, c, K, mean, _, n, _ = axis
@@ -121,7 +121,7 @@ def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
     return heavy * (size(lean) + blur / n) / upper(mean)
 
 
-@inlined
+@straight
 def period_of(p: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
     """The mean M with omega_1 = pi/M, theta_P, x3 + c^2/P2 and the error of M: `square` = (x3 - x1)(x3 - x2).
 
@@ -141,7 +141,7 @@ def period_of(p: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
     return mean, pi * (1.0 - over) - 2 * turning(p, c, K, pi / mean, third), upper(n), last
 
 
-@inlined
+@straight
 def remainder(E: Any, u: Any, shape: Any, part: Any, h: Any) -> Any:
     """In doubles, the count of the maps for the rest h of the time, `part` of a period, and x0 - x3 and the like.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
+from kreisel.kernels._numba.straight import straight
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
@@ -18,7 +19,6 @@ from kreisel.kernels.exact.elliptic import (
     cs_beyond,
     either,
     fma,
-    inlined,
     largest,
     nearest,
     of_turns,
@@ -40,44 +40,44 @@ CLOSE = 1e-3  # of L^2 - 2T I_2 to its terms: nearer, it is a sum of triples of 
 TRIPLE = 2.0**-155  # a rounding of these, some together
 
 
-@inlined
+@straight
 def in_order(test: Any, x: Any, y: Any) -> Any:
     """(y, x) where test < 0, else (x, y): numbers."""
     return where_less(test, 0.0, y, x), where_less(test, 0.0, x, y)
 
 
-@inlined
+@straight
 def _sorted(test: Any, I: Any, J: Any, M: Any, N: Any) -> Any:  # noqa: E741
     return either(test, J, I), either(test, I, J), where_less(test, 0.0, N, M), where_less(test, 0.0, M, N)
 
 
-@inlined
+@straight
 def _double_double_square(x: Any) -> Any:
     wide = pair(x, 0.0 * x)
     return wide * wide
 
 
-@inlined
+@straight
 def _two_sum(x: Any, y: Any) -> Any:
     total = x + y
     part = total - x
     return total, (x - (total - part)) + (y - part)
 
 
-@inlined
+@straight
 def _two_product(x: Any, y: Any) -> Any:
     product = x * y
     return product, fma(x, y, -product)
 
 
-@inlined
+@straight
 def _halves(x: Any) -> Any:
     """The two numbers of a double-double."""
     first = upper(x)
     return first, upper(x - first)
 
 
-@inlined
+@straight
 def _apart(x: Any, y: Any) -> Any:
     """x - y, double-doubles whose difference is one, exactly: two numbers."""
     (x0, x1), (y0, y1) = _halves(x), _halves(y)
@@ -88,7 +88,7 @@ def _apart(x: Any, y: Any) -> Any:
     return _two_sum(c, d + (b + r1))
 
 
-@inlined
+@straight
 def _triple(x: Any, y: Any) -> Any:
     """The product of three and of two numbers that stand for their sums, as three: 159 bits but for some."""
     (x0, x1, x2), (y0, y1) = x, y
@@ -102,7 +102,7 @@ def _triple(x: Any, y: Any) -> Any:
     return a, b, c
 
 
-@inlined
+@straight
 def _gap(I1: Any, I2: Any, I3: Any, N1: Any, N3: Any) -> Any:
     """I_1 I_3 (L^2 - 2T I_2) = N_3^2 I_1 (I_3 - I_2) - N_1^2 I_3 (I_2 - I_1), where its terms nearly cancel."""
     zero = 0.0 * N1
@@ -116,7 +116,7 @@ def _gap(I1: Any, I2: Any, I3: Any, N1: Any, N3: Any) -> Any:
     return pair(first, second)
 
 
-@inlined
+@straight
 def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     """The momentum after t, the turn g(0)^-1 g(t) as a quaternion, and what the phases may be off, in turns.
 
@@ -169,7 +169,7 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     return N1, N2, N3, w, x, y, z, off
 
 
-@inlined
+@straight
 def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     """The same for axes in the order of `kreisel.exact.rotor`, M_3 >= 0, whose formulas these are."""
     I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, terms, width = known
@@ -228,12 +228,12 @@ def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     return N1, N2, N3, w, x, y, z, off + far + lost * rest
 
 
-@inlined
+@straight
 def _within(turns: Any) -> Any:
     return turns - nearest(turns)
 
 
-@inlined
+@straight
 def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any) -> Any:
     """(cn, sn, dn) at u_0 + 2 K part + late, |part| <= 1/2, and psi there less psi at u_0 and the mean, in doubles.
 
@@ -282,21 +282,21 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     return cn, sn, dn, ripple
 
 
-@inlined
+@straight
 def _root(x: Any) -> Any:
     """Of a double-double, 0 too."""
     flat = where_less(0.0, upper(x), 0.0, 1.0 + 0.0 * upper(x))
     return sqrt(x + flat) - flat
 
 
-@inlined
+@straight
 def _times(x: Any, y: Any) -> Any:
     """The double-double x times the number y, as a number."""
     first = upper(x)
     return fma(first, y, upper(x - first) * y)
 
 
-@inlined
+@straight
 def _on_circle(cn: Any, sn: Any) -> Any:
     """The same with cn^2 + sn^2 = 1, so that energy and |M| stay."""
     c2, s2 = cn * cn, sn * sn
@@ -304,7 +304,7 @@ def _on_circle(cn: Any, sn: Any) -> Any:
     return fma(left, cn, cn), fma(left, sn, sn)
 
 
-@inlined
+@straight
 def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
     """Q of (v, k_1), from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
     sn, cn, dn = functions
@@ -317,7 +317,7 @@ def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
     return s * s2 * third_kind(c2, d2, 1.0 + 0.0 * s2, 1.0 + beta * s2, delta) / 3.0
 
 
-@inlined
+@straight
 def _behind(functions: Any, shape: Any) -> Any:
     """2T t/L - psi from u = 0, cn >= 0, where k' is small: it stays below pi, and small errors of u are small in it."""
     (sn, cn, dn), ((a1, a2, a3), L, rest) = functions, shape
@@ -332,7 +332,7 @@ def _behind(functions: Any, shape: Any) -> Any:
     return x * arctan_ratio(x * x) + area
 
 
-@inlined
+@straight
 def between(first: Any, N: Any, L: Any, cos: Any, sin: Any) -> Any:
     """The quaternion p(first)^-1 z p(N), z = (cos, 0, 0, sin)."""
     A0, A = L + first[2], L + N[2]
