@@ -60,7 +60,8 @@ def push(z, c, s, dz, dc, ds, out, every):
     for row in range(out.shape[0]):
         for _ in range(every):
 {steps}
-        out[row] = dz
+        for k in range(dz.shape[1]):
+            put_numbers(out, (row,), numbers(dz, (), {d}, (k,)), (k,))
 """
 STAGES = "for stage in range(s.shape[0]):"
 

@@ -34,7 +34,9 @@ from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 PULL = """
 @njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8)", {options})
 def pull_all(z, c, s, p, pairs, forces, stage):
-    forces[:] = 0.0
+    for lane in range(len(forces)):
+        for k in range({count}):
+            forces[lane, k] = 0.0
     for pair in range(len(pairs)):
         i, j = pairs[pair, 0], pairs[pair, 1]
         f = numbers(forces, (i,), {count}, ()) + numbers(forces, (j,), {count}, ())
@@ -69,7 +71,8 @@ def kernel(z, c, s, p, pairs, out, every):
                     lane = block * WIDTH
                     scatter(z, (), lane, lanes, kick({state} + {pulled}{of_known}{of_stage}))
 {close}
-        out[row] = z
+        for lane in range(lanes):
+            put_numbers(out, (row, lane), numbers(z, (lane,), {size}, ()), ())
 """
 
 
@@ -173,6 +176,7 @@ def source_of(record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[s
             options=EXACT,
             width=width,
             forces=forces,
+            size=size,
             known=known,
             staged=staged,
             begin=indented(begin, 8),

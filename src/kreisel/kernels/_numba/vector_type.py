@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any
 
 from llvmlite import ir
@@ -145,18 +146,24 @@ def _numbers(width: int) -> Any:
     return VectorType(width) if width > 1 else types.float64
 
 
+def _along(context: Any, builder: ir.IRBuilder, kind: Any, array: Any, count: int, lead: Any, tail: Any) -> list[Any]:
+    """Pointers to array[lead, 0, tail], array[lead, 1, tail], ...; the numbers of a row lie side by side."""
+    first = _element(context, builder, kind, array, [*lead, INTEGER(0), *tail])
+    made = context.make_array(kind)(context, builder, array)
+    apart = [builder.extract_value(made.shape, kind.ndim - len(tail) + i) for i in range(len(tail))]
+    places = [reduce(builder.mul, apart, INTEGER(j)) for j in range(count)]
+    return [builder.gep(first, [place]) for place in places]
+
+
 @intrinsic(prefer_literal=True)
 def numbers(typing_context: Any, array: Any, lead: Any, count: Any, tail: Any) -> Any:
     """The numbers 0, 1, ... of array[lead, :, tail], as many as `count`, which is written out."""
     out, leads, tails = types.UniTuple(types.float64, count.literal_value), _places_of(lead), _places_of(tail)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        at = [
-            cgutils.unpack_tuple(builder, value, len(kind)) for value, kind in ((values[1], leads), (values[3], tails))
-        ]
-        each = [[*at[0], INTEGER(j), *at[1]] for j in range(out.count)]
-        found = [builder.load(_element(context, builder, form.args[0], values[0], indices)) for indices in each]
-        return context.make_tuple(builder, out, found)
+        at = [cgutils.unpack_tuple(builder, values[i], len(form.args[i])) for i in (1, 3)]
+        places = _along(context, builder, form.args[0], values[0], out.count, *at)
+        return context.make_tuple(builder, out, [builder.load(place) for place in places])
 
     return signature(out, array, leads, count, tails), emit
 
@@ -164,17 +171,15 @@ def numbers(typing_context: Any, array: Any, lead: Any, count: Any, tail: Any) -
 @intrinsic
 def put_numbers(typing_context: Any, array: Any, lead: Any, given: Any, tail: Any) -> Any:
     """Put numbers into array[lead, :, tail]."""
-    leads, tails = _places_of(lead), _places_of(tail)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        at = [
-            cgutils.unpack_tuple(builder, value, len(kind)) for value, kind in ((values[1], leads), (values[3], tails))
-        ]
-        for j, number in enumerate(cgutils.unpack_tuple(builder, values[2], len(given))):
-            place = _element(context, builder, form.args[0], values[0], [*at[0], INTEGER(j), *at[1]])
+        at = [cgutils.unpack_tuple(builder, values[i], len(form.args[i])) for i in (1, 3)]
+        places = _along(context, builder, form.args[0], values[0], len(given), *at)
+        for number, place in zip(cgutils.unpack_tuple(builder, values[2], len(given)), places, strict=True):
             builder.store(number, place)
         return context.get_dummy_value()
 
+    leads, tails = _places_of(lead), _places_of(tail)
     return signature(types.void, array, leads, types.UniTuple(types.float64, len(given)), tails), emit
 
 
@@ -191,16 +196,17 @@ def gather(typing_context: Any, array: Any, lead: Any, columns: Any, first: Any,
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         before = cgutils.unpack_tuple(builder, values[1], len(form.args[1]))
 
-        def number(at: Any, j: int) -> Any:
-            return builder.load(_element(context, builder, form.args[0], values[0], [*before, at, at.type(j)]))
+        def row(at: Any) -> list[Any]:
+            places = _along(context, builder, form.args[0], values[0], out.count, [*before, at], ())
+            return [builder.load(place) for place in places]
 
         if not isinstance(kind, VectorType):
-            return context.make_tuple(builder, out, [number(values[3], j) for j in range(out.count)])
+            return context.make_tuple(builder, out, row(values[3]))
         builder.function.attributes.add("nounwind")  # llvmlite prints the other one only beside it
         builder.function.attributes.alignstack = 8 * kind.width  # or what is spilled lies across cache lines
         vectors = [ir.Constant(kind.llvm, ir.Undefined)] * out.count
         for i, at in enumerate(_places(builder, kind.width, *values[3:5])):
-            vectors = [builder.insert_element(v, number(at, j), INDEX(i)) for j, v in enumerate(vectors)]
+            vectors = [builder.insert_element(v, x, INDEX(i)) for v, x in zip(vectors, row(at), strict=True)]
         return context.make_tuple(builder, out, vectors)
 
     lead = _places_of(lead)
@@ -217,15 +223,17 @@ def scatter(typing_context: Any, array: Any, lead: Any, first: Any, end: Any, ve
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
         before = cgutils.unpack_tuple(builder, values[1], len(form.args[1]))
         columns = cgutils.unpack_tuple(builder, values[4], len(vectors))
+
+        def put(at: Any, given: list[Any]) -> None:
+            places = _along(context, builder, form.args[0], values[0], len(given), [*before, at], ())
+            for number, place in zip(given, places, strict=True):
+                builder.store(number, place)
+
         if not isinstance(vectors.dtype, VectorType):
-            for j, number in enumerate(columns):
-                at = [*before, values[2], values[2].type(j)]
-                builder.store(number, _element(context, builder, form.args[0], values[0], at))
+            put(values[2], columns)
             return context.get_dummy_value()
         for i, at in enumerate(_places(builder, vectors.dtype.width, *values[2:4])):
-            for j, column in enumerate(columns):
-                place = _element(context, builder, form.args[0], values[0], [*before, at, at.type(j)])
-                builder.store(builder.extract_element(column, INDEX(i)), place)
+            put(at, [builder.extract_element(column, INDEX(i)) for column in columns])
         return context.get_dummy_value()
 
     lead = _places_of(lead)
