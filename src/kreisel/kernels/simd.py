@@ -54,8 +54,8 @@ def simd_source(record: Recording, options: str, weave: Weave, lanes: int) -> st
     """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     from kreisel.kernels._numba.vector_type import register_width
 
-    functions = Functions.of(record)
     width = register_width() if lanes > 1 and record.straight else 1
+    functions = Functions.of(record, width > 1)
     vectors = 1 if width == 1 else 4 if functions.lines <= FOUR_VECTORS else 2 if functions.short else 1
     while vectors > 1 and (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
         vectors //= 2
@@ -86,8 +86,8 @@ class Functions(NamedTuple):
         return self.lines <= TWO_VECTORS
 
     @classmethod
-    def of(cls, record: Recording) -> Functions:
-        """Those of a recorded step."""
+    def of(cls, record: Recording, overlap: bool = True) -> Functions:
+        """Those of a recorded step; `overlap`: in the order for several of them at a time, if it is short."""
         by_stage, early, fixed, late, of_stage, pieces = record.varying()
         constants, varying = record.used("c"), record.used("s")
         words = {name for piece in pieces for name in piece.words}
@@ -106,7 +106,7 @@ class Functions(NamedTuple):
                 "k": known,
                 **({"v": staged} if piece.part.staged and staged else {}),
             }
-            ordered = latest(piece.lines) if lines <= TWO_VECTORS else piece.lines
+            ordered = latest(piece.lines) if overlap and lines <= TWO_VECTORS else piece.lines
             text += function_of_tuples(piece.part.name, given, ordered, piece.new)
         return cls(text, known, staged, by_stage, pieces[-1].part.name == "close", lines)
 
