@@ -42,7 +42,7 @@ def numbers(z, out):
 @njit("void(f8[:,::1], f8[:,:,::1])", error_model="numpy")
 def vectors(z, out):
     for first in range(0, len(z), 4):
-        x, y = gather(z, (), 2, first, len(z), 4)
+        x, y = gather(z, 2, first, len(z), 4)
         scatter(out, (1,), first, len(z), operations(x, y))
 
 
@@ -50,7 +50,7 @@ def vectors(z, out):
 def through_scratch(z, out):
     w = np.empty((3, 4))
     for first in range(0, len(z), 4):
-        store(w, 1, gather(z, (), 2, first, len(z), 4))
+        store(w, 1, gather(z, 2, first, len(z), 4))
         scatter(out, (), first, len(z), load(w, 1, 2, 4))
 """
 

@@ -149,11 +149,7 @@ class Code:
         return parts if self.close is None else [*parts, ("close", self.close, {**names, "s": []})]
 
     def _arguments(self, part: str) -> str:
-        return f"x, known, {self._of_stage}" if part == "step" else "x, known, ()"
-
-    @property
-    def _of_stage(self) -> str:
-        return f"numbers(s, (stage,), {self.sizes[2]}, ())"
+        return f"x, known, numbers(s, (stage,), {self.sizes[2]}, ())" if part == "step" else "x, known, ()"
 
     def _steps(self, keep: Sequence[str]) -> tuple[str, list[str]]:
         """The functions of a step, and its lines, with `keep` before each part of it."""

@@ -19,6 +19,7 @@ from kreisel.kernels.projection.program import recordable
 from kreisel.kernels.recording import (
     Recording,
     columns_of,
+    count_of,
     flat_constants,
     indented,
     recorded_arguments,
@@ -210,8 +211,7 @@ def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> 
     for letter, at in (("c", "(i,)"), ("s", "(i, stage)"), ("p", "(pair,)")):
         if names := sorted(name for name in used if name[0] == letter and name[1:].isdigit()):
             given[letter] = names
-            count = max(place.stop for place in columns[letter].values())
-            more += f", numbers({letter}, {at}, {count}, ())"
+            more += f", numbers({letter}, {at}, {count_of(columns[letter])}, ())"
     sums = [f if source == "0.0" else f"{f} + {source}" for f, source in zip(given["f"], sources, strict=True)]
     return function_of_tuples("pull", given, lines, sums) + PULL.format(
         options=EXACT, size=size, count=len(values) // 2, more=more

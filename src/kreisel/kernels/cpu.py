@@ -25,7 +25,7 @@ from kreisel.kernels.projection.compiled import CompiledProjection, Weave, compi
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
 from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
-from kreisel.kernels.recording import Recording, flat_constants, indented, recorded_outputs, special_constants
+from kreisel.kernels.recording import Recording, count_of, flat_constants, indented, recorded_outputs, special_constants
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import TooLong
 from kreisel.kernels.threads import on_threads
@@ -75,14 +75,13 @@ STEP = """for stage in range(s.shape[1]):
 OBSERVE = """
 @njit("void(f8[:,:,::1], f8[:,::1], f8[:,:,::1])", {options})
 def kernel(z, c, out):
-    lanes = z.shape[1]
     for row in range(z.shape[0]):
-        for lane in range(lanes):
-            scatter(out, (row,), lane, lanes, observe({given}))
+        for lane in range(z.shape[1]):
+            put_numbers(out, (row, lane), observe({given}), ())
 """
 
 RATE = """
-@njit("void(f8[:,::1], f8[:,::1], f8[:,::1])", {options})
+@njit("void(f8[::1], f8[::1], f8[::1])", {options})
 def kernel(z, c, out):
 {body}
 """
@@ -183,9 +182,8 @@ class CpuEngine(SteppedEngine):
         more = self._woven.arguments if self._woven else ()
 
         def work_on(first: int, last: int) -> None:
-            room = self._woven.room if self._woven else None
-            address = () if room is None else (room.ctypes.data,)
-            self._kernel(self.z, self.constants, self.stages, out, every, first, last, *more, *address)
+            room = (self._woven.room(first),) if self._woven else ()
+            self._kernel(self.z, self.constants, self.stages, out, every, first, last, *more, *room)
 
         on_threads(len(self.z), len(out) * every * len(self.z), work_on)
 
@@ -313,13 +311,13 @@ def _observing(
         return None
     used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}
     size = sum(layout.coordinate_count(kind, scheme.n) for kind in scheme.kinds)
-    width = max((place.stop for place in columns.values()), default=0)
     constants = sorted(name for name in used if name[0] == "c" and name[1:].isdigit())
     given = {"z": [f"z{i}" for i in range(size)], **({"c": constants} if constants else {})}
-    rows = [simd.gathered("z", size, lead="(row,)")] + [simd.gathered("c", width)] * bool(constants)
+    rows = f"numbers(z, (row, lane), {size}, ())"
+    rows += f", numbers(c, (lane,), {count_of(columns)}, ())" if constants else ""
     source = HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}") + simd.HEAD
     source += simd.function_of_tuples("observe", given, found.lines, found.values)
-    source += OBSERVE.format(options=EXACT, given=", ".join(rows).format(here="lane, lanes"))
+    source += OBSERVE.format(options=EXACT, given=rows)
     return load_kernel(source).kernel, len(found.values), found.places
 
 
@@ -333,19 +331,21 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
     constants, columns = flat_constants(scheme, lanes)
     record = Recording(scheme, np.full_like(constants, np.nan), columns)
     if record.places:
-        load, store = record.load("z[0, ", 4) + "\n" + record.load_constants("c", "c[0, ", 4), "out[0, "
-        functions, body = "", "\n".join([load, record.body(4), record.save(store, record.state, 4)])
+        load = [record.load("z[", 4), record.load_constants("c", "c[", 4)]
+        functions, body = "", "\n".join([*load, record.body(4), record.save("out[", record.state, 4)])
     else:
-        given = {"z": record.state, "c": record.used("c")}
-        functions = simd.HEAD + simd.function_of_tuples("rate", given, record.pieces[0].lines, record.pieces[0].new)
-        rows = [simd.gathered("z", len(record.state))] + [simd.gathered("c", constants.shape[1])] * bool(given["c"])
-        body = f"    scatter(out, (), 0, 1, rate({', '.join(rows).format(here='0, 1')}))"
+        piece, known = record.pieces[0], record.used("c")
+        given = {"z": record.state, **({"c": known} if known else {})}
+        functions = simd.HEAD + simd.function_of_tuples("rate", given, piece.lines, piece.new)
+        rows = f"numbers(z, (), {len(record.state)}, ())"
+        rows += f", numbers(c, (), {count_of(columns)}, ())" if known else ""
+        body = f"    put_numbers(out, (), rate({rows}), ())"
     source = _head(scheme, record) + functions + RATE.format(options=FAST if record.places else EXACT, body=body)
     kernel = load_kernel(source).kernel
 
     def rate(t: float, y: Floats, c: Floats) -> Floats:
-        out = np.empty((1, len(y)))
-        kernel(np.ascontiguousarray(y)[None], c[None], out)
-        return out[0]
+        out = np.empty_like(y)
+        kernel(np.ascontiguousarray(y), c, out)
+        return out
 
     return rate

@@ -108,7 +108,7 @@ class Recording:
 
     def count(self, letter: str) -> int:
         """How many constants of that letter there are."""
-        return max((place.stop for place in self.columns[letter].values()), default=0)
+        return count_of(self.columns[letter])
 
     def varying(self) -> Varying:
         """The pieces without what does not vary from step to step."""
@@ -208,6 +208,11 @@ class Recording:
             for (kind, place, _), name in zip(self.places, names, strict=True)
         ]
         return indented(lines, indent)
+
+
+def count_of(columns: Mapping[str, slice]) -> int:
+    """How many numbers a row has in which constants stand like this."""
+    return max((place.stop for place in columns.values()), default=0)
 
 
 def names_of(lines: list[Line]) -> list[str]:

@@ -101,11 +101,8 @@ class Functions(NamedTuple):
         if staged:
             text += function_of_tuples("staged", {"k": known, "s": varying}, of_stage, staged)
         for piece in pieces:
-            given = {
-                "z": record.names(piece.part),
-                "k": known,
-                **({"v": staged} if piece.part.staged and staged else {}),
-            }
+            given = {"z": record.names(piece.part), "k": known}
+            given |= {"v": staged} if piece.part.staged and staged else {}
             ordered = latest(piece.lines) if overlap and lines <= TWO_VECTORS else piece.lines
             text += function_of_tuples(piece.part.name, given, ordered, piece.new)
         return cls(text, known, staged, by_stage, pieces[-1].part.name == "close", lines)
@@ -153,9 +150,9 @@ def _kernel_source(
     )
 
 
-def gathered(array: str, count: int, width: int = 1, lead: str = "()") -> str:
+def gathered(array: str, count: int, width: int) -> str:
     """The columns of the rows {here} of an array, as text."""
-    return f"gather({array}, {lead}, {count}, {{here}}, {width})"
+    return f"gather({array}, {count}, {{here}}, {width})"
 
 
 def function_of_tuples(name: str, given: Mapping[str, list[str]], lines: list[Line], result: list[str]) -> str:

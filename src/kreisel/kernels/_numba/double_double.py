@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
+from numba.core.typing.templates import signature
+from numba.extending import intrinsic, models, register_model
 
-from kreisel.kernels._numba.vector_type import VectorType, broadcast, everywhere, llvm_intrinsic
+from kreisel.kernels._numba.vector_type import VectorType, llvm_intrinsic
 
 Two = tuple[Any, Any]  # the upper and the lower double
 fused = llvm_intrinsic("fma")
@@ -90,34 +90,6 @@ def _pair_sqrt(builder: ir.IRBuilder, x: Two) -> Two:
     return _ordered(builder, root, builder.fdiv(rest, builder.fadd(root, root)))
 
 
-def common(kinds: Sequence[Any]) -> Pair | None:
-    """The one type of double-doubles among those of numbers, vectors and double-doubles."""
-    if not all(isinstance(kind, Pair | VectorType | types.Float | types.Integer) for kind in kinds):
-        return None
-    elements = {kind.element if isinstance(kind, Pair) else kind for kind in kinds}
-    vectors = {kind for kind in elements if isinstance(kind, VectorType)}
-    if len(vectors) > 1 or not any(isinstance(kind, Pair) for kind in kinds):
-        return None
-    return Pair(vectors.pop() if vectors else types.float64)
-
-
-def _pair_operation(function: Callable[..., Any], count: int, emit: Callable[..., Two]) -> None:
-    """Let compiled code take double-doubles for `function`, which has `count` arguments."""
-
-    class Template(AbstractTemplate):
-        def generic(self, kinds: Sequence[Any], keywords: Any) -> Any:
-            kind = common(kinds) if len(kinds) == count else None
-            return None if kind is None else signature(kind, *[kind] * count)
-
-    def lower(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        kind = form.return_type
-        parts = [pair_parts(context, builder, kind, value) for value in values]
-        return pair_value(context, builder, kind, emit(builder, *parts))
-
-    infer_global(function)(Template)
-    lower_builtin(function, *[Pair] * count)(lower)
-
-
 OPERATIONS: dict[Callable[..., Any], Callable[..., Two]] = {
     operator.add: _add,
     operator.sub: lambda builder, x, y: _add(builder, x, _negative(builder, y)),
@@ -126,29 +98,6 @@ OPERATIONS: dict[Callable[..., Any], Callable[..., Two]] = {
     operator.neg: _negative,
     math.sqrt: _pair_sqrt,
 }
-for _function, _emit in OPERATIONS.items():
-    _pair_operation(_function, 1 if _function in (operator.neg, math.sqrt) else 2, _emit)
-
-
-def _widened(context: Any, builder: ir.IRBuilder, number: Any, kind: Pair, value: Any) -> Any:
-    """A number, the same in all places of a vector, or a vector: its lower part is 0."""
-    if not isinstance(number, VectorType):
-        value = context.cast(builder, value, number, types.float64)
-        if isinstance(kind.element, VectorType):
-            value = broadcast(context, builder, types.float64, kind.element, value)
-    return pair_value(context, builder, kind, (value, everywhere(value.type, 0.0)))
-
-
-def _broadcast_pair(context: Any, builder: ir.IRBuilder, one: Any, kind: Any, value: Any) -> Any:
-    """The same double-double in all places of a vector."""
-    parts = pair_parts(context, builder, one, value)
-    upper, lower = (broadcast(context, builder, one.element, kind.element, v) for v in parts)
-    return pair_value(context, builder, kind, (upper, lower))
-
-
-for _kind in (types.Float, types.Integer, VectorType):
-    lower_cast(_kind, Pair)(_widened)
-lower_cast(Pair, Pair)(_broadcast_pair)
 
 
 @intrinsic

@@ -1,9 +1,9 @@
-"""Straight-line text as LLVM's operations: Numba types a call, not its lines, which takes a tenth of the time.
+"""Straight-line text as LLVM's operations: Numba types a call, not its lines.
 
 A function of numbers, vectors, double-doubles and tuples of them, whose text is that of a record
 (`kreisel.kernels.printing`), or written by hand in the same words: names of sums, products, quotients, of the
 functions below and of other such functions, loops of so many times, which a last line may leave
-(`if x <= small: break`), and blocks `if x > y:` that change names from before.
+(`if x <= small: break`), and blocks `if x > y:` that change names from before.  Any other text raises `TypeError`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 
 from kreisel.kernels._numba.double_double import OPERATIONS, Pair, pair_parts, pair_value
 from kreisel.kernels._numba.fused import largest_of, lesser_chosen, sign_of
-from kreisel.kernels._numba.vector_type import INDEX, VectorType, everywhere, larger, llvm_intrinsic
+from kreisel.kernels._numba.vector_type import INDEX, VectorType, everywhere, larger, llvm_intrinsic, spread
 
 Number = Any  # of LLVM: a double or a vector of them
 Value = Any  # a number of LLVM or of Python, a double-double, a tuple of values, or a function
@@ -168,8 +168,7 @@ def _broadcast(builder: ir.IRBuilder, value: Any, kind: ir.Type) -> Number:
         return everywhere(kind, value)
     if value.type == kind:
         return value
-    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, INDEX(0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(INDEX, kind.count), [0] * kind.count))
+    return spread(builder, value, kind)
 
 
 # -- the text --------------------------------------------------------------------------------------
@@ -180,6 +179,7 @@ class Lines:
 
     def __init__(self, builder: ir.IRBuilder, function: Any):
         (definition,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+        _require(isinstance(definition, ast.FunctionDef), definition)
         self._builder, self._globals, self._definition = builder, function.__globals__, definition
         self._known: dict[str, Value] = {}
 
@@ -188,6 +188,7 @@ class Lines:
         definition: Any = self._definition
         self._known = dict(zip((argument.arg for argument in definition.args.args), given, strict=True))
         *lines, last = definition.body
+        _require(isinstance(last, ast.Return), last)
         for i, line in enumerate(lines):
             if isinstance(line, ast.For):
                 self._loop(line, _named([*lines[i + 1 :], last], ast.Load))
@@ -198,13 +199,17 @@ class Lines:
         return self._value(last.value)
 
     def _line(self, line: Any) -> None:
-        if isinstance(line, ast.Assign):
+        if isinstance(line, ast.Expr):  # what the function says of itself
+            _require(isinstance(line.value, ast.Constant), line)
+        elif not isinstance(line, ast.Pass):
+            _require(isinstance(line, ast.Assign) and len(line.targets) == 1, line)
             self._assign(line.targets[0], self._value(line.value))
 
     def _assign(self, target: Any, value: Value) -> None:
         if isinstance(target, ast.Name):
             self._known[target.id] = value
         else:
+            _require(isinstance(target, ast.Tuple), target)
             for part, own in zip(target.elts, value, strict=True):
                 self._assign(part, own)
 
@@ -217,10 +222,11 @@ class Lines:
             return tuple(part for each in node.elts for part in self._parts(each))
         if isinstance(node, ast.Subscript):
             return self._value(node.value)[ast.literal_eval(node.slice)]
-        if isinstance(node, ast.BinOp):
+        if isinstance(node, ast.BinOp) and type(node.op).__name__ in FUNCTIONS:
             return self._result(type(node.op).__name__, self._value(node.left), self._value(node.right))
-        if isinstance(node, ast.UnaryOp):
+        if isinstance(node, ast.UnaryOp) and type(node.op).__name__ in FUNCTIONS:
             return self._result(type(node.op).__name__, self._value(node.operand))
+        _require(isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords, node)
         return self._call(node.func.id, [part for each in node.args for part in self._parts(each)])
 
     def _parts(self, node: Any) -> list[Value]:
@@ -228,7 +234,7 @@ class Lines:
         return [*self._value(node.value)] if isinstance(node, ast.Starred) else [self._value(node)]
 
     def _named_value(self, name: str) -> Value:
-        value = self._known[name] if name in self._known else self._globals[name]
+        value = self._known[name] if name in self._known else self._globals.get(name)
         if isinstance(value, int | float):
             return float(value)
         return tuple(map(float, value)) if isinstance(value, tuple) and name not in self._known else value
@@ -240,7 +246,10 @@ class Lines:
             return DoubleDouble(*self._alike(*values))
         if name in FUNCTIONS:
             return self._result(name, *values)
-        return Lines(self._builder, self._named_value(name).py_func).run(values)
+        function = getattr(self._named_value(name), "py_func", None)
+        if function is None:
+            raise TypeError(f"expected a function that `kreisel.kernels._numba.straight` knows, got {name}")
+        return Lines(self._builder, function).run(values)
 
     def _result(self, name: str, *given: Value) -> Value:
         function, emit = FUNCTIONS[name]
@@ -260,8 +269,9 @@ class Lines:
         return [_as(self._builder, value, wide, double) for value in values]
 
     def _loop(self, loop: Any, after: set[str]) -> None:
-        builder, most = self._builder, int(self._value(loop.iter.args[0]))
+        builder, most = self._builder, self._times(loop)
         leaves = isinstance(loop.body[-1], ast.If)
+        _require(not leaves or (isinstance(loop.body[-1].body[0], ast.Break) and not loop.body[-1].orelse), loop)
         lines = loop.body[:-1] if leaves else loop.body
         kept = self._places(_named(lines, ast.Store), after)
         count = cgutils.alloca_once_value(builder, INDEX(0))
@@ -281,7 +291,18 @@ class Lines:
         builder.position_at_end(done)
         self._read(kept)
 
+    def _times(self, loop: Any) -> int:
+        """How often the body of a loop is done, at most; none of its lines takes the number."""
+        asked: Any = loop.iter
+        plain = isinstance(asked, ast.Call) and isinstance(asked.func, ast.Name) and asked.func.id == "range"
+        _require(plain and len(asked.args) == 1 and not loop.orelse, loop)
+        _require(loop.target.id not in _named(loop.body, ast.Load), loop)
+        most = self._value(asked.args[0])
+        _require(isinstance(most, float) and most >= 1, loop)
+        return int(most)
+
     def _block(self, block: Any) -> None:
+        _require(not block.orelse, block)
         kept = self._places(_named(block.body, ast.Store), set())
         with self._builder.if_then(self._test(block.test)):
             for line in block.body:
@@ -290,6 +311,8 @@ class Lines:
         self._read(kept)
 
     def _test(self, test: Any) -> Any:
+        known = isinstance(test, ast.Compare) and len(test.ops) == 1 and type(test.ops[0]).__name__ in ORDERED
+        _require(known, test)
         sides = self._alike(self._value(test.left), self._value(test.comparators[0]))
         return self._builder.fcmp_ordered(ORDERED[type(test.ops[0]).__name__], *sides)
 
@@ -314,6 +337,11 @@ class Lines:
         for name, places in kept.items():
             numbers = [self._builder.load(place) for place in places]
             self._known[name] = DoubleDouble(*numbers) if len(numbers) == 2 else numbers[0]
+
+
+def _require(known: bool, node: Any) -> None:
+    if not known:
+        raise TypeError(f"expected text that `kreisel.kernels._numba.straight` knows, got {ast.unparse(node)!r}")
 
 
 def _named(nodes: Iterable[Any], what: type) -> set[str]:

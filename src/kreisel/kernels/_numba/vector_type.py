@@ -54,8 +54,13 @@ def broadcast(context: Any, builder: ir.IRBuilder, number: Any, kind: VectorType
     """The same number in all places."""
     if isinstance(value, ir.Constant):
         return everywhere(kind.llvm, value.constant)
-    one = builder.insert_element(ir.Constant(kind.llvm, ir.Undefined), value, INDEX(0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(INDEX, kind.width), [0] * kind.width))
+    return spread(builder, value, kind.llvm)
+
+
+def spread(builder: ir.IRBuilder, value: Any, kind: ir.VectorType) -> Any:
+    """The same, as LLVM's operations."""
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, INDEX(0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(INDEX, kind.count), [0] * kind.count))
 
 
 def everywhere(kind: ir.Type, number: float) -> ir.Constant:
@@ -184,8 +189,8 @@ def put_numbers(typing_context: Any, array: Any, lead: Any, given: Any, tail: An
 
 
 @intrinsic(prefer_literal=True)
-def gather(typing_context: Any, array: Any, lead: Any, columns: Any, first: Any, end: Any, width: Any) -> Any:
-    """The columns 0, 1, ... of the rows first, first + 1, ... of array[lead]: `columns` vectors of `width` numbers.
+def gather(typing_context: Any, array: Any, columns: Any, first: Any, end: Any, width: Any) -> Any:
+    """The columns 0, 1, ... of the rows first, first + 1, ... of `array`: `columns` vectors of `width` numbers.
 
     In place of rows from `end` on stands the one before it.  `columns` and `width` are written out; vectors of one are
     numbers.
@@ -194,23 +199,20 @@ def gather(typing_context: Any, array: Any, lead: Any, columns: Any, first: Any,
     out = types.UniTuple(kind, columns.literal_value)
 
     def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        before = cgutils.unpack_tuple(builder, values[1], len(form.args[1]))
-
         def row(at: Any) -> list[Any]:
-            places = _along(context, builder, form.args[0], values[0], out.count, [*before, at], ())
+            places = _along(context, builder, form.args[0], values[0], out.count, [at], ())
             return [builder.load(place) for place in places]
 
         if not isinstance(kind, VectorType):
-            return context.make_tuple(builder, out, row(values[3]))
+            return context.make_tuple(builder, out, row(values[2]))
         builder.function.attributes.add("nounwind")  # llvmlite prints the other one only beside it
         builder.function.attributes.alignstack = 8 * kind.width  # or what is spilled lies across cache lines
         vectors = [ir.Constant(kind.llvm, ir.Undefined)] * out.count
-        for i, at in enumerate(_places(builder, kind.width, *values[3:5])):
+        for i, at in enumerate(_places(builder, kind.width, *values[2:4])):
             vectors = [builder.insert_element(v, x, INDEX(i)) for v, x in zip(vectors, row(at), strict=True)]
         return context.make_tuple(builder, out, vectors)
 
-    lead = _places_of(lead)
-    return signature(out, array, lead, columns, types.intp, types.intp, width), emit
+    return signature(out, array, columns, types.intp, types.intp, width), emit
 
 
 @intrinsic

@@ -27,7 +27,7 @@ from kreisel.kernels import layout
 from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import arranged
-from kreisel.kernels.recording import flat_constants, indented
+from kreisel.kernels.recording import count_of, flat_constants, indented
 from kreisel.kernels.tape import Scalar, Tape, source_of
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
@@ -37,7 +37,7 @@ FEW = 10_000  # times that are jumps: the set-up of a motion in many digits take
 ROWS = 10**6  # of a run of a free body that are jumps: its set-up takes as long, 50 ms
 WORK = 200  # a jump is worth so many steps of a map in an ensemble
 # What the kernel imports beside the operations of all kernels.
-TEXTS = ("../_numba/double_double.py", "elliptic.py", "nutating.py", "rotating.py")
+TEXTS = ("elliptic.py", "nutating.py", "rotating.py")
 
 FUNCTION = """
 @straight
@@ -51,6 +51,11 @@ KERNEL = """
 MOST = 64  # maps in a jump
 
 
+@straight
+def moment(time, step):
+    return pair(time, 0.0) * step
+
+
 @njit("void(f8[:,::1], f8[:,::1], f8[::1], f8, f8[:,::1], f8[:,::1])", {options})
 def jump(z, c, times, step, out, off):
     lanes, rows = len(z), len(out)
@@ -61,10 +66,10 @@ def jump(z, c, times, step, out, off):
         put_numbers(constants, (k,), numbers(c, (k % lanes,), {constants}, ()), ())
         when[k, 0] = times[k // lanes]
     for row in range(0, rows, {width}):
-        (number,) = gather(when, (), 1, row, rows, {width})
-        t = pair(number, 0.0 * number) * step
-        now = gather(states, (), {state}, row, rows, {width})
-        known = gather(constants, (), {constants}, row, rows, {width})
+        (number,) = gather(when, 1, row, rows, {width})
+        t = moment(number, step)
+        now = gather(states, {state}, row, rows, {width})
+        known = gather(constants, {constants}, row, rows, {width})
 {body}
 """
 
@@ -102,7 +107,7 @@ BODY = """
 SINGLE = """
     if rows == 1:
         now, known = numbers(z, (0,), {state}, ()), numbers(c, (0,), {constants}, ())
-        new = rotated(moments({pairs}), begin(*now), pair(times[0], 0.0) * step)
+        new = rotated(moments({pairs}), begin(*now), moment(times[0], step))
         put_numbers(out, (0,), finish(*now, *new[:7]), ())
         off[0, 0] = new[7]
         return
@@ -178,7 +183,7 @@ def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     if jump is None:
         raise TypeError(f"the scheme {scheme.name} states no jump")
     state = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
-    constants = max(place.stop for place in columns.values())
+    constants = count_of(columns)
     if isinstance(jump, Jump):
         functions, body, single = _of_top(scheme, jump, state, columns)
     else:
@@ -206,7 +211,7 @@ def _constants_by_name(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -
 def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]) -> tuple[str, str, str]:
     """The functions of a top, and what the kernel does with them."""
     kinds, n = [kind for _, kind in scheme.components], scheme.n
-    constants, oriented = max(place.stop for place in columns.values()), "quaternion" in kinds
+    constants, oriented = count_of(columns), "quaternion" in kinds
 
     def begin(z: Array, c: Array) -> list[Any]:
         m, b, p, *alphas = jump.begin(*layout.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
@@ -243,7 +248,7 @@ def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]
 def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice]) -> tuple[str, str, str]:
     """The same of a free body."""
     kinds, n = [kind for _, kind in scheme.components], scheme.n
-    constants = max(place.stop for place in columns.values())
+    constants = count_of(columns)
 
     def begin(z: Array) -> list[Any]:
         return list(jump.begin(*layout.restore(z, kinds, n))[0])

@@ -81,6 +81,7 @@ class CompiledProjection(Corrections):
         super().__init__(programs[0].labels, every, len(z), sum(len(program.outs) for program in programs[1:]))
         self._z, self._compiled, self._room = z, project, room_of(programs, width)
         self._held: list[np.ndarray] = []  # as long as their addresses are used
+        self._rooms: dict[int, int] = {}
         make, following = self._short_table if written_out(programs) else self._table, 0
         for program in reversed(programs):
             first = program is programs[0]
@@ -109,14 +110,15 @@ class CompiledProjection(Corrections):
         """What a kernel takes for it before the address of `room`."""
         return self.done, self.every, self._compiled.address, self._first
 
-    @property
-    def room(self) -> Floats:
-        """Room for the projections of one thread."""
-        return np.zeros(self._room)
+    def room(self, first: int) -> int:
+        """The address of room for the thread whose lanes begin with this one."""
+        if first not in self._rooms:
+            self._held.append(np.zeros(self._room))
+            self._rooms[first] = self._held[-1].ctypes.data
+        return self._rooms[first]
 
     def _call(self, begin: int) -> None:
-        room = self.room
-        self._compiled.ctypes(self._first, room.ctypes.data, 0, len(self._z), begin)
+        self._compiled.ctypes(self._first, self.room(0), 0, len(self._z), begin)
 
     def begin(self, steps: int) -> None:
         """Take the values at the start from the rows z as they are now, if that many steps are projected at all."""
