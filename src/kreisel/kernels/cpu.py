@@ -123,7 +123,7 @@ def code_of(
         if programs:
             every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
             weave, project_them = woven, compiled(programs, width)
-        text = _one_by_one(record, weave) if record.places else simd.simd_source(record, EXACT, weave, len(constants))
+        text = _array_source(record, weave) if record.places else simd.simd_source(record, EXACT, weave, len(constants))
         source = _head(scheme, record) + weave.head + text
         return Code(source, load_kernel(source).kernel, record.work, tuple(programs), project_them, every, width, tried)
 
@@ -239,18 +239,19 @@ def _large_work(scheme: Scheme) -> int:
     return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
 
 
-def _one_by_one(record: Recording, weave: Weave) -> str:
+def _array_source(record: Recording, weave: Weave) -> str:
+    """The kernel of array code, one lane after the other."""
     step = STEP.format(
         stage=record.load_constants("s", "s[lane, stage, ", 4), body=record.body(4), close=record.close(0)
     )
-    load, store = record.load("z[lane, ", 0), record.save("z[lane, ", record.state, 0)
+    load, store = record.load("z[lane, ", 0), record.save("z[lane, ", 0)
     return ADVANCE.format(
-        options=FAST if record.places else EXACT,
+        options=FAST,
         types=weave.types,
         arguments=weave.arguments,
         load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines()], 8),
         steps=indented(weave.steps(step, load, store, "lane + 1"), 12),
-        save=record.save("out[row, lane, ", record.state, 12),
+        save=record.save("out[row, lane, ", 12),
         store=indented(store.splitlines(), 8),
     )
 
@@ -332,7 +333,7 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
     record = Recording(scheme, np.full_like(constants, np.nan), columns)
     if record.places:
         load = [record.load("z[", 4), record.load_constants("c", "c[", 4)]
-        functions, body = "", "\n".join([*load, record.body(4), record.save("out[", record.state, 4)])
+        functions, body = "", "\n".join([*load, record.body(4), record.save("out[", 4)])
     else:
         piece, known = record.pieces[0], record.used("c")
         given = {"z": record.state, **({"c": known} if known else {})}

@@ -171,9 +171,7 @@ class Recording:
         ]
 
     def load(self, source: str, indent: int) -> str:
-        """The state from a row."""
-        if not self.places:
-            return indented([f"{name} = {source}{i}]" for i, name in enumerate(self.state)], indent)
+        """The state of array code from a row."""
         lines = [
             f"{name} = {LOADERS[kind]}({source}{place.start}:{place.stop}], {self.n})"
             for kind, place, name in self.places
@@ -181,15 +179,12 @@ class Recording:
         return indented(lines, indent)
 
     def load_constants(self, letter: str, source: str, indent: int) -> str:
-        """The constants of that letter from a row, those that are used."""
-        lines = []
-        for name, place in self.columns[letter].items():
-            if self.places:
-                loader = ("number", "vector", "matrix")[self.scheme.axes[name]]
-                lines.append(f"{letter}_{name} = {loader}({source}{place.start}:{place.stop}], {self.n})")
-            else:
-                names = [(f"{letter}{j}", j) for j in range(place.start, place.stop)]
-                lines += [f"{entry} = {source}{j}]" for entry, j in names if entry in self.words]
+        """The constants of that letter of array code from a row."""
+        loaders = "number", "vector", "matrix"
+        lines = [
+            f"{letter}_{name} = {loaders[self.scheme.axes[name]]}({source}{place.start}:{place.stop}], {self.n})"
+            for name, place in self.columns[letter].items()
+        ]
         return indented(lines, indent)
 
     def body(self, indent: int) -> str:
@@ -200,13 +195,9 @@ class Recording:
         """What ends a step with stages."""
         return "\n".join(piece.source(self.state, indent) for piece in self.pieces[1:])
 
-    def save(self, target: str, names: list[str], indent: int) -> str:
-        if not self.places:
-            return indented([f"{target}{i}] = {name}" for i, name in enumerate(names)], indent)
-        lines = [
-            f"{STORERS[kind]}({name}, {target}{place.start}:{place.stop}])"
-            for (kind, place, _), name in zip(self.places, names, strict=True)
-        ]
+    def save(self, target: str, indent: int) -> str:
+        """The state of array code into a row."""
+        lines = [f"{STORERS[kind]}({name}, {target}{place.start}:{place.stop}])" for kind, place, name in self.places]
         return indented(lines, indent)
 
 
