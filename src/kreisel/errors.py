@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 LONGEST = 1500  # characters of a message: what was expected stands at its head, the fix at its end
 SHOWN = 100  # characters of a value in it
+MEANT = 4  # names that a part of a name may mean
 BRIEF = 40  # of one in a call
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -107,11 +108,15 @@ def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[
 
 
 def hint(word: object, known: Iterable[str]) -> str:
-    """' Did you mean 'x'?' for the known word most like `word`, or nothing."""
+    """' Did you mean 'x'?' for the known word most like `word`, or for those of which it is a part; or nothing."""
     if not isinstance(word, str):
         return ""
-    close = difflib.get_close_matches(word[:SHOWN], list(known), n=1, cutoff=0.5)
-    return f" Did you mean {close[0]!r}?" if close else ""
+    names = list(known)
+    close = sorted((name for name in names if word.lower() in name.split("-")), key=lambda name: name.count("-"))[
+        :MEANT
+    ]
+    close = close or difflib.get_close_matches(word[:SHOWN], names, n=1, cutoff=0.5)
+    return f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 
 def explained(call: F) -> F:

@@ -86,6 +86,8 @@ def test_under_forces_of_your_own(name: str, tmp_path: Path) -> None:
 
 def test_commands_write_and_refuse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     assert command(monkeypatch, tmp_path, "new", "lagrange-top") == 0
+    printed = capsys.readouterr()
+    assert "lagrange-top.toml written" in printed.err and not printed.out
     written = (tmp_path / "lagrange-top.toml").read_text()
     (tmp_path / "lagrange-top.toml").write_text(written.replace("dt = 0.02", "dt = 0.01"))
     assert command(monkeypatch, tmp_path, "new", "lagrange-top") == 2
@@ -98,6 +100,7 @@ def test_commands_write_and_refuse(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (tmp_path / "mine.toml").read_text() == "a = 1\n"
     for words, said in (
         (["lagrange-tap"], "Did you mean 'lagrange-top'"),
+        (["top"], "Did you mean 'euler-top' or 'heavy-top'"),
         ([], "expected a system"),
         (["lagrange-top", "--lagrangian"], "a name of your own"),
         (["clebsch", "--satellite"], "--satellite"),

@@ -62,7 +62,7 @@ def test_a_bad_mesh_is_refused(text, tmp_path, oriented):
     (tmp_path / "x.obj").write_text(text)
     with pytest.raises(kr.InputError, match="mesh: "):
         kr.view(oriented, mesh=tmp_path / "x.obj")
-    with pytest.raises(kr.InputError, match=r"ends in \.stl or \.obj"):
+    with pytest.raises(kr.InputError, match=r"ends in \.stl or \.obj.* export glTF"):
         kr.view(oriented, mesh=tmp_path / "x.glb")
     with pytest.raises(kr.InputError, match="cannot be read"):
         kr.view(oriented, mesh=tmp_path / "none.obj")

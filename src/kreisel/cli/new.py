@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -64,7 +65,8 @@ def new(
     else:
         files = {target: text_of(example(find(name), n), target, swept)}
     _write(files, overwrite)
-    say(f"{' and '.join(map(str, files))} written; next: kreisel {'sweep' if swept else 'run'} {target}")
+    done = f"{' and '.join(map(str, files))} written; next: kreisel {'sweep' if swept else 'run'} {target}"
+    say(done, sys.stderr)  # not a line of TOML, in `kreisel new NAME > FILE`
 
 
 def _write(files: Mapping[Path, str], overwrite: bool) -> None:

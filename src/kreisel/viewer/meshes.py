@@ -22,7 +22,10 @@ def read_mesh(path: str | os.PathLike[str]) -> Body:
     """The triangles of a file.  Raises `InputError` for another format, a damaged file or too many triangles."""
     file = Path(path).expanduser()
     if file.suffix.lower() not in SUFFIXES:
-        raise InputError(f"mesh: expected a file that ends in {' or '.join(SUFFIXES)}, got {file.name!r}.")
+        raise InputError(
+            f"mesh: expected a file that ends in {' or '.join(SUFFIXES)}, got {file.name!r}. Programs that draw bodies, "
+            "such as Blender, export glTF, PLY and others as STL."
+        )
     try:
         if file.stat().st_size > 400 * MOST_FACES:
             raise InputError(f"mesh: {file.name} is too large; expected at most {MOST_FACES:,} triangles.")

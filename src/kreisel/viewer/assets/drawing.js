@@ -3,7 +3,7 @@
 const Drawing = (() => {
   const T = Library, V = T.Vector3, { Ribbon, line, circle, word, arrow, stride } = Lines;
   const FOV = 30, MOST_TRAIL = 1500, STEP = 0.06; // degrees; points; radians between points of a trail
-  const SLOW = 50, LEAST = 0.4; // milliseconds of a picture beyond which it is drawn coarser; the coarsest
+  const SLOW = 50, LEAST = 0.4, COARSER = 0.75; // milliseconds of a picture beyond which it is drawn coarser; the coarsest; a stage
   const REST = 350, MOVING = 400; // milliseconds until a picture at rest is drawn finely; dots of a path while it moves, without a GPU
 
   function isSoftware(gl) {
@@ -63,7 +63,7 @@ const Drawing = (() => {
       this.controls.addEventListener("change", () => { this.dirty = true; });
       this.controls.addEventListener("start", () => { this.touched = true; });
       this.environment = this.soft ? null : this.room();
-      this.coarse = this.soft ? 0.75 : 1; this.scale = 1; this.last = 0; this.times = []; this.together = false; this.axes = true; this.follow = false; this.heading = null;
+      this.coarse = this.finestMoving = this.soft ? 0.75 : 1; this.scale = 1; this.last = 0; this.times = []; this.together = false; this.axes = true; this.follow = false; this.heading = null;
       this.canvas.addEventListener("webglcontextrestored", () => { this.dirty = true; });
     }
 
@@ -335,12 +335,13 @@ const Drawing = (() => {
       return true;
     }
 
-    adapt(now) { // coarser where pictures are slow
+    adapt(now) { // coarser where pictures are slow, finer again where a stage finer (1.8 times the points) would not be
       if (now - this.last < 1000) this.times.push(now - this.last);
       if (this.times.length < 6) return;
       const typical = this.times.sort((a, b) => a - b)[3];
       this.times = [];
-      if (typical > SLOW) this.coarse = Math.max(LEAST, this.coarse * 0.75);
+      if (typical > SLOW) this.coarse = Math.max(LEAST, this.coarse * COARSER);
+      else if (typical < SLOW / 2) this.coarse = Math.min(this.finestMoving, this.coarse / COARSER);
     }
 
     finest() { // for a file
