@@ -23,8 +23,8 @@ def read_mesh(path: str | os.PathLike[str]) -> Body:
     file = Path(path).expanduser()
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f"mesh: expected a file that ends in {' or '.join(SUFFIXES)}, got {file.name!r}. Programs that draw bodies, "
-            "such as Blender, export glTF, PLY and others as STL."
+            f"mesh: expected a file that ends in {' or '.join(SUFFIXES)}, got {file.name!r}. Programs that draw "
+            "bodies, such as Blender, export glTF, PLY and others as STL."
         )
     try:
         if file.stat().st_size > 400 * MOST_FACES:
