@@ -57,7 +57,9 @@ def listing(plan: Scheme, engine: str, capability: tuple[int, int]) -> tuple[str
     from numba import cuda, float32, float64, int64
 
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    kernel = load_kernel(cuda_source(plan, constants, columns, stages, PRECISIONS[engine])).kernel.py_func
+    kernel = load_kernel(
+        cuda_source(plan, constants, columns, stages, PRECISIONS[engine]), by_numba=True
+    ).kernel.py_func
     real = {"float64": float64, "float32": float32}[PRECISIONS[engine]]
     arguments = (*[real[:, ::1]] * 2, *[real[:, :, ::1]] * 2, int64)
     ptx, _ = cuda.compile(kernel, arguments, cc=capability, output="ptx", device=False, abi="numba")

@@ -17,13 +17,26 @@ import pytest
 from kreisel.kernels import cache
 
 NAME = "kreisel_kernel_of_a_test"
-SOURCE = """
+SOURCES = {
+    "LLVM": """
+from kreisel.kernels._llvm.machine import compiled
+
+@compiled("f8[::1]")
+def kernel(x):
+    x[0] = 2.0 * x[0] + 1.0
+""",
+    "Numba": """
 from numba import njit
 
-@njit("f8(f8)", cache=True)
+@njit("void(f8[::1])", cache=True)
 def kernel(x):
-    return 2.0 * x + 1.0
-"""
+    x[0] = 2.0 * x[0] + 1.0
+""",
+}
+FILES = {
+    "LLVM": [f"{NAME}.py", cache.CODE, cache.FORMS, cache.SEAL],
+    "Numba": [f"{NAME}.py", "__pycache__/*.nbi", "__pycache__/*.nbc", cache.SEAL],
+}
 
 
 @pytest.fixture
@@ -34,16 +47,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop(NAME, None)
 
 
-def value() -> float:
+def value(by: str = "LLVM", factor: str = "2.0") -> float:
     """The kernel of the source, as a process of its own would find it."""
     sys.modules.pop(NAME, None)
-    return float(cache.module(NAME, SOURCE).kernel(3.0))
+    x = np.array([3.0])
+    cache.module(NAME, SOURCES[by].replace("2.0", factor), by == "Numba").kernel(x)
+    return float(x[0])
 
 
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The kernels that are compiled from now on and kept."""
     original, out = cache._made, []
-    monkeypatch.setattr(cache, "_made", lambda folder, source: out.append(folder.name) or original(folder, source))
+    monkeypatch.setattr(cache, "_made", lambda folder, *given: out.append(folder.name) or original(folder, *given))
     return out
 
 
@@ -89,13 +104,15 @@ DAMAGES = [empty, cut, flip, garbage, gone, a_folder, a_pipe, a_link]
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-@pytest.mark.parametrize("pattern", [f"{NAME}.py", "__pycache__/*.nbi", "__pycache__/*.nbc", cache.SEAL])
-def test_a_bad_entry_is_made_again(pattern: str, damage: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert value() == 7.0
+@pytest.mark.parametrize(("by", "pattern"), [(by, file) for by, files in FILES.items() for file in files])
+def test_a_bad_entry_is_made_again(
+    by: str, pattern: str, damage: object, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert value(by) == 7.0
     (file,) = (folder / NAME).glob(pattern)
     damage(file)
     compiled = made(monkeypatch)
-    assert [value(), value()] == [7.0, 7.0]
+    assert [value(by), value(by)] == [7.0, 7.0]
     assert compiled == [NAME]  # once: the second finds it whole
     assert not list(folder.glob(".*"))
 
@@ -125,23 +142,29 @@ def test_what_stands_in_the_place_of_an_entry_is_replaced(folder: Path, monkeypa
 
 def test_a_seal_that_belongs_to_other_code_is_not_believed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All hashes fit, but the source is another one's: what was asked for is compiled."""
-    other = SOURCE.replace("2.0", "5.0")
-    assert cache.module(NAME, other).kernel(3.0) == 16.0
+    assert value(factor="5.0") == 16.0
     compiled = made(monkeypatch)
     assert value() == 7.0
     assert compiled == [NAME]
 
 
-@pytest.mark.parametrize("place", ["pathlib.Path.write_text", "numba.core.caching.IndexDataCacheFile._save_data"])
-def test_a_full_disk_falls_back_to_memory(place: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("by", "place"),
+    [
+        ("LLVM", "pathlib.Path.write_text"),
+        ("LLVM", "pathlib.Path.write_bytes"),
+        ("Numba", "numba.core.caching.IndexDataCacheFile._save_data"),
+    ],
+)
+def test_a_full_disk_falls_back_to_memory(by: str, place: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*args: object, **options: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
         patch.setattr(place, full)
-        assert value() == 7.0
+        assert value(by) == 7.0
     assert os.listdir(folder) == []  # nothing half made is left
-    assert value() == 7.0
+    assert value(by) == 7.0
     assert os.listdir(folder) == [NAME]
 
 
@@ -202,7 +225,7 @@ def test_kernels_lie_in_the_cache_whatever_numba_is_set_to(folder: Path, monkeyp
     from numba.core import config
 
     monkeypatch.setattr(config, "CACHE_DIR", str(folder.parent / "numba"))
-    assert value() == 7.0
+    assert value("Numba") == 7.0
     assert len(list((folder / NAME / "__pycache__").glob("*.nb?"))) == 2
     assert not (folder.parent / "numba").exists()
 

@@ -15,7 +15,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import invariants
 from kreisel.kernels import layout
-from kreisel.kernels._numba import projecting
+from kreisel.kernels._llvm import projecting
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.projection import corrections, text
 from kreisel.kernels.projection.arrays import Observed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import linecache
 from collections.abc import Callable
 from fractions import Fraction
 from math import exp, sqrt
@@ -9,12 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import njit
-from numba.core.errors import TypingError
 
-from kreisel.kernels._numba.double_double import pair, upper
-from kreisel.kernels._numba.straight import straight
-from kreisel.kernels._numba.vector_type import gather, numbers, put_numbers, scatter
+from kreisel.kernels._llvm.machine import Code, compiled, loaded, object_code
+from kreisel.kernels._llvm.operations import call_at_address, gather, numbers, pair, put_numbers, scatter, upper
+from kreisel.kernels._llvm.text import straight
 
 PARTS = (0.25, -2.0)
 X = np.array([[0.3, -0.7, 2.0, 5.0, -1.5], [1.1, 0.2, -0.4, 3.0, 0.9]])
@@ -36,19 +36,34 @@ def root(x: Any) -> Any:
     return y, steps, change
 
 
-def most(x: Any) -> Any:
-    total = 0.0 * x
-    for k in range(7):  # noqa: B007
-        total = total + x
-    return total, x
+def counted(x: Any) -> Any:
+    total, most = 0.0 * x, 0
+    for k in range(7):
+        total = total + x * k
+        for _ in range(k, 1, -2):
+            most += k
+    return total, float(most), x
 
 
-def beyond(x: Any) -> Any:
-    y, z = x, 2.0 * x
-    if x > 1.0:
-        y = z * z
-        z = y + 1.0
-    return y, z
+def blocks(x: Any) -> Any:
+    y, z, w = x, 2.0 * x, (0.0, x)
+    for k in range(4):
+        if x > 1.0:
+            y = z * z
+            z = y + 1.0
+        elif not x > 0.0:
+            y, w = -y, (w[1], y)
+        else:
+            w = (w[0] + 1.0, float(k))
+        if k == 2:
+            y = y - 1.0
+    return y, z, w[0] if x < 3.0 else w[1], w[1]
+
+
+def wholes(x: Any) -> Any:
+    i = int(x * 10.0)
+    j = i % 7 - 4
+    return float(i // 7), float(i % 7), float(j // 2), float(j % 3), float(min(i, -j)), i / 2.0
 
 
 def exactly(x: Any, y: Any) -> Any:
@@ -57,115 +72,144 @@ def exactly(x: Any, y: Any) -> Any:
     return upper(value), upper(value - upper(value)), upper(-sqrt(x * x))
 
 
-def of_rows(function: Callable[..., Any], count: int) -> Callable[[np.ndarray], np.ndarray]:
-    """`function` of the numbers of a row, compiled."""
-    made = straight(function)
+def code_of(function: Any, form: str) -> Code:
+    """A function that is called from outside."""
+    entry = compiled(form)(function)
+    return loaded(object_code({function.__name__: entry}), {function.__name__: form})[function.__name__]
 
-    @njit
-    def call(x: Any, out: Any) -> None:
-        put_numbers(out, (), made(*numbers(x, (), count, ())), ())
+
+def of_rows(function: Any, count: int) -> Callable[[np.ndarray], np.ndarray]:
+    """`function` of the numbers of a row, compiled; what it gives, as a row."""
+    name = next(f"made{k}" for k in itertools.count() if f"made{k}" not in globals())
+    globals()[name] = straight(function)
+    text = f"def call_{name}(x, out):\n    put_numbers(out, (), {name}(*numbers(x, (), {count}, ())), ())\n"
+    linecache.cache[f"<{name}>"] = (len(text), None, text.splitlines(keepends=True), f"<{name}>")
+    exec(compile(text, f"<{name}>", "exec"), globals())
+    call = code_of(globals()[f"call_{name}"], "f8[::1], f8[::1]")
 
     def run(x: np.ndarray) -> np.ndarray:
-        out = np.empty(len(function(*x)))
+        out = np.full(9, np.nan)
         call(np.ascontiguousarray(x), out)
-        return out
+        return out[~np.isnan(out)]
 
     return run
 
 
-@pytest.mark.parametrize(("function", "count"), [(operations, 2), (root, 1), (most, 1), (beyond, 1)])
+@pytest.mark.parametrize(("function", "count"), [(operations, 2), (root, 1), (counted, 1), (blocks, 1), (wholes, 1)])
 def test_numbers_are_those_of_python(function: Callable[..., Any], count: int) -> None:
-    compiled = of_rows(function, count)
+    run = of_rows(function, count)
     for column in np.abs(X[:count]).T if function is root else X[:count].T:
-        assert np.allclose(compiled(column), function(*column.tolist()), rtol=1e-15, atol=0)
+        assert np.allclose(run(column), function(*column.tolist()), rtol=1e-15, atol=0)
+
+
+def of_lanes(x: Any, out: Any) -> None:
+    for lane in range(0, len(x), 4):
+        scatter(out, (), lane, len(x), vectors(*gather(x, 2, lane, len(x), 4)), 4)
+
+
+vectors = straight(operations)
 
 
 def test_a_place_of_a_vector_has_the_bits_of_a_number() -> None:
-    made, alone = straight(operations), of_rows(operations, 2)
-
-    @njit
-    def call(x: Any, out: Any) -> None:
-        for lane in range(0, len(x), 4):
-            scatter(out, (), lane, len(x), made(*gather(x, 2, lane, len(x), 4)))
-
-    out = np.empty((5, 4))
-    call(np.ascontiguousarray(X.T), out)
+    alone, out = of_rows(operations, 2), np.empty((5, 4))
+    code_of(of_lanes, "f8[:,::1], f8[:,::1]")(np.ascontiguousarray(X.T), out)
     assert np.array_equal(out, [alone(row) for row in X.T])
 
 
 def test_double_doubles_have_31_digits() -> None:
-    made = straight(exactly)
-
-    @njit
-    def call(x: Any, out: Any) -> None:
-        put_numbers(out, (), made(x[0], x[1]), ())
-
+    run = of_rows(exactly, 2)
     for x, y in X.T:
-        out, (a, b) = np.empty(3), (Fraction(x), Fraction(y))
-        call(np.array([x, y]), out)
+        out, (a, b) = run(np.array([x, y])), (Fraction(x), Fraction(y))
         value = (a + b) * (a - b) / (3 * b)
         assert abs(Fraction(out[0]) + Fraction(out[1]) - value) < abs(value) * Fraction(1, 10**29)
         assert abs(Fraction(out[0]) - value) > 0 and out[2] == -abs(x)
 
 
+def of_arrays(x: Any, places: Any, out: Any, count: int, unit: float) -> None:
+    if count < 0:
+        return
+    row = 0
+    while row < x.shape[0]:
+        plane = x[row, :, 1]
+        for k in range(len(plane)):
+            out[row, places[k]] = out[row, places[k]] + plane[k] * unit
+        row += 1
+        if row == count:
+            break
+    put_numbers(out, (0,), (*numbers(x, (0,), 2, (0,)), unit), ())
+
+
+def test_arrays_are_those_of_numpy() -> None:
+    """Views, indices that are numbers of an array, loops that are left, and a return before the end."""
+    x, places = np.arange(24.0).reshape(3, 4, 2), np.array([2, 0, 2, 1])
+    code = code_of(of_arrays, "f8[:,:,::1], i8[::1], f8[:,::1], i8, f8")
+    for count, expected in ((-1, np.zeros((3, 3))), (2, [[0, 2, 0.5], [5.5, 7.5, 4.5 + 6.5 + 0.0], [0, 0, 0]])):
+        out = np.zeros((3, 3))
+        code(x, places, out, count, 0.5)
+        assert np.array_equal(out, expected)
+    for wrong in (x.astype(np.float32), x[:, ::2], x[0]):
+        with pytest.raises(TypeError, match="expected a contiguous array of float64 with 3 axes"):
+            code(wrong, places, np.zeros((3, 3)), 1, 0.5)
+
+
+def by_address(address: int, x: int) -> None:
+    call_at_address(address, (x, 3))
+
+
+def test_code_calls_other_code() -> None:
+    import ctypes
+
+    seen = []
+    told = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(lambda *given: seen.append(given))
+    code_of(by_address, "i8, i8")(ctypes.cast(told, ctypes.c_void_p).value, 2**40)
+    assert seen == [(2**40, 3)]
+
+
 def a_list(x: Any) -> Any:
-    return [x]
-
-
-def added(x: Any) -> Any:
-    x += 1.0
-    return x
+    return ([x],)
 
 
 def a_power(x: Any) -> Any:
-    return x**2
+    return (x**2,)
 
 
-def otherwise(x: Any) -> Any:
+def of_each(x: Any) -> Any:
     y = x
+    for part in (x, 2.0 * x):
+        y = y + part
+    return (y,)
+
+
+def of_a_double(x: Any) -> Any:
+    return (x // 2.0,)
+
+
+def another_kind(x: Any) -> Any:
+    y = 0
+    for _ in range(3):
+        y = y + x
+    return (y,)
+
+
+def early(x: Any) -> Any:
     if x > 0.0:
-        y = 2.0 * x
-    else:
-        y = 3.0 * x
-    return y
+        return (x,)
+    return (2.0 * x,)
 
 
-def within(x: Any) -> Any:
-    y = x
-    for _ in range(3):
-        if x > 0.0:
-            y = 2.0 * y
-        y = y + 1.0
-    return y
-
-
-def at_the_end(x: Any) -> Any:
-    y = x
-    for _ in range(3):
-        y = y + 1.0
-        if x > 0.0:
-            y = 2.0 * y
-    return y
-
-
-def counted(x: Any) -> Any:
-    y = x
+def carried(x: Any) -> Any:
     for k in range(3):
-        y = y + k
-    return y
+        if k == 0:
+            y = x
+        y = y + 1.0
+    return (y,)
 
 
 def unknown(x: Any) -> Any:
-    return abs(x)
+    return (abs(x),)
 
 
-@pytest.mark.parametrize("function", [a_list, added, a_power, otherwise, within, at_the_end, counted, unknown])
+@pytest.mark.parametrize("function", [a_list, a_power, of_each, of_a_double, another_kind, early, carried, unknown])
 def test_what_is_no_such_text_is_refused(function: Callable[..., Any]) -> None:
-    made = straight(function)
-
-    @njit
-    def call(x: Any) -> Any:
-        return made(x)
-
-    with pytest.raises((TypingError, TypeError), match="straight` knows"):
-        call(1.0)
+    with pytest.raises(TypeError, match=r"text` knows|expected i64|y to be known"):
+        of_rows(function, 1)

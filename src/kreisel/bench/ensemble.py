@@ -10,7 +10,6 @@ set against the cycles that its instructions need at least.
 from __future__ import annotations
 
 import ctypes
-import inspect
 import os
 import re
 import shutil
@@ -22,7 +21,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
 import kreisel as kr
@@ -30,6 +28,7 @@ from kreisel.algebra import Array
 from kreisel.bench.cases import BenchCase, cases, machine
 from kreisel.bench.compiled import FLAGS, build
 from kreisel.bench.single import entries, row_of
+from kreisel.kernels.cache import assembly_of
 from kreisel.runs.planning import make_plan
 
 DT, LANES, STEPS, TURNS = 0.05, 64 * 96, 5_000, 9  # lanes: whole blocks for every number of chains
@@ -70,12 +69,13 @@ class Contest:
         self.steppers["all cores, cpp"] = self._by_hand_on_all_cores(library[f"{symbol}_2"])
 
     def _on_one_core(self, steps: int) -> None:
-        all_cores = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        numba.config.NUMBA_NUM_THREADS = 1  # type: ignore[attr-defined]
+        before = os.environ.get("NUMBA_NUM_THREADS")
+        os.environ["NUMBA_NUM_THREADS"] = "1"
         try:
             self._on_all_cores(steps)
         finally:
-            numba.config.NUMBA_NUM_THREADS = all_cores  # type: ignore[attr-defined]
+            del os.environ["NUMBA_NUM_THREADS"]
+            os.environ.update({} if before is None else {"NUMBA_NUM_THREADS": before})
 
     def _on_all_cores(self, steps: int) -> None:
         self.end = self._propagator.steps(self.start, steps)
@@ -136,26 +136,27 @@ class Contest:
         return {name: np.array(values) for name, values in out.items()}
 
 
-def kernel_of(case: BenchCase) -> Any:
-    """The kernel of such an ensemble, for its machine code."""
+def source_of(case: BenchCase) -> str:
+    """The kernel of such an ensemble as text, for its machine code."""
     state = {k: np.tile(np.asarray(v, dtype=float), (LANES, 1)) for k, v in case.states["standard"].items()}
     asked: dict[str, Any] = {"dt": DT, "steps": 1, "every": 1, "method": "suris", "order": 1}
     engine: Any = make_plan(case.model, case.model.state(**state), **asked).engine
-    return engine._kernel
+    return str(engine.source)
 
 
-def bound(kernel: Any) -> dict[str, Any] | None:
+def bound(source: str) -> dict[str, Any] | None:
     """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None where it is missing or fails.
 
     The longest loop of vectors is that of the steps if it has each quotient of the step, once for each vector.
     """
     analyser = shutil.which("llvm-mca")
-    loop = _longest_loop(next(iter(kernel.inspect_asm().values()))) if analyser else []
+    loop = _longest_loop(assembly_of(source)) if analyser else []
     if not analyser or not loop:
         return None
-    known = kernel.py_func.__globals__
-    lanes, width = known["LANES"], 8 if any("zmm" in line for line in loop) else 4
-    quotients = len(re.findall(r" / [a-z]", inspect.getsource(known["step"].py_func)))
+    (lanes,) = map(int, re.findall(r"^LANES = (\d+)", source, re.MULTILINE))
+    width = 8 if any("zmm" in line for line in loop) else 4
+    step = source.partition("\ndef step(")[2].partition("\n@")[0]
+    quotients = len(re.findall(r" / [a-z]", step))
     divisions = sum("vdivpd" in line for line in loop)
     if divisions != quotients * lanes // width:
         raise AssertionError(f"{divisions} divisions in the loop, {quotients} in the step on {lanes // width} vectors")
@@ -166,7 +167,7 @@ def bound(kernel: Any) -> dict[str, Any] | None:
 
 
 def _throughput(analyser: str, assembly: str) -> float | None:
-    """Cycles of a block; None where the tool does not read it: one older than Numba's LLVM does not know its syntax."""
+    """Cycles of a block; None where the tool does not read it: one older than our LLVM does not know its syntax."""
     command = [analyser, "-mcpu=native", "-iterations=100"]
     try:
         done = subprocess.run(command, input=assembly, text=True, capture_output=True, check=False,
@@ -230,7 +231,7 @@ def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
         print(f"{'map, n = 3':<21}{'kernel':>10}{'C++':>8}{'all cores':>10}{'kernel/C++':>12}{'cores':>7}")
         for case in cases(generic=True):
             contest = Contest(case, library)
-            apart, least = contest.agreement(), bound(kernel_of(case))
+            apart, least = contest.agreement(), bound(source_of(case))
             cycles = gigahertz(library)
             row = {**ensemble_summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
             if least:

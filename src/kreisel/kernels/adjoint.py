@@ -16,12 +16,11 @@ import numpy as np
 from kreisel.algebra import gradient
 from kreisel.algebra.gradient import TracedNumber
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
 from kreisel.kernels.recording import indented, recorded_values
-from kreisel.kernels.simd import HEAD as SIMD_HEAD
-from kreisel.kernels.simd import function_of_tuples
+from kreisel.kernels.simd import HEAD, function_of_tuples
 from kreisel.kernels.tape import TRANSCENDENTAL, Scalar, Tape, TooLong, source_of
 from kreisel.kernels.threads import on_threads
 
@@ -30,7 +29,7 @@ VECTOR = 4  # columns that a processor takes at once
 PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 
 FORWARD = """
-@njit("void(f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8, i8)", {options})
+@compiled("f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8, i8")
 def forward(z, c, s, marks, every, part):
     x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
     parts = (every + part - 1) // part
@@ -41,7 +40,7 @@ def forward(z, c, s, marks, every, part):
 """
 
 PULL = """
-@njit("void(f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8)", {options})
+@compiled("f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8")
 def pull(z, c, s, path, g, gc, gs, steps):
     x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
     w = numbers(g, (), {d}, ())
@@ -54,7 +53,7 @@ def pull(z, c, s, path, g, gc, gs, steps):
 {end}"""
 
 PUSH = """
-@njit("void(f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8)", {options})
+@compiled("f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8")
 def push(z, c, s, dz, dc, ds, out, every):
     x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
     for row in range(out.shape[0]):
@@ -136,9 +135,9 @@ class Code:
         return self._kernel(functions, FORWARD, 12, steps).forward
 
     def _kernel(self, functions: str, text: str, indent: int, steps: list[str], **more: Any) -> Any:
-        head = HEAD.format(name=f"a step of {self.dim} numbers and its derivative") + SIMD_HEAD
+        head = HEAD.format(name=f"a step of {self.dim} numbers and its derivative")
         sizes = {"d": self.dim, "constants": self.sizes[1]}
-        kernel = text.format(options=EXACT, **sizes, steps=indented(steps, indent), **more)
+        kernel = text.format(**sizes, steps=indented(steps, indent), **more)
         return load_kernel(head + functions + kernel)
 
     @property

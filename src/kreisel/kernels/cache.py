@@ -1,9 +1,9 @@
 """Compiled kernels on disk: each in a folder of its own, whole by its seal or made again.
 
-A kernel's folder holds its source, so that it can be read, what Numba keeps of it, and the SHA-256 of all these files;
-it gets its name when it is whole.  Nothing of it is used before the hashes were compared: half a file of machine code
-would be run.  The folders are in KREISEL_CACHE, else in kreisel/ in the cache folder of the platform.  What cannot be
-kept there is compiled in memory.
+A kernel's folder holds its source, so that it can be read, its machine code or what Numba keeps of it, and the SHA-256
+of all these files; it gets its name when it is whole.  Nothing of it is used before the hashes were compared: half a
+file of machine code would be run.  The folders are in KREISEL_CACHE, else in kreisel/ in the cache folder of the
+platform.  What cannot be kept there is compiled in memory.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -25,7 +25,9 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
-SEAL = "seal.json"
+from kreisel.kernels._llvm.machine import assembly, entries_of, loaded, object_code, version
+
+SEAL, CODE, FORMS = "seal.json", "code.o", "forms.json"
 OTHERS_MAY_WRITE = 0o022
 
 
@@ -66,30 +68,29 @@ def _refused(folder: str, owner: int, mode: int) -> None:
 
 @cache
 def _operations() -> bytes:
-    """The text of what kernels import, which Numba compiles into them: its own cache does not see it change."""
-    folder = Path(__file__).with_name("_numba")
-    return b"".join(
-        (folder / f"{name}.py").read_bytes()
-        for name in ("double_double", "fused", "straight", "vector_type", "vectors", "pointers", "projecting")
-    )
+    """The text of what kernels import and is compiled into them."""
+    here = Path(__file__).parent
+    return b"".join(text.read_bytes() for door in ("_llvm", "_numba") for text in sorted(here.glob(f"{door}/*.py")))
 
 
 @cache
-def _machine() -> bytes:
+def _machine(by_numba: bool) -> bytes:
     """What the same source is compiled for, and by what."""
-    import numba
-    from numba.core.registry import cpu_target
+    by: tuple[str, ...] = ()
+    if by_numba:
+        import numba
 
-    return repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode()
-
-
-def load_kernel(source: str) -> ModuleType:
-    """Generated source as a module, compiled once for this machine."""
-    what = hashlib.sha256(_operations() + _machine() + source.encode()).hexdigest()[:20]
-    return module(f"kreisel_kernel_{what}", source)
+        by = sys.version, numba.__version__
+    return repr((by, version())).encode()
 
 
-def module(name: str, source: str) -> ModuleType:
+def load_kernel(source: str, by_numba: bool = False) -> ModuleType:
+    """Generated source as a module, compiled once for this machine: by `kreisel.kernels._llvm`, or by Numba."""
+    what = hashlib.sha256(_operations() + _machine(by_numba) + source.encode()).hexdigest()[:20]
+    return module(f"kreisel_kernel_{what}", source, by_numba)
+
+
+def module(name: str, source: str, by_numba: bool = False) -> ModuleType:
     """The module of a source: from its folder, or compiled and kept there, or compiled in memory."""
     if name in sys.modules:
         return sys.modules[name]
@@ -97,24 +98,36 @@ def module(name: str, source: str) -> ModuleType:
     if folder is not None:
         for get in (_cached_module, _made):
             with contextlib.suppress(Exception):  # a full disk, or whatever a file that is not Numba's makes it raise
-                found = get(folder / name, source)
+                found = get(folder / name, source, by_numba)
                 if found is not None:
                     return found
-    return _executed(name, f"<{name}>", source.replace("cache=True", "cache=False"))
+    if by_numba:
+        return _executed(name, f"<{name}>", source.replace("cache=True", "cache=False"))
+    return _of_code(name, *_compiled(name, f"<{name}>", source))
 
 
-def _cached_module(folder: Path, source: str) -> ModuleType | None:
+def _cached_module(folder: Path, source: str, by_numba: bool) -> ModuleType | None:
     """What is kept, if it is whole."""
-    return _executed(folder.name, str(_file(folder, folder.name)), source) if _whole(folder, source) else None
+    if not _whole(folder, source):
+        return None
+    if by_numba:
+        return _executed(folder.name, str(_file(folder, folder.name)), source)
+    return _of_code(folder.name, (folder / CODE).read_bytes(), json.loads((folder / FORMS).read_bytes()))
 
 
-def _made(folder: Path, source: str) -> ModuleType:
+def _made(folder: Path, source: str, by_numba: bool) -> ModuleType:
     """Compiled in a folder beside, which takes the name when all is there: another process may do the same."""
     scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
         file = _file(scratch, folder.name)
         file.write_text(source, encoding="utf-8")
-        made = _executed(folder.name, str(file), source)
+        if by_numba:
+            made = _executed(folder.name, str(file), source)
+        else:
+            code, forms = _compiled(folder.name, str(file), source)
+            made = _of_code(folder.name, code, forms)
+            (scratch / CODE).write_bytes(code)
+            (scratch / FORMS).write_text(json.dumps(forms), encoding="utf-8")
         with contextlib.suppress(OSError):
             (scratch / SEAL).write_text(json.dumps(_hashes(scratch)), encoding="utf-8")
             if not _whole(folder, source):
@@ -167,15 +180,38 @@ def _remove(entry: Path) -> None:
     shutil.rmtree(entry)
 
 
+def _compiled(name: str, file: str, source: str) -> tuple[bytes, dict[str, str]]:
+    """Machine code of a text, and how its functions are called."""
+    entries = entries_of(vars(_run(ModuleType(name), file, source)))
+    return object_code(entries), {name: entry.form for name, entry in entries.items()}
+
+
+def assembly_of(source: str) -> str:
+    """The machine code of a text, to be read."""
+    return assembly(entries_of(vars(_run(ModuleType("read"), f"<{hash(source)}>", source))))
+
+
+def _of_code(name: str, code: bytes, forms: Mapping[str, str]) -> ModuleType:
+    """The module of these functions."""
+    made = ModuleType(name)
+    vars(made).update(loaded(code, forms))
+    sys.modules[name] = made
+    return made
+
+
+def _run(made: ModuleType, file: str, source: str) -> ModuleType:
+    made.__file__ = file
+    linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)  # for who reads the code
+    exec(compile(source, file, "exec"), made.__dict__)
+    return made
+
+
 def _executed(name: str, file: str, source: str) -> ModuleType:
     """The module of a text.  Numba keeps what it compiles beside `file`, wherever else NUMBA_CACHE_DIR sends it."""
-    made = ModuleType(name)
-    made.__file__ = file
-    sys.modules[name] = made
-    linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)  # for who reads the code
+    made = sys.modules[name] = ModuleType(name)
     try:
         with _kept_beside():
-            exec(compile(source, file, "exec"), made.__dict__)
+            _run(made, file, source)
     except BaseException:
         del sys.modules[name]
         raise

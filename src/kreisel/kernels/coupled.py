@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel, projection_between
+from kreisel.kernels._llvm.machine import register_width
+from kreisel.kernels.cpu import load_kernel, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.compiled import CompiledProjection
 from kreisel.kernels.projection.program import recordable
@@ -26,14 +27,13 @@ from kreisel.kernels.recording import (
     recorded_numbers,
     recorded_values,
 )
-from kreisel.kernels.simd import HEAD as SIMD_HEAD
-from kreisel.kernels.simd import Functions, function_of_tuples, gathered
+from kreisel.kernels.simd import HEAD, Functions, function_of_tuples, gathered
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import Tape
 from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 
 PULL = """
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8)", {options})
+@compiled("f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8")
 def pull_all(z, c, s, p, pairs, forces, stage):
     for lane in range(len(forces)):
         for k in range({count}):
@@ -51,13 +51,12 @@ KERNEL = """
 WIDTH = {width}  # lanes at once
 
 
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], i8)", {options})
-def kernel(z, c, s, p, pairs, out, every):
+@compiled(
+    "f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], i8"
+)
+def kernel(z, c, s, p, pairs, out, forces, k, v, every):
     lanes, stages = len(z), s.shape[1]
-    forces = np.zeros((lanes, {forces}))
-    blocks = -(-lanes // WIDTH)
-    k = np.empty((blocks * {known} + 1, WIDTH))
-    v = np.empty((blocks * stages * {staged} + 1, WIDTH))
+    blocks = (lanes + WIDTH - 1) // WIDTH
     for block in range(blocks):
         lane = block * WIDTH
 {begin}
@@ -66,11 +65,11 @@ def kernel(z, c, s, p, pairs, out, every):
             for stage in range(stages):
                 for block in range(blocks):
                     lane = block * WIDTH
-                    scatter(z, (), lane, lanes, drift({state}{of_known}{of_stage}))
+                    scatter(z, (), lane, lanes, drift({state}{of_known}{of_stage}), WIDTH)
                 pull_all(z, c, s, p, pairs, forces, stage)
                 for block in range(blocks):
                     lane = block * WIDTH
-                    scatter(z, (), lane, lanes, kick({state} + {pulled}{of_known}{of_stage}))
+                    scatter(z, (), lane, lanes, kick({state} + {pulled}{of_known}{of_stage}), WIDTH)
 {close}
         for lane in range(lanes):
             put_numbers(out, (row, lane), numbers(z, (lane,), {size}, ()), ())
@@ -87,9 +86,8 @@ class CoupledEngine(SteppedEngine):
         record = Recording(scheme, self.constants, self.columns, self.stage_columns)
         if not record.straight:
             raise too_large_to_couple(scheme.name, scheme.n)
-        self.source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}") + source_of(
-            record, scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns}
-        )
+        columns = {"c": self.columns, "s": self.stage_columns, "p": pair_columns}
+        self.source, self._room = source_of(record, scheme, columns, self.stages.shape[:2])
         self._kernel = load_kernel(self.source).kernel
         self.work = record.work
         if project:
@@ -102,7 +100,8 @@ class CoupledEngine(SteppedEngine):
             self.projection.in_parts(out, every, self._advance, self._project)
 
     def _advance(self, out: Floats, every: int) -> None:
-        self._kernel(self.z, self.constants, self.stages, self._of_pairs, self._pairs, out, every)
+        room = [np.empty(shape) for shape in self._room]
+        self._kernel(self.z, self.constants, self.stages, self._of_pairs, self._pairs, out, *room, every)
 
     def _project(self) -> Floats:
         if self.projection is not None:
@@ -134,7 +133,7 @@ def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
     coupling = of(scheme)
     (constants, columns), (of_pairs, pair_columns) = flat_constants(scheme, lanes), constants_of(coupling)
     source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}")
-    source += SIMD_HEAD + _pull_source(scheme, {"c": columns, "s": {}, "p": pair_columns})
+    source += _pull_source(scheme, {"c": columns, "s": {}, "p": pair_columns})
     pull_all = load_kernel(source).pull_all
     count, no_stages = _count_of_forces(scheme), np.zeros((lanes, 1, 0))
 
@@ -146,40 +145,42 @@ def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
     return pulls
 
 
-def source_of(record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> str:
-    """The functions of a step and of a pair, and the kernel."""
-    from kreisel.kernels._numba.vector_type import register_width
-
+def source_of(
+    record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]], size: tuple[int, ...]
+) -> tuple[str, list[tuple[int, int]]]:
+    """The functions of a step and a pair, and the kernel; and the shapes of forces, k, v for `size` lanes, stages."""
     functions, width = Functions.of(record), register_width()
-    size, forces = len(record.state), _count_of_forces(scheme)
+    count, forces = len(record.state), _count_of_forces(scheme)
     known, staged = len(functions.known), len(functions.staged)
 
     here, varying = "lane, lanes", record.used("s") and not functions.by_stage
     rows = [gathered("c", record.count("c"), width)] * bool(record.used("c"))
     rows += [gathered("s[:, 0]", record.count("s"), width)] * bool(varying)
     begin = [f"here = known({', '.join(rows).format(here=here)})"]
-    begin += [f"store(k, block * {known}, here)"] if known else []
+    begin += [f"store(k, block * {known}, here, WIDTH)"] if known else []
     if staged:
         of_stage = f"staged(here, {gathered('s[:, stage]', record.count('s'), width).format(here=here)})"
-        begin += ["for stage in range(stages):", f"    store(v, (block * stages + stage) * {staged}, {of_stage})"]
+        begin += [
+            "for stage in range(stages):",
+            f"    store(v, (block * stages + stage) * {staged}, {of_stage}, WIDTH)",
+        ]
     of_known = f", load(k, block * {known}, {known}, {width})" if known else ", ()"
-    state = gathered("z", size, width).format(here=here)
+    state = gathered("z", count, width).format(here=here)
     close = [
         "for block in range(blocks):",
         "    lane = block * WIDTH",
-        f"    scatter(z, (), lane, lanes, close({state}{of_known}))",
+        f"    scatter(z, (), lane, lanes, close({state}{of_known}), WIDTH)",
     ]
-    return (
-        SIMD_HEAD
+    lanes, stages = size
+    blocks = -(-lanes // width)
+    room = [(lanes, forces), (blocks * known, width), (blocks * stages * staged, width)]
+    source = (
+        HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}")
         + functions.text
         + _pull_source(scheme, columns)
         + KERNEL.format(
-            options=EXACT,
             width=width,
-            forces=forces,
-            size=size,
-            known=known,
-            staged=staged,
+            size=count,
             begin=indented(begin, 8),
             state=state,
             pulled=gathered("forces", forces, width).format(here=here),
@@ -188,6 +189,7 @@ def source_of(record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[s
             close=indented(close if functions.closes else [], 12),
         )
     )
+    return source, room
 
 
 def _count_of_forces(scheme: Scheme) -> int:
@@ -213,6 +215,4 @@ def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> 
             given[letter] = names
             more += f", numbers({letter}, {at}, {count_of(columns[letter])}, ())"
     sums = [f if source == "0.0" else f"{f} + {source}" for f, source in zip(given["f"], sources, strict=True)]
-    return function_of_tuples("pull", given, lines, sums) + PULL.format(
-        options=EXACT, size=size, count=len(values) // 2, more=more
-    )
+    return function_of_tuples("pull", given, lines, sums) + PULL.format(size=size, count=len(values) // 2, more=more)

@@ -3,6 +3,7 @@
 Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
 same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.kernels.simd`); lane i has the
 bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has (NUMBA_NUM_THREADS).
+Straight-line code goes to LLVM as it is (`kreisel.kernels._llvm`), array code by Numba.
 Source and machine code are kept on disk (`kreisel.kernels.cache`), named by the hash of the source, of the operations
 that it imports and of what it is compiled for.
 """
@@ -18,6 +19,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.kernels import dense, layout, simd
+from kreisel.kernels._llvm.machine import array_words
 from kreisel.kernels.cache import load_kernel as load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
@@ -73,7 +75,7 @@ STEP = """for stage in range(s.shape[1]):
 {close}"""
 
 OBSERVE = """
-@njit("void(f8[:,:,::1], f8[:,::1], f8[:,:,::1])", {options})
+@compiled("f8[:,:,::1], f8[:,::1], f8[:,:,::1]")
 def kernel(z, c, out):
     for row in range(z.shape[0]):
         for lane in range(z.shape[1]):
@@ -81,7 +83,7 @@ def kernel(z, c, out):
 """
 
 RATE = """
-@njit("void(f8[::1], f8[::1], f8[::1])", {options})
+@{decorator}
 def kernel(z, c, out):
 {body}
 """
@@ -97,6 +99,7 @@ class Code:
     source: str
     kernel: Any
     work: int
+    room: tuple[int, int] | None = None  # as in `simd.Source`; None where lanes are arrays
     programs: tuple[Program, ...] = ()  # of the invariants, and of the orientation
     project: Any = None  # `compiled` of them
     every: int = 0  # steps between two projections
@@ -123,9 +126,14 @@ def code_of(
         if programs:
             every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
             weave, project_them = woven, compiled(programs, width)
-        text = _array_source(record, weave) if record.places else simd.simd_source(record, EXACT, weave, len(constants))
-        source = _head(scheme, record) + weave.head + text
-        return Code(source, load_kernel(source).kernel, record.work, tuple(programs), project_them, every, width, tried)
+        source, room = _head(scheme, record), None
+        if record.places:
+            source += weave.head + _array_source(record, weave)
+        else:
+            text, room = simd.simd_source(record, weave, len(constants))
+            source += text
+        kernel = load_kernel(source, by_numba=room is None).kernel
+        return Code(source, kernel, record.work, room, tuple(programs), project_them, every, width, tried)
 
     return reused(key, make)
 
@@ -146,6 +154,7 @@ class CpuEngine(SteppedEngine):
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
+        self._room, self._fixed = code.room, [word for array in self._held for word in array_words(array)]
         if code.programs:
             parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
@@ -160,7 +169,7 @@ class CpuEngine(SteppedEngine):
         def make() -> Code:
             head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
             source = printer(self.columns, self.stage_columns, head, EXACT)
-            return Code(source, load_kernel(source).kernel, _large_work(scheme))
+            return Code(source, load_kernel(source, by_numba=True).kernel, _large_work(scheme))
 
         return reused(None if scheme.kernel_key is None else (Code, scheme.kernel_key), make)
 
@@ -172,6 +181,11 @@ class CpuEngine(SteppedEngine):
             if self._woven is not None:
                 self._woven.count(len(out) * every)
 
+    @property
+    def _held(self) -> tuple[Floats, Floats, Floats]:
+        """What a kernel takes in each call."""
+        return self.z, self.constants, self.stages
+
     def _project(self) -> Floats:
         if self._between is not None:
             self._between.apply()
@@ -180,10 +194,16 @@ class CpuEngine(SteppedEngine):
 
     def _advance(self, out: Floats, every: int) -> None:
         more = self._woven.arguments if self._woven else ()
+        rows = out if self._room is None else array_words(out)
 
         def work_on(first: int, last: int) -> None:
             room = (self._woven.room(first),) if self._woven else ()
-            self._kernel(self.z, self.constants, self.stages, out, every, first, last, *more, *room)
+            if self._room is None:
+                self._kernel(*self._held, rows, every, first, last, *more, *room)
+                return
+            count, width = self._room
+            known = np.empty((self.stages.shape[1] * count, width))
+            self._kernel.call(*self._fixed, *rows, *array_words(known), every, first, last, *more, *room)
 
         on_threads(len(self.z), len(out) * every * len(self.z), work_on)
 
@@ -249,7 +269,7 @@ def _array_source(record: Recording, weave: Weave) -> str:
         options=FAST,
         types=weave.types,
         arguments=weave.arguments,
-        load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines()], 8),
+        load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines(), *weave.begin], 8),
         steps=indented(weave.steps(step, load, store, "lane + 1"), 12),
         save=record.save("out[row, lane, ", 12),
         store=indented(store.splitlines(), 8),
@@ -316,15 +336,15 @@ def _observing(
     given = {"z": [f"z{i}" for i in range(size)], **({"c": constants} if constants else {})}
     rows = f"numbers(z, (row, lane), {size}, ())"
     rows += f", numbers(c, (lane,), {count_of(columns)}, ())" if constants else ""
-    source = HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}") + simd.HEAD
+    source = simd.HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}")
     source += simd.function_of_tuples("observe", given, found.lines, found.values)
-    source += OBSERVE.format(options=EXACT, given=rows)
+    source += OBSERVE.format(given=rows)
     return load_kernel(source).kernel, len(found.values), found.places
 
 
 def _head(scheme: Scheme, record: Recording) -> str:
-    head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
-    return head + (dense.HELPERS.format(options=FAST) if record.places else "")
+    name = f"{scheme.name}, n = {scheme.n}"
+    return HEAD.format(name=name) + dense.HELPERS.format(options=FAST) if record.places else simd.HEAD.format(name=name)
 
 
 def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:
@@ -337,12 +357,14 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
     else:
         piece, known = record.pieces[0], record.used("c")
         given = {"z": record.state, **({"c": known} if known else {})}
-        functions = simd.HEAD + simd.function_of_tuples("rate", given, piece.lines, piece.new)
+        functions = simd.function_of_tuples("rate", given, piece.lines, piece.new)
         rows = f"numbers(z, (), {len(record.state)}, ())"
         rows += f", numbers(c, (), {count_of(columns)}, ())" if known else ""
         body = f"    put_numbers(out, (), rate({rows}), ())"
-    source = _head(scheme, record) + functions + RATE.format(options=FAST if record.places else EXACT, body=body)
-    kernel = load_kernel(source).kernel
+    arguments = "f8[::1], f8[::1], f8[::1]"
+    decorator = f'njit("void({arguments})", {FAST})' if record.places else f'compiled("{arguments}")'
+    source = _head(scheme, record) + functions + RATE.format(decorator=decorator, body=body)
+    kernel = load_kernel(source, by_numba=bool(record.places)).kernel
 
     def rate(t: float, y: Floats, c: Floats) -> Floats:
         out = np.empty_like(y)

@@ -216,7 +216,12 @@ class CudaProjection(Corrections):
             eps=float(np.finfo(np.float64).eps),
             block=projection_block(INLINE, "@cuda.jit(device=True)", "i * lanes + at", "j * lanes + at", 1),
         )
-        self._kernel, self._cuda, self._z, self._constants = load_kernel(text).project, cuda, z, constants
+        self._kernel, self._cuda, self._z, self._constants = (
+            load_kernel(text, by_numba=True).project,
+            cuda,
+            z,
+            constants,
+        )
         self._known = cuda.to_device(self.targets), cuda.to_device(self.worst)
         self._bound = cuda.to_device(self.bound)
         self._programs = [(*self._there(program), *(array.ravel() for array in self._known))]
@@ -281,7 +286,7 @@ class CudaEngine:
         stages, stage_columns = flat_stages(scheme, len(self.z))
         record = recorded_for_gpu(scheme, constants, columns, stage_columns)
         self.source = cuda_source(record, PRECISIONS[engine])
-        self._kernel = load_kernel(self.source).kernel
+        self._kernel = load_kernel(self.source, by_numba=True).kernel
         self._constants = self._on_gpu(constants.T)
         self._stages = self._on_gpu(stages.transpose(1, 2, 0))
         self._state = self._on_gpu(self.z.T)

@@ -1,6 +1,6 @@
 """Kernels of straight-line code: the step on numbers, or on vectors of lanes; the state stays in registers.
 
-In an ensemble each number of the record becomes a vector (`kernels/_numba/vector_type.py`); lane i has the bits of a
+In an ensemble each number of the record becomes a vector (`kernels/_llvm/numbers.py`); lane i has the bits of a
 run on its own.  A short step takes two or four vectors, one after the other in the same loop: while one waits for a
 result, the others go on.  At a ragged end the last lane stands in the places that are left.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from kreisel.kernels._llvm.machine import register_width
 from kreisel.kernels.printing import Line, latest
 from kreisel.kernels.projection.compiled import Weave
 from kreisel.kernels.recording import Recording, indented, names_of
@@ -20,10 +21,16 @@ from kreisel.kernels.recording import Recording, indented, names_of
 # Each more takes longer to compile.
 FOUR_VECTORS, TWO_VECTORS = 100, 300  # lines of a step up to which it takes so many; beyond, in the order of the record
 
-HEAD = """from kreisel.kernels._numba.straight import straight
-from kreisel.kernels._numba.vector_type import gather, load, numbers, put_numbers, scatter, store
+HEAD = '''"""Made by kreisel.kernels by recording {name}; not to be edited."""
+from math import cos, exp, log, sin, sqrt
 
-"""
+from kreisel.kernels._llvm.machine import compiled
+from kreisel.kernels._llvm.operations import (
+    call_at_address, fma, gather, load, numbers, put_numbers, scatter, sign, store,
+)
+from kreisel.kernels._llvm.text import straight
+
+'''
 
 FUNCTION = """
 @straight
@@ -37,8 +44,8 @@ KERNEL = """
 LANES = {lanes}  # at once
 
 
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
-def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
+@compiled("f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], i8, i8, i8{types}")
+def kernel(z, c, s, out, v, every, first, last{arguments}):
     for lane in range(first, last, LANES):
         end = lane + min(LANES, last - lane)
 {begin}
@@ -50,16 +57,22 @@ def kernel(z, c, s, out, every, first, last{arguments}):{scratch}
 STAGES = "for stage in range(s.shape[1]):"
 
 
-def simd_source(record: Recording, options: str, weave: Weave, lanes: int) -> str:
-    """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
-    from kreisel.kernels._numba.vector_type import register_width
+class Source(NamedTuple):
+    """Text, and the shape of the room `v` for what of a stage does not vary: the first number for each stage."""
 
+    text: str
+    room: tuple[int, int]
+
+
+def simd_source(record: Recording, weave: Weave, lanes: int) -> Source:
+    """The functions of a step, and the kernel: what does not vary from step to step comes before the first."""
     width = register_width() if lanes > 1 and record.straight else 1
     functions = Functions.of(record, width > 1)
     vectors = 1 if width == 1 else 4 if functions.lines <= FOUR_VECTORS else 2 if functions.short else 1
     while vectors > 1 and (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
         vectors //= 2
-    return HEAD + functions.text + _kernel_source(record, functions, options, weave, width, vectors)
+    text = functions.text + _kernel_source(record, functions, weave, width, vectors)
+    return Source(text, (vectors * len(functions.staged), width))
 
 
 class Functions(NamedTuple):
@@ -108,9 +121,7 @@ class Functions(NamedTuple):
         return cls(text, known, staged, by_stage, pieces[-1].part.name == "close", lines)
 
 
-def _kernel_source(
-    record: Recording, functions: Functions, options: str, weave: Weave, width: int, vectors: int
-) -> str:
+def _kernel_source(record: Recording, functions: Functions, weave: Weave, width: int, vectors: int) -> str:
     """The loops, `vectors` of them side by side."""
     count = len(functions.staged)
     kept = vectors * count
@@ -127,25 +138,23 @@ def _kernel_source(
     rows = [gathered("c", record.count("c"), width)] * bool(record.used("c"))
     rows += [gathered("s[:, 0]", record.count("s"), width)] * bool(varying)
     load = each(0, "z{k} = " + gathered("z", len(record.state), width))
-    begin = [indented(load.splitlines(), 8), each(8, f"k{{k}} = known({', '.join(rows)})")]
+    begin = [indented([*load.splitlines(), *weave.begin], 8), each(8, f"k{{k}} = known({', '.join(rows)})")]
     loaded = ""
     if functions.staged:
         of = f"staged(k{{k}}, {gathered('s[:, stage]', record.count('s'), width)})"
-        begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of})")]
+        begin += [indented([STAGES], 8), each(12, f"store({{there}}, {of}, {width})")]
         loaded = f", load({{there}}, {count}, {width})"
     step = f"z{{k}} = step(z{{k}}, k{{k}}{loaded})"
     steps = [STAGES, each(4, step)] if functions.by_stage else [each(0, step)]
     steps += [each(0, "z{k} = close(z{k}, k{k})")] if functions.closes else []
-    back = each(0, "scatter(z, (), {here}, z{k})")
+    back = each(0, f"scatter(z, (), {{here}}, z{{k}}, {width})")
     return KERNEL.format(
-        options=options,
         types=weave.types,
         arguments=weave.arguments,
-        scratch=f"\n    v = np.empty((s.shape[1] * {kept}, {width}))" if functions.staged else "",
         lanes=vectors * width,
         begin="\n".join(begin),
         steps=indented(weave.steps("\n".join(steps), load, back, "end"), 12),
-        save=each(12, "scatter(out, (row,), {here}, z{k})"),
+        save=each(12, f"scatter(out, (row,), {{here}}, z{{k}}, {width})"),
         store=indented(back.splitlines(), 8),
     )
 

@@ -1,21 +1,31 @@
-"""Shares of lanes, or of rows, for threads: as many as Numba has (NUMBA_NUM_THREADS)."""
+"""Shares of lanes, or of rows, for threads: NUMBA_NUM_THREADS of them, else one for each processor."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
-
-import numba
 
 WIDTH = 64  # shares are whole multiples of it
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 Result = TypeVar("Result")
 
 
+def processors() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def thread_count() -> int:
+    """How many threads there are for large work."""
+    asked = os.environ.get("NUMBA_NUM_THREADS", "")
+    return int(asked) if asked.isdecimal() and int(asked) > 0 else processors()
+
+
 def shares(count: int, work: int) -> Iterator[tuple[int, int]]:
     """First and last one of the shares of the threads, whole blocks where there are many."""
-    threads = numba.config.NUMBA_NUM_THREADS if work >= LEAST_WORK else 1  # type: ignore[attr-defined]
+    threads = thread_count() if work >= LEAST_WORK else 1
     size = -(-count // threads)
     if threads > 1 and size > 4 * WIDTH:
         size = -(-size // (4 * WIDTH)) * WIDTH  # four shares a thread: another process may slow one down

@@ -141,7 +141,7 @@ def advance(p, masses, index, z, c, dv, h, G, q, step, simulation, counts, modif
 @cache
 def kernels() -> ModuleType:
     """`act_on_all`, `turn_all` and `advance`, compiled once for this machine."""
-    return load_kernel(source())
+    return load_kernel(source(), by_numba=True)
 
 
 def source() -> str:

@@ -45,14 +45,10 @@ def versions() -> dict[str, str]:
     """Versions of what computed a run, and the kind of processor that kernels are compiled for."""
     import platform
 
-    import llvmlite.binding as llvm
-    from numba import config
+    from kreisel.kernels._llvm.machine import processor
 
     packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
-    out = {
-        "python": platform.python_version(),
-        "processor": getattr(config, "CPU_NAME", None) or llvm.get_host_cpu_name(),
-    }
+    out = {"python": platform.python_version(), "processor": processor()[1]}
     return out | {p: importlib.metadata.version(p) for p in packages}
 
 

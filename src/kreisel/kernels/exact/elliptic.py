@@ -9,16 +9,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from kreisel.kernels._numba import double_double, fused
-from kreisel.kernels._numba.straight import straight
-
-largest: Any = fused.largest
-fma: Any = fused.fma  # called from compiled code, without the context that their definitions take first
-nearest: Any = fused.nearest
-size: Any = fused.size
-where_less: Any = fused.where_less
-pair: Any = double_double.pair
-upper: Any = double_double.upper
+from kreisel.kernels._llvm.operations import fma, largest, nearest, pair, size, upper, where_less
+from kreisel.kernels._llvm.text import straight
 
 PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made

@@ -160,7 +160,7 @@ class ClosedForm:
         """The numbers of a place that are used, and the kernel; no number of a lane stands in it."""
         if self._compiled is None:
             used, source = _rows_source(orbit, kinds, self._scheme.name)
-            self._compiled = used, load_kernel(source).kernel
+            self._compiled = used, load_kernel(source, by_numba=True).kernel
         return self._compiled
 
     def ready(self) -> ClosedForm:

@@ -24,10 +24,12 @@ from kreisel.exact.motion import half_turns
 from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
 from kreisel.exact.turning import turned
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
+from kreisel.kernels._llvm.machine import register_width
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import arranged
 from kreisel.kernels.recording import count_of, flat_constants, indented
+from kreisel.kernels.simd import HEAD
 from kreisel.kernels.tape import Scalar, Tape, source_of
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
@@ -56,15 +58,10 @@ def moment(time, step):
     return pair(time, 0.0) * step
 
 
-@njit("void(f8[:,::1], f8[:,::1], f8[::1], f8, f8[:,::1], f8[:,::1])", {options})
-def jump(z, c, times, step, out, off):
-    lanes, rows = len(z), len(out)
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,::1], f8[:,::1]")
+def jump(states, constants, when, step, out, off):
+    rows = len(out)
 {single}
-    states, constants, when = np.empty((rows, {state})), np.empty((rows, {constants})), np.empty((rows, 1))
-    for k in range(rows):
-        put_numbers(states, (k,), numbers(z, (k % lanes,), {state}, ()), ())
-        put_numbers(constants, (k,), numbers(c, (k % lanes,), {constants}, ()), ())
-        when[k, 0] = times[k // lanes]
     for row in range(0, rows, {width}):
         (number,) = gather(when, 1, row, rows, {width})
         t = moment(number, step)
@@ -87,8 +84,8 @@ TOP = """
             )
         cos, sin = of_turns(0.5 * (turn - nearest(turn)))
         new = finish({mapped}, p0 * unit, p1 * unit, p2 * unit, cos, sin)
-        scatter(out, (), row, rows, new)
-        scatter(off, (), row, rows, ({error} + where_less(float(MOST), count, 1.0, 0.0),))
+        scatter(out, (), row, rows, new, {width})
+        scatter(off, (), row, rows, ({error} + where_less(float(MOST), count, 1.0, 0.0),), {width})
 """
 
 # The orientation begins with a turn about b.
@@ -99,24 +96,21 @@ CARRY = """
 
 BODY = """
         new = rotated(moments({pairs}), begin(*now), t)
-        scatter(out, (), row, rows, finish(*now, *new[:7]))
-        scatter(off, (), row, rows, (new[7],))
+        scatter(out, (), row, rows, finish(*now, *new[:7]), {width})
+        scatter(off, (), row, rows, (new[7],), {width})
 """
 
 # A number takes 1.1 us, a vector of eight 1.7 us.
 SINGLE = """
     if rows == 1:
-        now, known = numbers(z, (0,), {state}, ()), numbers(c, (0,), {constants}, ())
-        new = rotated(moments({pairs}), begin(*now), moment(times[0], step))
+        now, known = numbers(states, (0,), {state}, ()), numbers(constants, (0,), {constants}, ())
+        new = rotated(moments({pairs}), begin(*now), moment(when[0, 0], step))
         put_numbers(out, (0,), finish(*now, *new[:7]), ())
         off[0, 0] = new[7]
         return
 """
 
-IMPORTS = """from kreisel.kernels._numba.double_double import pair
-from kreisel.kernels._numba.fused import largest, nearest, where_less
-from kreisel.kernels._numba.straight import straight
-from kreisel.kernels._numba.vector_type import gather, numbers, put_numbers, scatter
+IMPORTS = """from kreisel.kernels._llvm.operations import largest, nearest, pair, where_less
 from kreisel.kernels.exact.elliptic import of_turns
 from kreisel.kernels.exact.nutating import leap
 from kreisel.kernels.exact.rotating import rotated
@@ -177,25 +171,22 @@ def _map_source(oriented: bool) -> str:
 
 
 def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
-    from kreisel.kernels._numba.vector_type import register_width
-
     jump = None if scheme.orbits is None else scheme.orbits.jump
     if jump is None:
         raise TypeError(f"the scheme {scheme.name} states no jump")
     state = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
-    constants = count_of(columns)
+    constants, width = count_of(columns), register_width()
     if isinstance(jump, Jump):
-        functions, body, single = _of_top(scheme, jump, state, columns)
+        functions, body, single = _of_top(scheme, jump, state, columns, width)
     else:
-        functions, body, single = _of_body(scheme, jump, state, columns)
+        functions, body, single = _of_body(scheme, jump, state, columns, width)
     return (
         HEAD.format(name=f"{scheme.name} of {[kind for _, kind in scheme.components]}, jumps")
         + IMPORTS
         + f"# {_imported_operations()}\n"
         + functions
         + KERNEL.format(
-            options=EXACT,
-            width=register_width(),
+            width=width,
             state=state,
             constants=constants,
             body=body.strip("\n"),
@@ -208,7 +199,7 @@ def _constants_by_name(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -
     return {name: c[place].reshape((scheme.n,) * scheme.axes[name])[()] for name, place in columns.items()}
 
 
-def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]) -> tuple[str, str, str]:
+def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice], width: int) -> tuple[str, str, str]:
     """The functions of a top, and what the kernel does with them."""
     kinds, n = [kind for _, kind in scheme.components], scheme.n
     constants, oriented = count_of(columns), "quaternion" in kinds
@@ -240,12 +231,13 @@ def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]
             carry=CARRY.strip() if oriented else "",
             mapped=", ".join(names),
             error="off_all" if oriented else "off_state",
+            width=width,
         ),
         "",
     )
 
 
-def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice]) -> tuple[str, str, str]:
+def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice], width: int) -> tuple[str, str, str]:
     """The same of a free body."""
     kinds, n = [kind for _, kind in scheme.components], scheme.n
     constants = count_of(columns)
@@ -265,7 +257,7 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
         _function_source("begin", begin, (state,))
         + _function_source("moments", moments, (constants,), fuse=False)
         + _function_source("finish", finish, (state,), (3,), (4,)),
-        BODY.format(pairs=pairs),
+        BODY.format(pairs=pairs, width=width),
         SINGLE.format(
             pairs=pairs,
             state=state,
@@ -276,7 +268,7 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
 
 @cache
 def _imported_operations() -> str:
-    """Of the text of what the kernel imports, which Numba compiles into it."""
+    """Of the text of what the kernel imports, which is compiled into it."""
     texts = b"".join((Path(__file__).parent / name).read_bytes() for name in TEXTS)
     return hashlib.sha256(texts).hexdigest()
 
@@ -300,7 +292,8 @@ class Jumps:
         def jump(first: int, last: int) -> None:
             rows = len(times) * (last - first)
             states, errors = np.empty((rows, z.shape[1])), np.empty((rows, 1))
-            self._jump(z[first:last], c[first:last], times, unit, states, errors)
+            given = [np.tile(array[first:last], (len(times), 1)) for array in (z, c)]
+            self._jump(*given, np.repeat(times, last - first)[:, None], unit, states, errors)
             out[:, first:last] = states.reshape(len(times), last - first, -1)
             off[:, first:last] = errors.reshape(len(times), -1)
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from kreisel.kernels._numba.straight import straight
+from kreisel.kernels._llvm.operations import nearest, pair, size, upper, where_less
+from kreisel.kernels._llvm.text import straight
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
@@ -16,12 +17,7 @@ from kreisel.kernels.exact.elliptic import (
     complete,
     cs,
     largest_root,
-    nearest,
-    pair,
-    size,
     third_kind,
-    upper,
-    where_less,
 )
 
 PLACE = 2.0**-102  # a rounding of double-doubles, some together

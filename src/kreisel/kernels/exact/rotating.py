@@ -10,7 +10,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from kreisel.kernels._numba.straight import straight
+from kreisel.kernels._llvm.operations import fma, largest, nearest, pair, size, upper, where_less
+from kreisel.kernels._llvm.text import straight
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
@@ -18,16 +19,9 @@ from kreisel.kernels.exact.elliptic import (
     complete_beyond,
     cs_beyond,
     either,
-    fma,
-    largest,
-    nearest,
     of_turns,
-    pair,
-    size,
     third_kind,
     third_kind_beyond,
-    upper,
-    where_less,
 )
 
 PLACE = 2.0**-102  # a rounding of double-doubles, some together

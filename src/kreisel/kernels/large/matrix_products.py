@@ -118,5 +118,5 @@ class MatrixProducts:
         return self.work.vector(self.work.stay[name])
 
     def _call(self, function: GeneratedFunction, matrix: str, arguments: Iterable[str]) -> str:
-        self.functions[function.name] = load_kernel(function.source).__name__
+        self.functions[function.name] = load_kernel(function.source, by_numba=True).__name__
         return f"{function.name}({', '.join([matrix, *arguments])})"

@@ -18,6 +18,7 @@ class Weave:
     """How steps are written into a kernel: one after the other."""
 
     types = arguments = head = ""
+    begin: tuple[str, ...] = ()  # lines before the first step
 
     def steps(self, step: str, load: str, store: str, end: str) -> list[str]:
         """The lines for `every` steps of the lanes from `lane` to `end`."""
@@ -32,12 +33,11 @@ class Woven(Weave):
 
     types = ", i8, i8, i8, i8, i8"
     arguments = ", begun, often, project, table, room"
-    head = "from kreisel.kernels._numba.pointers import call_at_address\n\n"
+    begin = ("done = begun",)
+    head = "from kreisel.kernels._numba.pointers import call_at_address\n\n"  # of array code
 
     def steps(self, step: str, load: str, store: str, end: str) -> list[str]:
         return [
-            "if row == 0:",
-            "    done = begun",
             "left = every",
             "while left > 0:",
             "    count = min(left, often - done)",
@@ -118,7 +118,7 @@ class CompiledProjection(Corrections):
         return self._rooms[first]
 
     def _call(self, begin: int) -> None:
-        self._compiled.ctypes(self._first, self.room(0), 0, len(self._z), begin)
+        self._compiled.call(self._first, self.room(0), 0, len(self._z), begin)
 
     def begin(self, steps: int) -> None:
         """Take the values at the start from the rows z as they are now, if that many steps are projected at all."""

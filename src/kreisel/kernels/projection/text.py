@@ -1,6 +1,6 @@
 """The text of the projection, for one state, vectors of lanes and GPUs: `BLOCK` goes through any program.
 
-A program that is not long is written out instead, without loops (`kreisel.kernels._numba.projecting`): 5 to 8 times as
+A program that is not long is written out instead, without loops (`kreisel.kernels._llvm.projecting`): 5 to 8 times as
 fast, and compiled sooner than this text (0.1 to 2 s for 2 to 3 s).
 """
 
@@ -206,51 +206,51 @@ def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst
 HEAD = '''"""Made by kreisel.kernels.projection.text; not to be edited."""
 from math import sqrt
 
-from numba import cfunc, njit
+from kreisel.kernels._llvm.machine import compiled
+from kreisel.kernels._llvm.operations import double_at as number
+from kreisel.kernels._llvm.operations import fma, long_at, size, vector_at, where_less
+from kreisel.kernels._llvm.operations import put_double as set_number
+from kreisel.kernels._llvm.operations import put_vector
+from kreisel.kernels._llvm.operations import whole_at as whole
+from kreisel.kernels._llvm.text import straight
 
-from kreisel.kernels._numba.fused import fma, size, where_less
-from kreisel.kernels._numba.pointers import double_at as number
-from kreisel.kernels._numba.pointers import integer_at as whole
-from kreisel.kernels._numba.pointers import long_at, put_double as set_number
-{reading}
 TAU, FLAT, EPS, GAIN, HUGE = {tau!r}, {flat!r}, {eps!r}, {gain!r}, 1e300
 
 
-@njit({exact})
+@straight
 def get(room, row):
     return {get}
 
 
-@njit({exact})
+@straight
 def put(room, row, value):
     {put}
 
 
-@njit({exact})
+@straight
 def entry(room, row, w):
     return number(room, {width} * row + w)
 
 
-@njit({exact})
+@straight
 def set_entry(room, row, w, value):
     set_number(room, {width} * row + w, value)
 
 
-@njit({exact})
+@straight
 def times(x, y):
     return x * y
 
 '''
 
 STRAIGHT = '''"""Made by kreisel.kernels.projection.text; not to be edited."""
-from numba import cfunc
-
-from kreisel.kernels._numba.pointers import long_at
-from kreisel.kernels._numba.projecting import straight
+from kreisel.kernels._llvm.machine import compiled
+from kreisel.kernels._llvm.operations import long_at
+from kreisel.kernels._llvm.projecting import projection
 
 {parts}
 
-@cfunc("void(i8, i8, i8, i8, i8)", cache=True, error_model="numpy")
+@compiled("i8, i8, i8, i8, i8")
 def project(table, place, first, last, begin):
 {loops}
 '''
@@ -261,7 +261,7 @@ LOOP = """    for lane in range(first, last, {width}):
 
 TABLE = '''
 
-@cfunc("void(i8, i8, i8, i8, i8)", cache=True, error_model="numpy")
+@compiled("i8, i8, i8, i8, i8")
 def project(table, place, first, last, begin):
     """The lanes from first to last; `table` has the numbers below and where the next one is, `place` is room."""
     place = (place + {line} - 1) // {line} * {line}
@@ -289,21 +289,17 @@ def gain_of(programs: Sequence[Program]) -> float:
 
 def projection_source(width: int) -> str:
     """The text of the projection of so many states at once."""
-    one, exact = width == 1, 'error_model="numpy", forceinline=True'
+    one = width == 1
     head = HEAD.format(
-        reading="" if one else "from kreisel.kernels._numba.vector_type import put_vector, vector_at\n",
         get="number(room, row)" if one else f"vector_at(room, row, {width})",
         put="set_number(room, row, value)" if one else "put_vector(room, row, value)",
         width=width,
-        exact=exact,
         tau=TAU,
         flat=FLAT,
         gain=GAIN,
         eps=float(np.finfo(np.float64).eps),
     )
-    states = projection_block(
-        f"@njit({exact})", '@njit(error_model="numpy")', "at * d + i", "at * constants + j", width
-    )
+    states = projection_block("@straight", "@straight", "at * d + i", "at * constants + j", width)
     return head + states + TABLE.format(width=width, line=LINE)
 
 
@@ -326,6 +322,6 @@ def straight_source(programs: list[Program], width: int) -> str:
             "ops": program.operations(),
             "cones": [cone.tolist() for cone in np.split(program.cones, program.ends[:-1])],
         }
-        parts.append(f"part{i} = straight({width}, **{numbers | of_program})\n")
+        parts.append(f"part{i} = projection({width}, **{numbers | of_program})\n")
     loops = [LOOP.format(i=i, width=width) for i in range(len(programs))]
     return STRAIGHT.format(parts="".join(parts), loops="".join(loops))

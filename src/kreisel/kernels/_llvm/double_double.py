@@ -1,4 +1,4 @@
-"""Double-doubles as a type of compiled code: unevaluated sums of two doubles, about 31 digits, for numbers and vectors.
+"""Double-doubles as LLVM's operations: unevaluated sums of two doubles, about 31 digits, for numbers and vectors.
 
 The operations are those of Dekker and Knuth with fused products.  The last one or two of 106 bits may be wrong, in a
 sum those of the larger term: half the operations of one that is as exact where terms cancel.
@@ -9,45 +9,23 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.core.typing.templates import signature
-from numba.extending import intrinsic, models, register_model
 
-from kreisel.kernels._numba.vector_type import VectorType, llvm_intrinsic
+from kreisel.kernels._llvm.numbers import llvm_intrinsic
 
 Two = tuple[Any, Any]  # the upper and the lower double
+
+
+class DoubleDouble(NamedTuple):
+    """Its two numbers, or vectors."""
+
+    upper: Any
+    lower: Any
+
+
 fused = llvm_intrinsic("fma")
-
-
-class Pair(types.Type):
-    """The sum of two numbers, or of two vectors of numbers."""
-
-    def __init__(self, element: types.Type):
-        self.element = element
-        super().__init__(name=f"Pair({element})")
-
-
-@register_model(Pair)
-class PairModel(models.StructModel):
-    """Upper part first."""
-
-    def __init__(self, manager: Any, kind: Pair):
-        super().__init__(manager, kind, [("upper", kind.element), ("lower", kind.element)])
-
-
-def pair_parts(context: Any, builder: ir.IRBuilder, kind: Pair, value: Any) -> Two:
-    held = cgutils.create_struct_proxy(kind)(context, builder, value=value)
-    return held.upper, held.lower
-
-
-def pair_value(context: Any, builder: ir.IRBuilder, kind: Pair, two: Two) -> Any:
-    held = cgutils.create_struct_proxy(kind)(context, builder)
-    held.upper, held.lower = two
-    return held._getvalue()
 
 
 def _two_sum(builder: ir.IRBuilder, x: Any, y: Any) -> Two:
@@ -98,24 +76,3 @@ OPERATIONS: dict[Callable[..., Any], Callable[..., Two]] = {
     operator.neg: _negative,
     math.sqrt: _pair_sqrt,
 }
-
-
-@intrinsic
-def pair(typing_context: Any, upper: Any, lower: Any) -> Any:
-    """The double-double of two numbers or vectors, |lower| at most half a unit in the last place of |upper|."""
-    kind = Pair(next((v for v in (upper, lower) if isinstance(v, VectorType)), types.float64))
-
-    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        return pair_value(context, builder, kind, (values[0], values[1]))
-
-    return signature(kind, kind.element, kind.element), emit
-
-
-@intrinsic
-def upper(typing_context: Any, x: Any) -> Any:
-    """The double next to it."""
-
-    def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-        return pair_parts(context, builder, x, values[0])[0]
-
-    return signature(x.element, x), emit

@@ -7,22 +7,18 @@ second double of a state and of constants, which is 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
-from numba import types
-from numba.core.typing.templates import signature
-from numba.extending import intrinsic
 
-from kreisel.kernels._numba.pointers import INTEGER
-from kreisel.kernels._numba.vector_type import INDEX, everywhere, llvm_intrinsic
+from kreisel.kernels._llvm.numbers import DOUBLE, INDEX, INTEGER, everywhere, llvm_intrinsic
+from kreisel.kernels._llvm.operations import Operation
 
 Number = Any  # of LLVM, or a float: known
 Pair = tuple[Number, Number]  # the sum of two, the second within rounding errors of the terms of the first
 ADD, SUBTRACT, MULTIPLY, DIVIDE = range(4)  # `OPERATIONS` of kreisel.kernels.projection.program
 HUGE = 1e300
-DOUBLE = ir.DoubleType()
 FMA, ROOT, SIZE = (llvm_intrinsic(name) for name in ("fma", "sqrt", "fabs"))
 
 
@@ -306,26 +302,20 @@ def _dot(f: Arithmetic, x: dict[int, Number], y: dict[int, Number] | None = None
     return total
 
 
-def straight(width: int, **program: Any) -> Callable[..., None]:
-    """A function (table, lane, last, begin) of compiled code: the projection of `width` lanes from `lane` on.
+def projection(width: int, **program: Any) -> Operation:
+    """The projection of `width` lanes from `lane` on, called with (table, lane, last, begin).
 
     The table has the addresses of targets, worst, z, constants, and how many constants a lane has.
     """
     code = Straight(**program)
     kind = DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
 
-    @intrinsic
-    def projected(typing_context: Any, table: Any, lane: Any, last: Any, begin: Any) -> Any:
-        def emit(context: Any, builder: ir.IRBuilder, form: Any, values: Any) -> Any:
-            table, lane, last, begin = values
-            builder.function.attributes.add("nounwind")
-            builder.function.attributes.alignstack = 64
-            end = builder.sub(last, INTEGER(1))
-            each = [builder.add(lane, INTEGER(w)) for w in range(width)]
-            at = [builder.select(builder.icmp_signed("<", one, end), one, end) for one in each]
-            code.emit(builder, kind, table, at, begin)
-            return context.get_dummy_value()
+    def emit(builder: ir.IRBuilder, table: Any, lane: Any, last: Any, begin: Any) -> None:
+        builder.function.attributes.add("nounwind")
+        builder.function.attributes.alignstack = 64
+        end = builder.sub(last, INTEGER(1))
+        each = [builder.add(lane, INTEGER(w)) for w in range(width)]
+        at = [builder.select(builder.icmp_signed("<", one, end), one, end) for one in each]
+        code.emit(builder, kind, table, at, begin)
 
-        return signature(types.void, *[types.int64] * 4), emit
-
-    return projected
+    return Operation("projection", emit)
