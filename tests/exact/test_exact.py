@@ -219,8 +219,6 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     frame: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The kernel is the function of the method; threads, calls and a table with few places change no bit."""
-    import numba
-
     model, state = {
         "rest": (kr.LagrangeTop(p=(0.3, -0.8, 0.5), alpha=0.6), {"m": (0.3, 0.7, -1.1), "a": (0.2, 0.5, -0.4)}),
         "moving": (kr.LagrangeTopMoving(A=(0.3, -0.8, 0.5), alpha=0.6), {"M": (3, 5, 8), "P": (0.2, 0.5, -0.4)}),
@@ -228,7 +226,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     options = {"dt": 0.37, "steps": 10**9, "every": 1, "method": "exact", "order": None, "orientation": (1, 0, 0, 0)}
 
     def rows(cuts: tuple[int, ...] = (500,), threads: int = 1) -> tuple[np.ndarray, engine.OrbitRows]:
-        monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
+        monkeypatch.setenv("NUMBA_NUM_THREADS", str(threads))
         engine = make_plan(model, state, **options).engine
         parts = [np.empty((cut, *engine.z.shape)) for cut in cuts]
         for part in parts:

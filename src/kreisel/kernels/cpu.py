@@ -2,7 +2,7 @@
 
 Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
 same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.kernels.simd`); lane i has the
-bits of a run on its own.  Shares of the lanes go to threads, as many as Numba has (NUMBA_NUM_THREADS).
+bits of a run on its own.  Shares of the lanes go to threads (`kreisel.kernels.threads`).
 Straight-line code goes to LLVM as it is (`kreisel.kernels._llvm`), array code by Numba.
 Source and machine code are kept on disk (`kreisel.kernels.cache`), named by the hash of the source, of the operations
 that it imports and of what it is compiled for.
@@ -19,7 +19,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.kernels import dense, layout, simd
-from kreisel.kernels._llvm.machine import array_words
+from kreisel.kernels._llvm.machine import FLOAT, array_words
 from kreisel.kernels.cache import load_kernel as load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
@@ -154,7 +154,10 @@ class CpuEngine(SteppedEngine):
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
-        self._room, self._fixed = code.room, [word for array in self._held for word in array_words(array)]
+        self._room, self._fixed = (
+            code.room,
+            [word for array in self._held for word in array_words(array, FLOAT, array.ndim)],
+        )
         if code.programs:
             parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
@@ -194,7 +197,7 @@ class CpuEngine(SteppedEngine):
 
     def _advance(self, out: Floats, every: int) -> None:
         more = self._woven.arguments if self._woven else ()
-        rows = out if self._room is None else array_words(out)
+        rows = out if self._room is None else array_words(out, FLOAT, 3)
 
         def work_on(first: int, last: int) -> None:
             room = (self._woven.room(first),) if self._woven else ()
@@ -203,7 +206,7 @@ class CpuEngine(SteppedEngine):
                 return
             count, width = self._room
             known = np.empty((self.stages.shape[1] * count, width))
-            self._kernel.call(*self._fixed, *rows, *array_words(known), every, first, last, *more, *room)
+            self._kernel.call(*self._fixed, *rows, *array_words(known, FLOAT, 2), every, first, last, *more, *room)
 
         on_threads(len(self.z), len(out) * every * len(self.z), work_on)
 

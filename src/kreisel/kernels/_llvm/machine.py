@@ -23,7 +23,8 @@ from kreisel.kernels._llvm.numbers import DOUBLE, INTEGER
 from kreisel.kernels._llvm.text import Straight, written
 
 DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
-KINDS = {"f8": (DOUBLE, np.dtype(np.float64)), "i8": (INTEGER, np.dtype(np.int64))}
+FLOAT = np.dtype(np.float64)
+KINDS = {"f8": (DOUBLE, FLOAT), "i8": (INTEGER, np.dtype(np.int64))}
 ARGUMENT = re.compile(r"(f8|i8)(\[[:,1]*\])?")
 
 
@@ -55,7 +56,7 @@ def processor() -> tuple[str, str, str]:
     """Triple, name and features of what is compiled for."""
     name, features = (os.environ.get(f"NUMBA_CPU_{what}") for what in ("NAME", "FEATURES"))
     if features is None:
-        features = "" if name else llvm.get_host_cpu_features().flatten()
+        features = "" if name == "generic" else llvm.get_host_cpu_features().flatten()
     return llvm.get_process_triple(), name or llvm.get_host_cpu_name(), features
 
 
@@ -138,8 +139,7 @@ class Code:
     """A compiled function of arrays and numbers.
 
     address  for other compiled code
-    words    of an array: its address and how many numbers it has along each axis, as `call` takes them
-    call     the same function of the words of all its arguments
+    call     the same function of numbers alone: of an array its `array_words`
     """
 
     def __init__(self, engine: Any, name: str, form: str):
@@ -163,9 +163,12 @@ class Code:
         self.call(*words)
 
 
-def array_words(array: Any, kind: Any = KINDS["f8"][1], axes: int | None = None) -> tuple[int, ...]:
-    """The address of a contiguous array, and its shape.  Raises `TypeError` for another array."""
-    if array.dtype != kind or array.ndim != (array.ndim if axes is None else axes) or not array.flags.c_contiguous:
+def array_words(array: Any, kind: Any, axes: int) -> tuple[int, ...]:
+    """The address of a contiguous array, and how many numbers it has along each axis.
+
+    Raises `TypeError` for another kind of array.
+    """
+    if array.dtype != kind or array.ndim != axes or not array.flags.c_contiguous:
         raise TypeError(f"expected a contiguous array of {kind} with {axes} axes, got {array.dtype} {array.shape}")
     return (array.__array_interface__["data"][0], *array.shape)
 

@@ -1,1 +1,1 @@
-"""Types and operations of compiled code: the only door to the inside of Numba."""
+"""Operations of array code that Numba compiles: the only door to its inside."""
