@@ -86,6 +86,11 @@ def remainder(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
     return builder.select(_other_sign(builder, rest, y), builder.add(rest, y), rest)
 
 
+def below(builder: ir.IRBuilder, x: Any, y: Any) -> Any:
+    """1 where x < y, else 0, of whole numbers without a sign."""
+    return builder.zext(builder.icmp_unsigned("<", x, y), INTEGER)
+
+
 def _other_sign(builder: ir.IRBuilder, rest: Any, y: Any) -> Any:
     apart = builder.icmp_signed("<", builder.xor(rest, y), INTEGER(0))
     return builder.and_(builder.icmp_signed("!=", rest, INTEGER(0)), apart)

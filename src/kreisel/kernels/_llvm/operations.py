@@ -11,9 +11,10 @@ from typing import Any
 
 from llvmlite import ir
 
-from kreisel.kernels._llvm import memory
+from kreisel.kernels._llvm import memory, rows
 from kreisel.kernels._llvm.numbers import (
     Emit,
+    below,
     floor_divided,
     larger,
     largest_of,
@@ -42,7 +43,7 @@ class Operation:
     of_python: Callable[..., Any] | None = None
 
 
-def _elementwise(name: str, emit: Emit, of_python: Any = None, of_wholes: Any = None) -> Operation:
+def _elementwise(name: str, emit: Emit | None, of_python: Any = None, of_wholes: Any = None) -> Operation:
     return Operation(name, emit, True, of_wholes, of_python)
 
 
@@ -51,8 +52,8 @@ OPERATORS: dict[type, Operation] = {
     ast.Sub: _elementwise("-", ir.IRBuilder.fsub, operator.sub, ir.IRBuilder.sub),
     ast.Mult: _elementwise("*", ir.IRBuilder.fmul, operator.mul, ir.IRBuilder.mul),
     ast.Div: _elementwise("/", ir.IRBuilder.fdiv, operator.truediv),
-    ast.FloorDiv: Operation("//", None, True, floor_divided, operator.floordiv),
-    ast.Mod: Operation("%", None, True, remainder, operator.mod),
+    ast.FloorDiv: _elementwise("//", None, operator.floordiv, floor_divided),
+    ast.Mod: _elementwise("%", None, operator.mod, remainder),
     ast.USub: _elementwise("-", ir.IRBuilder.fneg, operator.neg, ir.IRBuilder.neg),
 }
 
@@ -73,14 +74,19 @@ largest: Any = _elementwise("largest", largest_of)
 pair: Any = Operation("pair", lambda builder, *given: given)  # the double-double of its two numbers
 upper: Any = Operation("upper", lambda builder, x: x)  # the double next to a double-double
 
+# Of whole numbers of 64 places: shifts that bring zeros in, and 1 where x < y of those without a sign.
+shifted_left: Any = _elementwise("shifted_left", None, of_wholes=ir.IRBuilder.shl)
+shifted_right: Any = _elementwise("shifted_right", None, of_wholes=ir.IRBuilder.lshr)
+carry: Any = _elementwise("carry", None, of_wholes=below)
+
 (
     gather, scatter, numbers, put_numbers, load, store, double_at, whole_at, long_at, put_double, vector_at, put_vector,
-    call_at_address,
+    call_at_address, polynomials, store_rows, expect_rows,
 ) = (
     Operation(emit.__name__, emit)
     for emit in (
         memory.gather, memory.scatter, memory.numbers, memory.put_numbers, memory.load, memory.store, memory.double_at,
         memory.whole_at, memory.long_at, memory.put_double, memory.vector_at, memory.put_vector,
-        memory.call_at_address,
+        memory.call_at_address, rows.polynomials, rows.store_rows, rows.expect_rows,
     )
 )  # fmt: skip

@@ -15,12 +15,13 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.kernels import layout
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.printing import split
 from kreisel.kernels.recording import indented, recorded_function
+from kreisel.kernels.simd import HEAD
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin, States
 
@@ -33,21 +34,20 @@ ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
 WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
 
 ROWS = """
-from kreisel.kernels._numba.vectors import expect_rows, polynomials, store_rows
-
-
-@njit(
-    "i8(u8[:,::1], u8[:,::1], u8[:,::1], i8[::1], b1[::1], f8[:,:,::1], f8[::1], f8[::1], i8, f8[:,:,::1], i8, i8, i8)",
-    {options},
+from kreisel.kernels._llvm.operations import (
+    carry, expect_rows, polynomials, shifted_left, shifted_right, store_rows,
 )
-def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, first, last):
+
+@compiled(
+    "i8[:,::1], i8[:,::1], i8[:,::1], i8[::1], i8[::1], f8[:,:,::1], f8[::1], f8[::1], i8, f8[:,:,::1], i8, i8, i8, "
+    "f8[::1], f8[::1], i8[::1], i8[::1], i8[::1]"
+)
+def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, first, last, w, x, part, u, done):
 {constants}
-    w, x, part = np.empty({rows}), np.zeros({width}), np.zeros({width}, dtype=np.int64)
-    u = np.empty({words}, dtype=np.uint64)
-    half, shift, up = np.uint64(1) << np.uint64(63 - places), np.uint64(64 - places), np.uint64(places)
+    half, shift = shifted_left(1, 63 - places), 64 - places
 {start}
-    start, stopped = first, False
-    while start < last and not stopped:
+    start, stopped = first, 0
+    while start < last and stopped == 0:
         count = min({width}, last - start)
         if len(phases) > 0:
             for i in range(count):
@@ -56,13 +56,13 @@ def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, 
         else:
 {step}
             for i in range(count):
-                j = (u[i] + half) >> shift
+                j = shifted_right(u[i] + half, shift)
                 if not known[j]:
-                    count, stopped = i, True
+                    count, stopped = i, 1
                     break
-                part[i] = np.int64(j)
+                part[i] = j
         for i in range(count):
-            x[i] = np.float64(np.int64(u[i] << up)) * 2.0**-63
+            x[i] = float(shifted_left(u[i], places)) * {unit!r}
 {turns}
         for i in range(0, count, {lanes}):
             expect_rows(out, start + i, lane, {values})
@@ -76,23 +76,23 @@ def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, 
         for i in range(count - count % {lanes}, count):
 {store}
         start += count
-    return start
+    done[0] = start
 """
 
 STEP = """
             for i in range(count):
                 u[{words} + i] = h{k}
                 l{k} += step[1, {k}]
-                h{k} += step[0, {k}] + np.uint64(l{k} < step[1, {k}])
+                h{k} += step[0, {k}] + carry(l{k}, step[1, {k}])
 """
 
 TURN = """
         for i in range(count):
             phase = u[{words} + i]
-            j = (phase + np.uint64({half})) >> np.uint64({shift})
+            j = shifted_right(phase + {half}, {shift})
             w[{at} + i] = circle[j]
-            w[{at} + {width} + i] = circle[j + np.uint64({size})]
-            w[{at} + 2 * {width} + i] = np.float64(np.int64(phase << np.uint64({bits}))) * {rest!r}
+            w[{at} + {width} + i] = circle[j + {size}]
+            w[{at} + 2 * {width} + i] = float(shifted_left(phase, {bits})) * {rest!r}
 """
 
 
@@ -139,7 +139,7 @@ class ClosedForm:
         self._done, self._jumped = 0, jumps.ROWS * every if isinstance(closed_form_of(scheme).jump, Spin) else 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         self._known: dict[int, OrbitRows | Samples] = {}
-        self._compiled: tuple[list[int], Any] | None = None
+        self._compiled: tuple[list[int], tuple[int, int], Any] | None = None
 
     @cached_property
     def _jumps(self) -> Jumps:
@@ -156,11 +156,11 @@ class ClosedForm:
             )
         return {lane: self._known[lane] for lane in which}
 
-    def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], Any]:
-        """The numbers of a place that are used, and the kernel; no number of a lane stands in it."""
+    def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], tuple[int, int], Any]:
+        """The numbers of a place that are used, what room the kernel needs, and it; in it are no numbers of a lane."""
         if self._compiled is None:
-            used, source = _rows_source(orbit, kinds, self._scheme.name)
-            self._compiled = used, load_kernel(source, by_numba=True).kernel
+            used, room, source = _rows_source(orbit, kinds, self._scheme.name)
+            self._compiled = used, room, load_kernel(source).kernel
         return self._compiled
 
     def ready(self) -> ClosedForm:
@@ -258,13 +258,13 @@ class Samples:
 class OrbitRows:
     """The states of one orbit, by a kernel made of its `row`."""
 
-    def __init__(self, orbit: Orbit, used: list[int], kernel: Any):
-        self.orbit, self._used = orbit, used
+    def __init__(self, orbit: Orbit, used: list[int], room: tuple[int, int], kernel: Any):
+        self.orbit, self._used, self._room = orbit, used, room
         values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
         self._constants = np.concatenate([np.empty(0), *(v.ravel() for v in values)])
         dense = orbit.places <= MOST_PLACES
         self._table = _in_lines((1 << orbit.places if dense else 0, *self._numbers(0).shape))
-        self._known = np.zeros(len(self._table), dtype=bool)
+        self._known = np.zeros(len(self._table), dtype=np.int64)  # 1 where it is
         self._sparse: dict[int, Array] = {}
         self._one_at_a_time = Lock()  # numbers in many digits change their context
         self._kernel = kernel
@@ -292,7 +292,7 @@ class OrbitRows:
         """The states at these phases (rows, 3) into out[:, lane]."""
         needed, where = np.unique(self._nearest(phases[:, 0]), return_inverse=True)
         if len(self._table):
-            for j in needed[~self._known[needed]].tolist():
+            for j in needed[self._known[needed] == 0].tolist():
                 self._place(np.uint64(j << (64 - self.orbit.places)))
             table, where = self._table, needed[where]
         else:
@@ -310,7 +310,7 @@ class OrbitRows:
         with self._one_at_a_time:
             if not self._known[j]:
                 self._table[j] = self._numbers(j)
-                self._known[j] = True
+                self._known[j] = 1
 
     def _numbers(self, j: int) -> Array:
         """The polynomials of place j that the kernel needs, in whole multiples of LANES."""
@@ -319,12 +319,19 @@ class OrbitRows:
 
     def _call(self, at: Array, step: Array, phases: Array, where: Array, table: Floats, *rest: Any) -> int:
         """The kernel, up to a row whose place is not known; its number."""
+        at, step, phases = (np.ascontiguousarray(array).view(np.int64) for array in (at, step, phases))
         given = (at, step, phases, where, self._known, table, circle(), self._constants, self.orbit.places)
-        return int(self._kernel(*given, *rest))
+        room, count, done = (
+            np.empty(self._room[0]),
+            np.empty(self._room[1], dtype=np.int64),
+            np.zeros(1, dtype=np.int64),
+        )
+        self._kernel(*given, *rest, room, np.zeros(WIDTH), np.zeros(WIDTH, dtype=np.int64), count, done)
+        return int(done[0])
 
 
-def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], str]:
-    """The numbers of a place that are used, and straight-line code of `row` in blocks of rows.
+def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], tuple[int, int], str]:
+    """The numbers of a place that are used, the sizes of w and u, and straight-line code of `row` in blocks of rows.
 
     LLVM vectorises it; what all rows share comes first.
     """
@@ -353,18 +360,16 @@ def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], 
         "half": 1 << (63 - CIRCLE_BITS),
         "rest": float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
     }
-    return used, HEAD.format(name=f"{name} in closed form") + ROWS.format(
-        options=EXACT,
+    source = HEAD.format(name=f"{name} in closed form") + ROWS.format(
         width=WIDTH,
+        unit=2.0**-63,
         lanes=LANES,
         terms=terms,
         numbers=len(used),
         begin_out=begin,
         values=len(values),
-        rows=begin + len(values) * WIDTH,
         constants=indented([*(f"c{k} = c[{k}]" for k in constants), *(line.text for line in fixed)], 4),
         start=indented([f"h{k}, l{k} = at[0, {k}], at[1, {k}]" for k in phases], 4),
-        words=len(phases) * WIDTH,
         given=indented([f"u[{place * WIDTH} + i] = phases[start + i, {k}]" for place, k in enumerate(phases)], 16),
         step="".join(STEP.format(k=k, words=place * WIDTH).rstrip() for place, k in enumerate(phases)).strip("\n"),
         turns="".join(
@@ -375,3 +380,4 @@ def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], 
         save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),
         store=indented([f"out[start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12),
     )
+    return used, (begin + len(values) * WIDTH, len(phases) * WIDTH), source
