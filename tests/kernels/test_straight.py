@@ -13,7 +13,18 @@ import numpy as np
 import pytest
 
 from kreisel.kernels._llvm.machine import Code, compiled, loaded, object_code
-from kreisel.kernels._llvm.operations import call_at_address, gather, numbers, pair, put_numbers, scatter, upper
+from kreisel.kernels._llvm.operations import (
+    call_at_address,
+    carry,
+    gather,
+    numbers,
+    pair,
+    put_numbers,
+    scatter,
+    shifted_left,
+    shifted_right,
+    upper,
+)
 from kreisel.kernels._llvm.text import straight
 
 PARTS = (0.25, -2.0)
@@ -64,6 +75,12 @@ def wholes(x: Any) -> Any:
     i = int(x * 10.0)
     j = i % 7 - 4
     return float(i // 7), float(i % 7), float(j // 2), float(j % 3), float(min(i, -j)), i / 2.0
+
+
+def words(x: Any) -> Any:
+    i = int(x * 10.0)
+    j = shifted_right(-i, 60)
+    return float(shifted_left(i, 3)), float(j), float(carry(i, -1)), float(carry(-1, i) + carry(i, i))
 
 
 def exactly(x: Any, y: Any) -> Any:
@@ -123,6 +140,13 @@ def test_double_doubles_have_31_digits() -> None:
         value = (a + b) * (a - b) / (3 * b)
         assert abs(Fraction(out[0]) + Fraction(out[1]) - value) < abs(value) * Fraction(1, 10**29)
         assert abs(Fraction(out[0]) - value) > 0 and out[2] == -abs(x)
+
+
+def test_whole_numbers_without_a_sign() -> None:
+    """Zeros come in from both sides, and -1 is the largest."""
+    run = of_rows(words, 1)
+    assert run(np.array([0.5])).tolist() == [40, 15, 1, 0]
+    assert run(np.array([-0.5])).tolist() == [-40, 0, 1, 0]
 
 
 def of_arrays(x: Any, places: Any, out: Any, count: int, unit: float) -> None:
