@@ -5,7 +5,7 @@ import os
 FULL = "KREISEL_FULL" in os.environ
 PAPER = ("heavy-top", "lagrange-top", "lagrange-top-moving", "symmetric-top", "kirchhoff", "clebsch", "neumann")
 # array code takes a quarter of a minute to compile for each body, seconds for a chain
-DENSE = ("lagrange-top-moving", "clebsch", "neumann", "lattice-landau-lifshitz", "spin-chain")
+DENSE = ("clebsch", "lattice-landau-lifshitz", "spin-chain")
 
 
 def costly(name: str) -> bool:
