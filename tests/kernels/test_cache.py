@@ -151,7 +151,6 @@ def test_a_seal_that_belongs_to_other_code_is_not_believed(folder: Path, monkeyp
 @pytest.mark.parametrize(
     ("by", "place"),
     [
-        ("LLVM", "pathlib.Path.write_text"),
         ("LLVM", "pathlib.Path.write_bytes"),
         ("Numba", "numba.core.caching.IndexDataCacheFile._save_data"),
     ],

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kreisel.kernels._llvm.functions import straight
 from kreisel.kernels._llvm.machine import Code, compiled, loaded, object_code
 from kreisel.kernels._llvm.operations import (
     call_at_address,
@@ -25,7 +26,6 @@ from kreisel.kernels._llvm.operations import (
     shifted_right,
     upper,
 )
-from kreisel.kernels._llvm.text import straight
 
 PARTS = (0.25, -2.0)
 X = np.array([[0.3, -0.7, 2.0, 5.0, -1.5], [1.1, 0.2, -0.4, 3.0, 0.9]])
@@ -176,6 +176,40 @@ def test_arrays_are_those_of_numpy() -> None:
             code(wrong, places, np.zeros((3, 3)), 1, 0.5)
 
 
+def from_behind(x: Any) -> None:
+    x[0, 0] = x[-1, 0]
+
+
+def of_a_part(x: Any) -> None:
+    y = x[1:, 0]
+    x[0, 0] = y[0]
+
+
+def taken_apart(x: Any) -> None:
+    a, b = x
+    x[0, 0] = a[0] + b[0]
+
+
+def guarded(x: Any) -> None:
+    x[0, 0] = x[5, 0] if len(x) > 5 else 0.0
+
+
+@pytest.mark.parametrize("function", [from_behind, of_a_part, taken_apart, guarded])
+def test_what_would_read_beside_an_array_is_refused(function: Callable[..., Any]) -> None:
+    with pytest.raises(TypeError, match="text` knows"):
+        code_of(function, "f8[:,::1]")
+
+
+def test_a_function_that_takes_names_of_another_is_refused() -> None:
+    factor = 7.0
+
+    def inner(x: Any) -> None:
+        x[0] = factor
+
+    with pytest.raises(TypeError, match="stands alone"):
+        code_of(inner, "f8[::1]")
+
+
 def by_address(address: int, x: int) -> None:
     call_at_address(address, (x, 3))
 
@@ -229,11 +263,50 @@ def carried(x: Any) -> Any:
     return (y,)
 
 
+def after_its_loop(x: Any) -> Any:
+    k = 9
+    for k in range(3):
+        x = x + k
+    return (x * k,)
+
+
+def of_another_form(x: Any) -> Any:
+    w = ((x, x), 1.0)
+    if x > 0.0:
+        w = (x, (x, 1.0))
+    return (w[1],)
+
+
+def by_zero(x: Any) -> Any:
+    i = int(x)
+    return (float(7 // i if i != 0 else 7),)
+
+
+def a_stride(x: Any) -> Any:
+    return (x, 2.0 * x, 3.0 * x)[::2]
+
+
 def unknown(x: Any) -> Any:
     return (abs(x),)
 
 
-@pytest.mark.parametrize("function", [a_list, a_power, of_each, of_a_double, another_kind, early, carried, unknown])
+@pytest.mark.parametrize(
+    "function",
+    [
+        a_list,
+        a_power,
+        of_each,
+        of_a_double,
+        another_kind,
+        early,
+        carried,
+        after_its_loop,
+        of_another_form,
+        by_zero,
+        a_stride,
+        unknown,
+    ],
+)
 def test_what_is_no_such_text_is_refused(function: Callable[..., Any]) -> None:
-    with pytest.raises(TypeError, match=r"text` knows|expected i64|y to be known"):
+    with pytest.raises(TypeError, match=r"text` knows|expected i64|y to be known|of one form"):
         of_rows(function, 1)

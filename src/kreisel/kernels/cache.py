@@ -120,16 +120,18 @@ def _made(folder: Path, source: str, by_numba: bool) -> ModuleType:
     scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
         file = _file(scratch, folder.name)
-        file.write_text(source, encoding="utf-8")
         if by_numba:
-            made = _executed(folder.name, str(file), source)
+            file.write_bytes(source.encode())
+            made, seal = _executed(folder.name, str(file), source), _hashes(scratch)
         else:
             code, forms = _compiled(folder.name, str(file), source)
             made = _of_code(folder.name, code, forms)
-            (scratch / CODE).write_bytes(code)
-            (scratch / FORMS).write_text(json.dumps(forms), encoding="utf-8")
+            parts = {file.name: source.encode(), CODE: code, FORMS: json.dumps(forms).encode()}
+            seal = {name: hashlib.sha256(part).hexdigest() for name, part in parts.items()}
         with contextlib.suppress(OSError):
-            (scratch / SEAL).write_text(json.dumps(_hashes(scratch)), encoding="utf-8")
+            for name, part in {} if by_numba else parts.items():
+                (scratch / name).write_bytes(part)
+            (scratch / SEAL).write_bytes(json.dumps(seal).encode())
             if not _whole(folder, source):
                 _remove(folder)
                 scratch.rename(folder)

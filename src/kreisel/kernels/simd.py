@@ -28,7 +28,7 @@ from kreisel.kernels._llvm.machine import compiled
 from kreisel.kernels._llvm.operations import (
     call_at_address, fma, gather, load, numbers, put_numbers, scatter, sign, store,
 )
-from kreisel.kernels._llvm.text import straight
+from kreisel.kernels._llvm.functions import straight
 
 '''
 

@@ -47,7 +47,7 @@ def versions() -> dict[str, str]:
 
     from kreisel.kernels._llvm.machine import processor
 
-    packages = ("kreisel", "numpy", "numba", "scipy", "mpmath", "xarray", "zarr")
+    packages = ("kreisel", "numpy", "llvmlite", "numba", "scipy", "mpmath", "xarray", "zarr")
     out = {"python": platform.python_version(), "processor": processor()[1]}
     return out | {p: importlib.metadata.version(p) for p in packages}
 

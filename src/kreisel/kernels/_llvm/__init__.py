@@ -1,1 +1,1 @@
-"""Straight-line text to machine code by LLVM: the only door to it."""
+"""Straight-line text to machine code, by LLVM."""

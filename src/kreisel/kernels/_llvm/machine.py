@@ -1,6 +1,6 @@
 """Functions of text as machine code: compiled for this processor, kept as bytes, called with arrays and numbers.
 
-The processor is that of the machine, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say, as for Numba's own code.
+The processor is that of the machine, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say, which Numba reads too.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
+from kreisel.kernels._llvm.functions import Straight
 from kreisel.kernels._llvm.memory import contiguous
 from kreisel.kernels._llvm.numbers import DOUBLE, INTEGER
-from kreisel.kernels._llvm.text import Straight, written
+from kreisel.kernels._llvm.text import written
 
 DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
 FLOAT = np.dtype(np.float64)
@@ -143,7 +144,7 @@ class Code:
     """
 
     def __init__(self, engine: Any, name: str, form: str):
-        self._engine, self._kinds = engine, [(kind, axes) for _, kind, axes in _arguments(form)]
+        self._kinds = [(kind, axes) for _, kind, axes in _arguments(form)]
         self.address = engine.get_function_address(name)
         words = [
             word
@@ -154,7 +155,9 @@ class Code:
                 else [ctypes.c_double if kind.kind == "f" else ctypes.c_int64]
             )
         ]
-        self.call = ctypes.CFUNCTYPE(None, *words)(self.address)
+        call: Any = ctypes.CFUNCTYPE(None, *words)(self.address)
+        call.engine = engine  # whoever has the one has the other
+        self.call = call
 
     def __call__(self, *given: Any) -> None:
         words: list[Any] = []

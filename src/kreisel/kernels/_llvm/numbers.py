@@ -67,7 +67,7 @@ def lesser_chosen(builder: ir.IRBuilder, x: Any, y: Any, yes: Any, no: Any) -> A
 
 
 def largest_of(builder: ir.IRBuilder, x: Any) -> Any:
-    """The largest of the places of a vector; no number if one of them is none."""
+    """The largest of the places of a vector; of those that are numbers, if the first is one."""
     if not isinstance(x.type, ir.VectorType):
         return x
     places = [builder.extract_element(x, INDEX(k)) for k in range(x.type.count)]

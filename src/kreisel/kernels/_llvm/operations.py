@@ -71,8 +71,8 @@ size: Any = _elementwise("size", llvm_intrinsic("fabs"))
 sign: Any = _elementwise("sign", sign_of)
 where_less: Any = _elementwise("where_less", lesser_chosen)
 largest: Any = _elementwise("largest", largest_of)
-pair: Any = Operation("pair", lambda builder, *given: given)  # the double-double of its two numbers
-upper: Any = Operation("upper", lambda builder, x: x)  # the double next to a double-double
+pair: Any = Operation("pair", None)  # the double-double of its two numbers
+upper: Any = Operation("upper", None)  # the double next to a double-double
 
 # Of whole numbers of 64 places: shifts that bring zeros in, and 1 where x < y of those without a sign.
 shifted_left: Any = _elementwise("shifted_left", None, of_wholes=ir.IRBuilder.shl)

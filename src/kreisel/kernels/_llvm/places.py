@@ -32,6 +32,8 @@ class Places:
         for name in self._names:
             if name in known:
                 numbers = _flat(known[name], name)
+                if name in self._held and _form(known[name]) != _form(self._held[name][0]):
+                    raise TypeError(f"expected values of one form in {name!r}, got several")
                 if name not in self._held:
                     kinds = [_kind_of(number) for number in numbers]
                     self._held[name] = known[name], [memory_for(builder, kind) for kind in kinds]
@@ -48,6 +50,11 @@ class Places:
         if not self._builder.block.is_terminated:
             self.write()
             self._builder.branch(block)
+
+
+def _form(value: Value) -> Any:
+    """How tuples lie in each other."""
+    return (type(value), *map(_form, value)) if isinstance(value, tuple) else ()
 
 
 def _flat(value: Value, name: str) -> list[Any]:

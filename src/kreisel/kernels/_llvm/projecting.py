@@ -1,4 +1,4 @@
-"""The projection as a straight line of LLVM's operations, made from its program: no text that Numba would type.
+"""The projection as a straight line of LLVM's operations, made from its program.
 
 What is known before, numbers 0 and 1 above all, is not computed: slopes of sums, gradients that have few entries, the
 second double of a state and of constants, which is 0.
@@ -151,7 +151,7 @@ class Rows:
             self._builder.store(one, self._place(row, i))
 
 
-class Straight:
+class Projection:
     """The operations of a projection.
 
     size, ops, outs, cones, columns, first   as in `Program`; ops are (what, x, y), one cone for each invariant
@@ -307,7 +307,7 @@ def projection(width: int, **program: Any) -> Operation:
 
     The table has the addresses of targets, worst, z, constants, and how many constants a lane has.
     """
-    code = Straight(**program)
+    code = Projection(**program)
     kind = DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
 
     def emit(builder: ir.IRBuilder, table: Any, lane: Any, last: Any, begin: Any) -> None:

@@ -3,23 +3,23 @@
 Values are numbers and vectors of them, double-doubles, whole numbers, arrays, and tuples of values.  Text is that of
 `kreisel.kernels.printing`, or written in the same words: sums, products and quotients, comparisons, what
 `kreisel.kernels._llvm.operations` lists, other such functions, numbers of arrays; `for` over ranges, `while`, `if`.
-Functions are written into what calls them.  Any other text raises `TypeError`.
+Functions are written into what calls them.  Any other text raises `TypeError`.  Indices are not negative, slices of
+arrays are whole axes, and a loop's variable ends with it.
 """
 
 from __future__ import annotations
 
 import ast
 import builtins
-import linecache
+import contextlib
 import operator
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from llvmlite import ir
 
 from kreisel.kernels._llvm.double_double import OPERATIONS, DoubleDouble
+from kreisel.kernels._llvm.functions import Straight, definition_of
 from kreisel.kernels._llvm.memory import Array, part, place, whole
 from kreisel.kernels._llvm.numbers import DOUBLE, INTEGER, as_kind, is_whole
 from kreisel.kernels._llvm.operations import CALLABLE, OPERATORS, Operation, pair, upper
@@ -36,27 +36,6 @@ COMPARED: dict[type, tuple[str, Callable[[Any, Any], bool]]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Straight:
-    """A function of text."""
-
-    py_func: Any
-
-
-def straight(function: Callable[..., Any]) -> Any:
-    """The same function for compiled code; it is written into the code that calls it."""
-    return Straight(function)
-
-
-@lru_cache(64)
-def _definitions(text: str) -> dict[str, ast.FunctionDef]:
-    return {node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
-
-
-def _definition(function: Any) -> ast.FunctionDef:
-    return _definitions("".join(linecache.getlines(function.__code__.co_filename)))[function.__name__]
-
-
 def written(builder: ir.IRBuilder, function: Any, given: Sequence[Value]) -> Value:
     """What a function returns for these; its operations stand at the end of what `builder` builds."""
     return _Lines(builder, function).run(given)
@@ -64,9 +43,10 @@ def written(builder: ir.IRBuilder, function: Any, given: Sequence[Value]) -> Val
 
 class _Lines:
     def __init__(self, builder: ir.IRBuilder, function: Any):
-        self._builder, self._globals, self._definition = builder, function.__globals__, _definition(function)
+        self._builder, self._globals, self._definition = builder, function.__globals__, definition_of(function)
         self._known: dict[str, Value] = {}
         self._exit: Any = None  # the block after the function, if a `return` leads there
+        self._both = False  # inside `_both_sides`
         self._loops: list[tuple[Places, Any]] = []  # of the loops that we are in: names, and the block after
 
     def run(self, given: Sequence[Value]) -> Value:
@@ -125,7 +105,7 @@ class _Lines:
         if isinstance(target, ast.Name):
             self._known[target.id] = value
         elif isinstance(target, ast.Tuple):
-            _require(isinstance(value, tuple) and len(value) == len(target.elts), target)
+            _require(_is_tuple(value) and len(value) == len(target.elts), target)
             for name, own in zip(target.elts, value, strict=True):
                 self._assign(name, own)
         else:
@@ -170,8 +150,8 @@ class _Lines:
         _require(of_range and isinstance(line.target, ast.Name) and not line.orelse, line)
         bounds = [self._value(one) for one in asked.args]
         first, last, step = {1: [0, *bounds, 1], 2: [*bounds, 1], 3: bounds}[len(bounds)]
-        _require(isinstance(step, int) and all(map(is_whole, (first, last))), line)
         builder, name = self._builder, line.target.id  # type: ignore[attr-defined]
+        _require(isinstance(step, int) and all(map(is_whole, (first, last))) and name not in after, line)
         count = memory_for(builder, INTEGER)
         builder.store(whole(first), count)
 
@@ -211,7 +191,7 @@ class _Lines:
 
     def _value(self, node: Any) -> Value:
         if isinstance(node, ast.Constant):
-            return node.value
+            return int(node.value) if isinstance(node.value, bool) else node.value
         if isinstance(node, ast.Name):
             return self._named_value(node.id)
         if isinstance(node, ast.Tuple):
@@ -235,7 +215,11 @@ class _Lines:
 
     def _parts(self, node: Any) -> list[Value]:
         """A value, or those of a tuple with a star."""
-        return [*self._value(node.value)] if isinstance(node, ast.Starred) else [self._value(node)]
+        if not isinstance(node, ast.Starred):
+            return [self._value(node)]
+        values = self._value(node.value)
+        _require(_is_tuple(values), node)
+        return [*values]
 
     def _named_value(self, name: str) -> Value:
         if name in self._known:
@@ -245,13 +229,15 @@ class _Lines:
     def _entry(self, node: ast.Subscript) -> Value:
         value = self._value(node.value)
         if not isinstance(value, Array):
-            _require(isinstance(value, tuple), node)
+            _require(_is_tuple(value), node)
             if isinstance(node.slice, ast.Slice):
+                _require(node.slice.step is None, node)
                 return value[
                     slice(*(bound and ast.literal_eval(bound) for bound in (node.slice.lower, node.slice.upper)))
                 ]
             return value[ast.literal_eval(node.slice)]
         at = self._indices(node.slice)
+        _require(not self._both, node)
         if None in at or len(at) < len(value.shape):
             return part(self._builder, value, at)
         return self._builder.load(place(self._builder, value, at))
@@ -259,12 +245,17 @@ class _Lines:
     def _indices(self, node: Any) -> list[Any]:
         """Indices, and None for a whole axis."""
         each = node.elts if isinstance(node, ast.Tuple) else [node]
-        at = [None if isinstance(one, ast.Slice) else self._value(one) for one in each]
+        at = [self._value(one) if not isinstance(one, ast.Slice) else None for one in each]
+        whole_axes = [one for one in each if isinstance(one, ast.Slice)]
+        _require(all(one.lower is one.upper is one.step is None for one in whole_axes), node)
         _require(all(one is None or is_whole(one) for one in at), node)
+        _require(not any(isinstance(one, int) and one < 0 for one in at), node)
         return at
 
     def _either(self, node: ast.IfExp) -> Value:
-        test, values = self._truth(node.test), self._alike(self._value(node.body), self._value(node.orelse))
+        test = self._truth(node.test)
+        with self._both_sides():
+            values = self._alike(self._value(node.body), self._value(node.orelse))
         if isinstance(test, bool):
             return values[0 if test else 1]
         _require(not isinstance(values[0], DoubleDouble), node)
@@ -272,6 +263,13 @@ class _Lines:
             kind = INTEGER if all(isinstance(value, int) for value in values) else DOUBLE
             values = [ir.Constant(kind, value) for value in values]
         return self._builder.select(test, *values)
+
+    @contextlib.contextmanager
+    def _both_sides(self) -> Iterator[None]:
+        """Inside stands what is computed although it may not be wanted: it may read no array and divide no wholes."""
+        before, self._both = self._both, True
+        yield
+        self._both = before
 
     def _truth(self, node: Any) -> Any:
         """Whether it is so: a bool, or a bit of LLVM."""
@@ -282,7 +280,9 @@ class _Lines:
             test = self._truth(node.operand)
             return not test if isinstance(test, bool) else builder.not_(test)
         if isinstance(node, ast.BoolOp):
-            tests = [self._truth(one) for one in node.values]
+            tests = [self._truth(node.values[0])]
+            with self._both_sides():
+                tests += [self._truth(one) for one in node.values[1:]]
             _require(not any(isinstance(test, bool) for test in tests), node)
             together = builder.and_ if isinstance(node.op, ast.And) else builder.or_
             total = tests[0]
@@ -343,6 +343,7 @@ class _Lines:
             return DoubleDouble(*OPERATIONS[operation.of_python](self._builder, *values))  # type: ignore[index]
         if is_whole(values[0]):
             _require(operation.of_wholes is not None, node)
+            _require(not (self._both and operation.name in ("//", "%")), node)
             return operation.of_wholes(self._builder, *values)  # type: ignore[misc]
         _require(operation.emit is not None, node)
         return operation.emit(self._builder, *values)  # type: ignore[misc]
@@ -363,6 +364,11 @@ class _Lines:
             return out
         lower = [value.lower if isinstance(value, DoubleDouble) else 0.0 for value in values]
         return [DoubleDouble(x, as_kind(self._builder, y, wide)) for x, y in zip(out, lower, strict=True)]
+
+
+def _is_tuple(value: Value) -> bool:
+    """Of values, which is neither a double-double nor an array."""
+    return type(value) is tuple
 
 
 def _is_bit(value: Value) -> bool:

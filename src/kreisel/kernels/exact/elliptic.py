@@ -9,8 +9,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
+from kreisel.kernels._llvm.functions import straight
 from kreisel.kernels._llvm.operations import fma, largest, nearest, pair, size, upper, where_less
-from kreisel.kernels._llvm.text import straight
 
 PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made

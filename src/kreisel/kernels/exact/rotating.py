@@ -10,8 +10,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
+from kreisel.kernels._llvm.functions import straight
 from kreisel.kernels._llvm.operations import fma, largest, nearest, pair, size, upper, where_less
-from kreisel.kernels._llvm.text import straight
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,

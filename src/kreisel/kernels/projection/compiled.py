@@ -113,8 +113,9 @@ class CompiledProjection(Corrections):
     def room(self, first: int) -> int:
         """The address of room for the thread whose lanes begin with this one."""
         if first not in self._rooms:
-            self._held.append(np.zeros(self._room))
-            self._rooms[first] = self._held[-1].ctypes.data
+            room = np.zeros(self._room)
+            self._held.append(room)  # threads ask at once: the last of these may be that of another one
+            self._rooms[first] = room.ctypes.data
         return self._rooms[first]
 
     def _call(self, begin: int) -> None:

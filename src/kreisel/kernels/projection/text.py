@@ -212,7 +212,7 @@ from kreisel.kernels._llvm.operations import fma, long_at, size, vector_at, wher
 from kreisel.kernels._llvm.operations import put_double as set_number
 from kreisel.kernels._llvm.operations import put_vector
 from kreisel.kernels._llvm.operations import whole_at as whole
-from kreisel.kernels._llvm.text import straight
+from kreisel.kernels._llvm.functions import straight
 
 TAU, FLAT, EPS, GAIN, HUGE = {tau!r}, {flat!r}, {eps!r}, {gain!r}, 1e300
 
