@@ -71,6 +71,19 @@ def blocks(x: Any) -> Any:
     return y, z, w[0] if x < 3.0 else w[1], w[1]
 
 
+def both(x: Any) -> Any:
+    known, y = 1, 0.0
+    if x > 0.5 and known:
+        y = y + 1.0
+    if x > 0.5 and not known:
+        y = y + 2.0
+    if x < 0.0 or x > 4.0:
+        y = y + 4.0
+    if known or x < 1.0:
+        y = y + 8.0
+    return (y, 1.0 if x > 0.0 and x < 1.0 else 2.0)
+
+
 def wholes(x: Any) -> Any:
     i = int(x * 10.0)
     j = i % 7 - 4
@@ -112,7 +125,9 @@ def of_rows(function: Any, count: int) -> Callable[[np.ndarray], np.ndarray]:
     return run
 
 
-@pytest.mark.parametrize(("function", "count"), [(operations, 2), (root, 1), (counted, 1), (blocks, 1), (wholes, 1)])
+@pytest.mark.parametrize(
+    ("function", "count"), [(operations, 2), (root, 1), (counted, 1), (blocks, 1), (both, 1), (wholes, 1)]
+)
 def test_numbers_are_those_of_python(function: Callable[..., Any], count: int) -> None:
     run = of_rows(function, count)
     for column in np.abs(X[:count]).T if function is root else X[:count].T:

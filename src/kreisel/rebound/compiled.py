@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from kreisel.exact import rotor_step
-from kreisel.kernels.cpu import EXACT, HEAD, load_kernel
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.recording import indented, recorded_function
+from kreisel.kernels.simd import HEAD
 from kreisel.rebound import interaction
 
 ROTOR = {"inverse": (3,), "rates": (3,), "gaps": (3,), "curvatures": (3,)}
@@ -25,10 +26,11 @@ BALL = 1e-12  # of the moments: what rounding may make of a ball
 MOST_PARTS = 100_000  # of a turn: a step in which a body turns so often is no step
 
 ROWS = "f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1]"  # p, masses, index, z, c, dv
+ROOM = 17, 4  # numbers of w and out: what a function takes and gives
 
 FUNCTION = """
-@njit(error_model="numpy", forceinline=True)
-def {name}(w, c, out):
+@straight
+def {name}(w, c, body, out):
 {load}
 {body}
 {save}
@@ -36,7 +38,7 @@ def {name}(w, c, out):
 """
 
 KERNELS = """
-@njit(error_model="numpy", forceinline=True)
+@straight
 def apply(p, masses, z, dv, i, j, body, r, out):
     own, m = p[i, 9], masses[j]
     for k in range(3):
@@ -50,7 +52,7 @@ def apply(p, masses, z, dv, i, j, body, r, out):
     z[body, 2] -= r[0] * out[1] - r[1] * out[0]
 
 
-@njit(error_model="numpy", forceinline=True)
+@straight
 def act(p, masses, z, c, dv, i, j, body, h, G, lagging, w, out):
     for k in range(3):
         w[k] = p[j, k] - p[i, k]
@@ -60,56 +62,59 @@ def act(p, masses, z, c, dv, i, j, body, h, G, lagging, w, out):
         for k in range(7):
             w[6 + k] = z[body, k]
         w[13], w[14], w[15], w[16] = h, masses[j], p[i, 9], G
-        friction(w, c[body, {figure}:], out)
+        friction(w, c, body, out)
     else:
         for k in range(7):
             w[3 + k] = z[body, k]
         w[10], w[11], w[12] = h, masses[j], G
-        kick(w, c[body, {figure}:], out)
+        kick(w, c, body, out)
     apply(p, masses, z, dv, i, j, body, w, out)
 
 
-@njit("void({rows}, f8, f8, b1)", {options})
-def act_on_all(p, masses, index, z, c, dv, h, G, backwards):
-    w, out = np.empty(17), np.empty(3)
-    dv[:] = 0.0
+@compiled("{rows}, f8, f8, i8, f8[::1], f8[::1]")
+def act_on_all(p, masses, index, z, c, dv, h, G, backwards, w, out):
+    for j in range(len(dv)):
+        for k in range(3):
+            dv[j, k] = 0.0
     pairs = len(index) * len(masses)
     for number in range(pairs):
         k = pairs - 1 - number if backwards else number
         body, j = k // len(masses), k % len(masses)
         i, lagging = index[body], c[body, {lag}] != 0.0
         if i != j:
-            if lagging and backwards == False:
+            if lagging and not backwards:
                 act(p, masses, z, c, dv, i, j, body, h, G, True, w, out)
             act(p, masses, z, c, dv, i, j, body, h, G, False, w, out)
             if lagging and backwards:
                 act(p, masses, z, c, dv, i, j, body, h, G, True, w, out)
 
 
-@njit("i8(f8[:,::1], f8[:,::1], f8)", {options})
-def turn_all(z, c, h):
-    w, out, most = np.empty(8), np.empty(4), 0
+@compiled("f8[:,::1], f8[:,::1], f8, f8[::1], f8[::1], i8[::1]")
+def turn_all(z, c, h, w, out, done):
     for body in range(len(z)):
         for k in range(7):
             w[k] = z[body, k]
         w[7] = h
-        reach(w, c[body], out)
+        reach(w, c, body, out)
         parts = 1.0 + 2.0 * sqrt(out[0])  # turns by up to 4 radians
         if not parts < {most}:
-            return -1
+            done[0] = -1
+            return
         w[7] = h / int(parts)
-        ball = c[body, {figure} + 3] == 0.0 and c[body, {figure} + 4] == 0.0
+        first, second = c[body, {figure} + 3], c[body, {figure} + 4]
+        ball = first == 0.0 and second == 0.0
         for _ in range(int(parts)):
             if ball:
-                turn_of_ball(w, c[body, {figure}:], out)
+                turn_of_ball(w, c, body, out)
             else:
-                turn(w, c[body], out)
-            w[3:7] = out
-        z[body, 3:] = out
-    return 0
+                turn(w, c, body, out)
+            for k in range(4):
+                w[3 + k] = out[k]
+        for k in range(4):
+            z[body, 3 + k] = out[k]
 
 
-@njit("void(f8[:,::1], f8[::1], f8[:,::1])", {options})
+@straight
 def change_jacobi(q, masses, dv):
     for k in range(3):
         momentum, mass = masses[0] * dv[0, k], masses[0]
@@ -119,49 +124,76 @@ def change_jacobi(q, masses, dv):
             mass += masses[i]
 
 
-@njit("i8({rows}, f8, f8, f8[:,::1], i8, i8, i8[::1], u4[::1], i4[::1], i8)", {options})
-def advance(p, masses, index, z, c, dv, h, G, q, step, simulation, counts, modified, status, steps):
+@compiled("{rows}, f8, f8, f8[:,::1], i8, i8, i8[::1], i8, i8, i8, f8[::1], f8[::1], i8[::1]")
+def advance(p, masses, index, z, c, dv, h, G, q, step, simulation, counts, modified, status, steps, w, out, done):
     count = counts[0]
     for k in range(steps):
-        act_on_all(p, masses, index, z, c, dv, h / 2, G, False)
+        act_on_all(p, masses, index, z, c, dv, h / 2.0, G, 0, w, out)
         change_jacobi(q, masses, dv)
-        if turn_all(z, c, h) < 0:
-            return -1 - k
+        turn_all(z, c, h, w, out, done)
+        if done[0] < 0:
+            return
         if len(q) == 0:
-            modified[0] = 1
+            put_whole(modified, 0, 1)
         call_at_address(step, (simulation, 1))
-        if counts[0] != count or status[0] > 0:
-            return k + 1
-        act_on_all(p, masses, index, z, c, dv, h / 2, G, True)
+        now, stopped = counts[0], whole_at(status, 0)
+        if now != count or stopped > 0:
+            return
+        act_on_all(p, masses, index, z, c, dv, h / 2.0, G, 1, w, out)
         change_jacobi(q, masses, dv)
-    return steps
 """
 
 
 @cache
-def kernels() -> ModuleType:
-    """`act_on_all`, `turn_all` and `advance`, compiled once for this machine."""
-    return load_kernel(source(), by_numba=True)
+def _kernels() -> ModuleType:
+    """Compiled once for this machine."""
+    return load_kernel(source())
+
+
+def _room() -> list[Any]:
+    return [np.empty(size) for size in ROOM]
+
+
+def act_on_all(p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, backwards: bool) -> None:
+    """What particles and bodies do to each other over a time h, pair after pair; `backwards`: in the other order."""
+    _kernels().act_on_all(p, masses, index, z, c, dv, h, G, int(backwards), *_room())
+
+
+def turn_all(z: Any, c: Any, h: float) -> bool:
+    """Turn the bodies freely over a time h; False where one turns too often in it."""
+    done = np.zeros(1, dtype=np.int64)
+    _kernels().turn_all(z, c, h, *_room(), done)
+    return bool(done[0] == 0)
+
+
+def advance(*given: Any) -> bool:
+    """So many steps of bodies and particles: the arguments of the kernel but for its room; False as of `turn_all`."""
+    done = np.zeros(1, dtype=np.int64)
+    _kernels().advance(*given, *_room(), done)
+    return bool(done[0] == 0)
 
 
 def source() -> str:
     """Their text."""
     L, g, one = (3,), (4,), ()
     texts = [
-        _function(interaction.kick, {"r": L, "L": L, "g": g, "h": one, "m": one, "G": one}, FIGURE, ("lag",)),
+        _function(
+            interaction.kick, {"r": L, "L": L, "g": g, "h": one, "m": one, "G": one}, FIGURE, ("lag",), OF_FIGURE
+        ),
         _function(
             interaction.friction,
             {"r": L, "v": L, "L": L, "g": g, "h": one, "m": one, "own": one, "G": one},
             FIGURE,
             ("D", "fluid"),
+            OF_FIGURE,
         ),
         _function(interaction.turn, {"L": L, "g": g, "h": one}, ROTOR),
-        _function(interaction.turn_of_ball, {"L": L, "g": g, "h": one}, {"I": (3,)}),
+        _function(interaction.turn_of_ball, {"L": L, "g": g, "h": one}, {"I": (3,)}, first=OF_FIGURE),
         _function(interaction.reach, {"L": L, "g": g, "h": one}, ROTOR),
     ]
     head = HEAD.format(name="bodies of a REBOUND simulation")
-    head += "from kreisel.kernels._numba.pointers import call_at_address\n\n"
-    text = KERNELS.format(rows=ROWS, options=EXACT, figure=OF_FIGURE, lag=LAG, most=MOST_PARTS)
+    head += "from kreisel.kernels._llvm.operations import put_whole, whole_at\n\n"
+    text = KERNELS.format(rows=ROWS, figure=OF_FIGURE, lag=LAG, most=MOST_PARTS)
     return head + "".join(texts) + text
 
 
@@ -170,16 +202,17 @@ def _function(
     inputs: Mapping[str, tuple[int, ...]],
     constants: Mapping[str, tuple[int, ...]],
     without: tuple[str, ...] = (),
+    first: int = 0,
 ) -> str:
-    """A function of arrays as one of rows w and c, which writes the row `out`."""
+    """A function of arrays as one of the row w and of c[body] from number `first` on, which writes the row `out`."""
 
     def called(**given: Any) -> list[Any]:
         return list(function(**{name: value for name, value in given.items() if name not in without}))
 
     lines, values, _ = recorded_function(called, inputs, constants)
     used = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}
-    rows = {"z": "w", "c": "c"}
-    load = sorted(f"{n} = {rows[n[0]]}[{n[1:]}]" for n in used if n[0] in rows and n[1:].isdigit())
+    numbered = sorted(n for n in used if n[0] in "zc" and n[1:].isdigit())
+    load = [f"{n} = w[{n[1:]}]" if n[0] == "z" else f"{n} = c[body, {first + int(n[1:])}]" for n in numbered]
     return FUNCTION.format(
         name=function.__name__,
         load=indented(load, 4),

@@ -92,16 +92,17 @@ class Spins:
 
     def _compiled(self, dt: float, count: int) -> None:
         sim, library = self.sim, rebound().clibrebound
-        fields = [self._field("N", np.int64), self._field("did_modify_particles", np.uint32)]
+        count_now, modified = self._field("N", np.int64), self._field("did_modify_particles", np.uint32)
         status = self._field("_status", np.int32)
         status[0] = -1  # running
         step = ctypes.cast(library.reb_simulation_steps, ctypes.c_void_p).value
         where = ctypes.addressof(sim)
         with self._jacobi() as q:
             self._seen[:] = np.nan
-            rows = *self._arguments(), self._dv, dt, float(sim.G), q, step, where, *fields, status, count
-            done = compiled.kernels().advance(*rows)
-        if done < 0:
+            fields = count_now, modified.ctypes.data, status.ctypes.data
+            rows = *self._arguments(), self._dv, dt, float(sim.G), q, step, where, *fields, count
+            turned = compiled.advance(*rows)
+        if not turned:
             self._refuse_turns(dt)
         self._check_count()
         if status[0] > 0:
@@ -113,16 +114,16 @@ class Spins:
         self._seen = self._state()
 
     def _by_calls(self, dt: float, count: int) -> None:
-        kernels, G = compiled.kernels(), float(self.sim.G)
+        G = float(self.sim.G)
         for _ in range(count):
             rows = self._arguments()
-            kernels.act_on_all(*rows, self._dv, dt / 2, G, False)
-            if kernels.turn_all(self._z, self._c, dt) < 0:
+            compiled.act_on_all(*rows, self._dv, dt / 2, G, False)
+            if not compiled.turn_all(self._z, self._c, dt):
                 self._refuse_turns(dt)
             self.sim.did_modify_particles = 1
             self.sim.integrate(self.sim.t + dt)
             self._check_count()
-            kernels.act_on_all(*self._arguments(), self._dv, dt / 2, G, True)
+            compiled.act_on_all(*self._arguments(), self._dv, dt / 2, G, True)
 
     @explained
     def spin(self, which: int | str) -> Array:

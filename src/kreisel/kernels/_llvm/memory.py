@@ -7,7 +7,8 @@ numbers(array, lead, count, tail)        the numbers 0, 1, ... of array[lead, :,
 put_numbers(array, lead, given, tail)    and into it
 load(array, row, rows, width)            rows of an array, as vectors; store(array, row, vectors, width) puts them there
 double_at(address, i), whole_at, long_at the number i of doubles, of whole numbers of 32 and of 64 bits at an address
-put_double(address, i, x)                and vector_at(address, i, width), put_vector(address, i, x)
+put_double(address, i, x), put_whole     into doubles, into whole numbers of 32 bits
+vector_at(address, i, width)             the same for vectors, and put_vector(address, i, x)
 call_at_address(address, arguments)      call a function that takes whole numbers and returns nothing
 
 `count`, `rows` and `width` are written out in the text; vectors of one are numbers.
@@ -167,6 +168,10 @@ def long_at(builder: ir.IRBuilder, address: Any, i: Any) -> Any:
 
 def put_double(builder: ir.IRBuilder, address: Any, i: Any, x: Any) -> None:
     builder.store(x, _at(builder, DOUBLE, address, i))
+
+
+def put_whole(builder: ir.IRBuilder, address: Any, i: Any, x: Any) -> None:
+    builder.store(builder.trunc(whole(x), INDEX), _at(builder, INDEX, address, i))
 
 
 def vector_at(builder: ir.IRBuilder, address: Any, i: Any, width: int) -> Any:

@@ -80,13 +80,13 @@ shifted_right: Any = _elementwise("shifted_right", None, of_wholes=ir.IRBuilder.
 carry: Any = _elementwise("carry", None, of_wholes=below)
 
 (
-    gather, scatter, numbers, put_numbers, load, store, double_at, whole_at, long_at, put_double, vector_at, put_vector,
-    call_at_address, polynomials, store_rows, expect_rows,
+    gather, scatter, numbers, put_numbers, load, store, double_at, whole_at, long_at, put_double, put_whole,
+    vector_at, put_vector, call_at_address, polynomials, store_rows, expect_rows,
 ) = (
     Operation(emit.__name__, emit)
     for emit in (
         memory.gather, memory.scatter, memory.numbers, memory.put_numbers, memory.load, memory.store, memory.double_at,
-        memory.whole_at, memory.long_at, memory.put_double, memory.vector_at, memory.put_vector,
+        memory.whole_at, memory.long_at, memory.put_double, memory.put_whole, memory.vector_at, memory.put_vector,
         memory.call_at_address, rows.polynomials, rows.store_rows, rows.expect_rows,
     )
 )  # fmt: skip

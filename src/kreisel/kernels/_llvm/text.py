@@ -14,6 +14,7 @@ import builtins
 import contextlib
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import reduce
 from typing import Any
 
 from llvmlite import ir
@@ -283,12 +284,11 @@ class _Lines:
             tests = [self._truth(node.values[0])]
             with self._both_sides():
                 tests += [self._truth(one) for one in node.values[1:]]
-            _require(not any(isinstance(test, bool) for test in tests), node)
-            together = builder.and_ if isinstance(node.op, ast.And) else builder.or_
-            total = tests[0]
-            for test in tests[1:]:
-                total = together(total, test)
-            return total
+            every = isinstance(node.op, ast.And)
+            if any(test is (not every) for test in tests):  # which decides
+                return not every
+            unknown = [test for test in tests if not isinstance(test, bool)]
+            return reduce(builder.and_ if every else builder.or_, unknown) if unknown else every
         _require(isinstance(node, ast.Name | ast.Subscript | ast.BinOp | ast.Constant), node)
         value = self._value(node)
         if isinstance(value, int):
