@@ -186,9 +186,10 @@ def test_arrays_are_those_of_numpy() -> None:
         out = np.zeros((3, 3))
         code(x, places, out, count, 0.5)
         assert np.array_equal(out, expected)
-    for wrong in (x.astype(np.float32), x[:, ::2], x[0]):
-        with pytest.raises(TypeError, match="expected a contiguous array of float64 with 3 axes"):
+    for wrong in (x.astype(np.float32), x.astype(">f8"), x[:, ::2], x[0], x.view(np.int64), x.tolist()):
+        with pytest.raises(TypeError, match=r"expected (contiguous )?arrays and numbers f8\["):
             code(wrong, places, np.zeros((3, 3)), 1, 0.5)
+    code(x.view(np.memmap), places, out, 2, 0.5)  # a subclass is an array
 
 
 def from_behind(x: Any) -> None:

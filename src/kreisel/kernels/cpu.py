@@ -19,7 +19,6 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.kernels import dense, layout, simd
-from kreisel.kernels._llvm.machine import FLOAT, array_words
 from kreisel.kernels.cache import load_kernel as load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
@@ -45,6 +44,8 @@ MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes
 FEW = (
     20  # invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes
 )
+
+NOTHING = np.empty((0, 1))
 
 HEAD = '''"""Made by kreisel.kernels.cpu by recording {name}; not to be edited."""
 from math import cos, exp, log, sin, sqrt
@@ -132,7 +133,7 @@ def code_of(
         else:
             text, room = simd.simd_source(record, weave, len(constants))
             source += text
-        kernel = load_kernel(source, by_numba=room is None).kernel
+        kernel = load_kernel(source, by_numba=True).kernel if room is None else load_kernel(source).kernel.call
         return Code(source, kernel, record.work, room, tuple(programs), project_them, every, width, tried)
 
     return reused(key, make)
@@ -154,10 +155,7 @@ class CpuEngine(SteppedEngine):
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
-        self._room, self._fixed = (
-            code.room,
-            [word for array in self._held for word in array_words(array, FLOAT, array.ndim)],
-        )
+        self._room = code.room
         if code.programs:
             parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
@@ -184,10 +182,10 @@ class CpuEngine(SteppedEngine):
             if self._woven is not None:
                 self._woven.count(len(out) * every)
 
-    @property
-    def _held(self) -> tuple[Floats, Floats, Floats]:
-        """What a kernel takes in each call."""
-        return self.z, self.constants, self.stages
+    def _known(self) -> Floats:
+        """Room for what of the stages does not vary; each thread has its own."""
+        count, width = self._room or (0, 1)
+        return np.empty((self.stages.shape[1] * count, width)) if count else NOTHING
 
     def _project(self) -> Floats:
         if self._between is not None:
@@ -197,16 +195,13 @@ class CpuEngine(SteppedEngine):
 
     def _advance(self, out: Floats, every: int) -> None:
         more = self._woven.arguments if self._woven else ()
-        rows = out if self._room is None else array_words(out, FLOAT, 3)
 
         def work_on(first: int, last: int) -> None:
             room = (self._woven.room(first),) if self._woven else ()
-            if self._room is None:
-                self._kernel(*self._held, rows, every, first, last, *more, *room)
-                return
-            count, width = self._room
-            known = np.empty((self.stages.shape[1] * count, width))
-            self._kernel.call(*self._fixed, *rows, *array_words(known, FLOAT, 2), every, first, last, *more, *room)
+            arrays: tuple[Floats, ...] = self.z, self.constants, self.stages, out
+            if self._room is not None:
+                arrays = *arrays, self._known()
+            self._kernel(*arrays, every, first, last, *more, *room)
 
         on_threads(len(self.z), len(out) * every * len(self.z), work_on)
 
@@ -342,7 +337,7 @@ def _observing(
     source = simd.HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}")
     source += simd.function_of_tuples("observe", given, found.lines, found.values)
     source += OBSERVE.format(given=rows)
-    return load_kernel(source).kernel, len(found.values), found.places
+    return load_kernel(source).kernel.call, len(found.values), found.places
 
 
 def _head(scheme: Scheme, record: Recording) -> str:

@@ -8,6 +8,8 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import struct
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -20,12 +22,14 @@ from llvmlite import ir
 
 from kreisel.kernels._llvm.functions import Straight
 from kreisel.kernels._llvm.memory import contiguous
-from kreisel.kernels._llvm.numbers import DOUBLE, INTEGER
+from kreisel.kernels._llvm.numbers import DOUBLE, INDEX, INTEGER
 from kreisel.kernels._llvm.text import written
 
 DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
-FLOAT = np.dtype(np.float64)
-KINDS = {"f8": (DOUBLE, FLOAT), "i8": (INTEGER, np.dtype(np.int64))}
+KINDS = {"f8": (DOUBLE, "d"), "i8": (INTEGER, np.dtype(np.int64).char)}
+# In words of 64 bits: what of an array lies where, and in its dtype the letters of its kind.
+DATA, COUNT, LENGTHS, KIND, FLAGS = (object.__basicsize__ // 8 + k for k in (0, 1, 2, 5, 6))
+LETTERS = object.__basicsize__ // 8 + 1
 ARGUMENT = re.compile(r"(f8|i8)(\[[:,1]*\])?")
 
 
@@ -44,8 +48,8 @@ def compiled(form: str) -> Callable[[Any], Any]:
     return lambda function: Entry(function, form)
 
 
-def _arguments(form: str) -> list[tuple[ir.Type, Any, int]]:
-    """Of each argument its kind in LLVM and NumPy and how many axes it has."""
+def _arguments(form: str) -> list[tuple[ir.Type, str, int]]:
+    """Of each argument its kind in LLVM, its letter in NumPy, and how many axes it has."""
     return [(*KINDS[kind], axes.count(":") - axes.count("::")) for kind, axes in ARGUMENT.findall(form)]
 
 
@@ -64,7 +68,7 @@ def processor() -> tuple[str, str, str]:
 @cache
 def version() -> str:
     """What the same text is compiled by, and for."""
-    return repr((llvmlite.__version__, llvm.llvm_version_info, processor()))
+    return repr((llvmlite.__version__, llvm.llvm_version_info, processor(), DATA))
 
 
 def register_width() -> int:
@@ -75,6 +79,7 @@ def register_width() -> int:
 
 @cache
 def _ready() -> None:
+    _require_layout()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
 
@@ -95,19 +100,47 @@ def _module(entries: Mapping[str, Entry]) -> str:
     module = ir.Module()
     module.triple = processor()[0]
     for name, entry in entries.items():
-        arguments = _arguments(entry.form)
-        kinds = [
-            one for kind, _, axes in arguments for one in ([kind.as_pointer()] if axes else [kind]) + [INTEGER] * axes
-        ]
-        function = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), name)
-        builder, words = ir.IRBuilder(function.append_basic_block("entry")), iter(function.args)
-        given = []
-        for _, _, axes in arguments:
-            word = next(words)
-            given.append(contiguous(builder, word, [next(words) for _ in range(axes)]) if axes else word)
+        arguments, packed = _arguments(entry.form), _is_packed(entry.form)
+        takes = [INTEGER.as_pointer()] if packed else [INTEGER] * len(arguments)
+        function = ir.Function(module, ir.FunctionType(INTEGER if packed else ir.VoidType(), takes), name)
+        builder = ir.IRBuilder(function.append_basic_block("entry"))
+        words = [_word(builder, function.args[0], k) for k in range(len(arguments))] if packed else function.args
+        given = [_taken(builder, word, *argument) for word, argument in zip(words, arguments, strict=True)]
         written(builder, entry.py_func, given)
-        builder.ret_void()
+        if packed:
+            builder.ret(INTEGER(0))
+        else:
+            builder.ret_void()
     return str(module)
+
+
+def _is_packed(form: str) -> bool:
+    """Whether a function takes all its arguments in one piece of memory, 64 bits for each; not one of whole numbers."""
+    return any(axes or kind != INTEGER for kind, _, axes in _arguments(form))
+
+
+def _word(builder: ir.IRBuilder, address: Any, place: int, of: ir.Type = INTEGER, byte: int = 0) -> Any:
+    """A number in memory, so many words and bytes behind an address."""
+    at = builder.bitcast(builder.gep(address, [INTEGER(place)]), ir.IntType(8).as_pointer())
+    return builder.load(builder.bitcast(builder.gep(at, [INTEGER(byte)]), of.as_pointer()), align=1)
+
+
+def _taken(builder: ir.IRBuilder, word: Any, kind: ir.Type, letter: str, axes: int) -> Any:
+    """An argument; an array of another kind ends the call, which returns 1."""
+    if not axes:
+        return builder.bitcast(word, kind)
+    pointer = INTEGER.as_pointer()
+    array, two, flag = builder.inttoptr(word, pointer), ir.IntType(16), INDEX(1)
+    wanted = two(int.from_bytes(f"{letter}=".encode(), sys.byteorder))
+    letters = _word(builder, _word(builder, array, KIND, pointer), LETTERS, two, 1)
+    right = builder.icmp_signed("==", letters, wanted)
+    right = builder.and_(right, builder.icmp_signed("==", _word(builder, array, COUNT, INDEX), INDEX(axes)))
+    in_a_row = builder.icmp_signed("==", builder.and_(_word(builder, array, FLAGS, INDEX), flag), flag)
+    with builder.if_then(builder.not_(builder.and_(right, in_a_row))):
+        builder.ret(INTEGER(1))
+    lengths = _word(builder, array, LENGTHS, pointer)
+    shape = [_word(builder, lengths, axis) for axis in range(axes)]
+    return contiguous(builder, _word(builder, array, DATA, kind.as_pointer()), shape)
 
 
 def _optimized(entries: Mapping[str, Entry]) -> tuple[Any, Any]:
@@ -139,41 +172,64 @@ def assembly(entries: Mapping[str, Entry]) -> str:
 class Code:
     """A compiled function of arrays and numbers.
 
-    address  for other compiled code
-    call     the same function of numbers alone: of an array its `array_words`
+    address  of one that takes no arrays, for other compiled code
+    call     the same function.  Raises `TypeError` for an array of another kind than the form says, or whose numbers do
+             not lie in a row.
     """
 
     def __init__(self, engine: Any, name: str, form: str):
-        self._kinds = [(kind, axes) for _, kind, axes in _arguments(form)]
+        arguments = _arguments(form)
+        self._form, self._arguments, self._engine = form, arguments, engine
         self.address = engine.get_function_address(name)
+        packed = _is_packed(form)
+        takes: list[Any] = [ctypes.c_char_p] if packed else [ctypes.c_int64] * len(arguments)
+        function: Any = ctypes.CFUNCTYPE(ctypes.c_int64 if packed else None, *takes)(self.address)
+        # All arguments in one expression: ctypes takes 0.15 us for each, a loop in Python 0.1.
+        letters = "".join("d" if kind == DOUBLE and not axes else "q" for kind, _, axes in arguments)
         words = [
-            word
-            for kind, axes in self._kinds
-            for word in (
-                [ctypes.c_void_p] + [ctypes.c_int64] * axes
-                if axes
-                else [ctypes.c_double if kind.kind == "f" else ctypes.c_int64]
-            )
+            f"(id(a{k}) if type(a{k}) is A else at(a{k}))" if n else f"a{k}" for k, (_, _, n) in enumerate(arguments)
         ]
-        call: Any = ctypes.CFUNCTYPE(None, *words)(self.address)
-        call.engine = engine  # whoever has the one has the other
-        self.call = call
+        names = ", ".join(f"a{k}" for k in range(len(arguments)))
+        known = {
+            "A": np.ndarray,
+            "at": self._at,
+            "f": function,
+            "pack": struct.Struct(letters).pack,
+            "again": self._again,
+        }
+        line = f"lambda {names}: f(pack({', '.join(words)})) and again({names})"
+        self.call: Any = eval(line, known) if packed else function
 
     def __call__(self, *given: Any) -> None:
-        words: list[Any] = []
-        for value, (kind, axes) in zip(given, self._kinds, strict=True):
-            words += array_words(value, kind, axes) if axes else [value]
-        self.call(*words)
+        self.call(*given)
+
+    def _at(self, array: Any) -> int:
+        if not isinstance(array, np.ndarray):
+            raise TypeError(f"expected arrays and numbers {self._form}, got {type(array).__name__}")
+        return id(array)
+
+    def _again(self, *given: Any) -> None:
+        """With dtypes under the letters that the code looks for: long and long long, = and < may be the same."""
+        same = [
+            x.view(letter) if n and x.dtype == letter and (x.dtype.char, x.dtype.byteorder) != (letter, "=") else x
+            for x, (_, letter, n) in zip(given, self._arguments, strict=True)
+        ]
+        if any(x is not y for x, y in zip(given, same, strict=True)):
+            self.call(*same)
+            return
+        got = [f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else type(x).__name__ for x in given]
+        raise TypeError(f"expected contiguous arrays and numbers {self._form}, got {', '.join(got)}")
 
 
-def array_words(array: Any, kind: Any, axes: int) -> tuple[int, ...]:
-    """The address of a contiguous array, and how many numbers it has along each axis.
-
-    Raises `TypeError` for another kind of array.
-    """
-    if array.dtype != kind or array.ndim != axes or not array.flags.c_contiguous:
-        raise TypeError(f"expected a contiguous array of {kind} with {axes} axes, got {array.dtype} {array.shape}")
-    return (array.__array_interface__["data"][0], *array.shape)
+def _require_layout() -> None:
+    """Raises `ImportError` where arrays do not lie in memory as NumPy's C interface says: `PyArrayObject_fields`."""
+    probe = np.empty((3, 5))
+    words = (ctypes.c_int64 * (FLAGS + 1)).from_address(id(probe))
+    letters = ctypes.string_at(words[KIND] + 8 * LETTERS + 1, 2)
+    lengths = (ctypes.c_int64 * 2).from_address(words[LENGTHS])
+    flags, count = (words[k] & 0xFFFFFFFF for k in (FLAGS, COUNT))
+    if (words[DATA], count, flags & 1, letters, *lengths) != (probe.ctypes.data, 2, 1, b"d=", 3, 5):
+        raise ImportError("kernels need CPython and arrays that lie in memory as NumPy's C interface says")
 
 
 def loaded(code: bytes, forms: Mapping[str, str]) -> dict[str, Code]:

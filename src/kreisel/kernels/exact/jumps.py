@@ -58,10 +58,16 @@ def moment(time, step):
     return pair(time, 0.0) * step
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,::1], f8[:,::1]")
-def jump(states, constants, when, step, out, off):
-    rows = len(out)
+@compiled(
+    "f8[:,::1], f8[:,::1], f8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1]"
+)
+def jump(z, c, times, step, out, off, states, constants, when):
+    lanes, rows = len(z), len(out)
 {single}
+    for k in range(rows):
+        put_numbers(states, (k,), numbers(z, (k % lanes,), {state}, ()), ())
+        put_numbers(constants, (k,), numbers(c, (k % lanes,), {constants}, ()), ())
+        when[k, 0] = times[k // lanes]
     for row in range(0, rows, {width}):
         (number,) = gather(when, 1, row, rows, {width})
         t = moment(number, step)
@@ -103,8 +109,8 @@ BODY = """
 # A number takes 1.1 us, a vector of eight 1.7 us.
 SINGLE = """
     if rows == 1:
-        now, known = numbers(states, (0,), {state}, ()), numbers(constants, (0,), {constants}, ())
-        new = rotated(moments({pairs}), begin(*now), moment(when[0, 0], step))
+        now, known = numbers(z, (0,), {state}, ()), numbers(c, (0,), {constants}, ())
+        new = rotated(moments({pairs}), begin(*now), moment(times[0], step))
         put_numbers(out, (0,), finish(*now, *new[:7]), ())
         off[0, 0] = new[7]
         return
@@ -279,7 +285,7 @@ class Jumps:
     def __init__(self, scheme: Scheme, lanes: int):
         self._constants, columns = flat_constants(scheme, lanes)
         key = None if scheme.definition_key is None else (Jumps, scheme.definition_key)
-        self._jump = reused(key, lambda: load_kernel(_jump_source(scheme, columns)).jump)
+        self._jump = reused(key, lambda: load_kernel(_jump_source(scheme, columns)).jump.call)
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes).
@@ -290,10 +296,15 @@ class Jumps:
         out, off = np.empty((len(times), *z.shape)), np.empty((len(times), count))
 
         def jump(first: int, last: int) -> None:
+            given = z[first:last], c[first:last]
+            if len(times) == 1:  # rows as they lie
+                when = np.empty((last - first, 1))
+                self._jump(*given, times, unit, out[0, first:last], off[0, first:last, None], *given, when)
+                return
             rows = len(times) * (last - first)
             states, errors = np.empty((rows, z.shape[1])), np.empty((rows, 1))
-            given = [np.tile(array[first:last], (len(times), 1)) for array in (z, c)]
-            self._jump(*given, np.repeat(times, last - first)[:, None], unit, states, errors)
+            room = [np.empty((rows, length)) for length in (z.shape[1], c.shape[1], 1)]
+            self._jump(*given, times, unit, states, errors, *room)
             out[:, first:last] = states.reshape(len(times), last - first, -1)
             off[:, first:last] = errors.reshape(len(times), -1)
 

@@ -119,7 +119,7 @@ class CompiledProjection(Corrections):
         return self._rooms[first]
 
     def _call(self, begin: int) -> None:
-        self._compiled.call(self._first, self.room(0), 0, len(self._z), begin)
+        self._compiled(self._first, self.room(0), 0, len(self._z), begin)
 
     def begin(self, steps: int) -> None:
         """Take the values at the start from the rows z as they are now, if that many steps are projected at all."""
