@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kreisel.kernels._llvm import machine
 from kreisel.kernels._llvm.functions import straight
 from kreisel.kernels._llvm.machine import Code, compiled, loaded, object_code
 from kreisel.kernels._llvm.operations import (
@@ -230,6 +231,14 @@ def test_a_function_that_takes_names_of_another_is_refused() -> None:
 
 def by_address(address: int, x: int) -> None:
     call_at_address(address, (x, 3))
+
+
+@pytest.mark.parametrize("what", ["DATA", "COUNT", "LENGTHS", "KIND", "FLAGS"])
+def test_arrays_that_lie_otherwise_in_memory_are_no_arrays(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    machine._require_layout()
+    monkeypatch.setattr(machine, what, machine.DATA + 3)  # strides
+    with pytest.raises(ImportError, match="as NumPy's C interface says"):
+        machine._require_layout()
 
 
 def test_code_calls_other_code() -> None:

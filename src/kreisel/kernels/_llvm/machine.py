@@ -224,7 +224,7 @@ class Code:
 def _require_layout() -> None:
     """Raises `ImportError` where arrays do not lie in memory as NumPy's C interface says: `PyArrayObject_fields`."""
     probe = np.empty((3, 5))
-    words = (ctypes.c_int64 * (FLAGS + 1)).from_address(id(probe))
+    words = (ctypes.c_int64 * (np.ndarray.__basicsize__ // 8)).from_address(id(probe))
     letters = ctypes.string_at(words[KIND] + 8 * LETTERS + 1, 2)
     lengths = (ctypes.c_int64 * 2).from_address(words[LENGTHS])
     flags, count = (words[k] & 0xFFFFFFFF for k in (FLAGS, COUNT))
