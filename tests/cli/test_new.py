@@ -117,7 +117,7 @@ def test_commands_write_and_refuse(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_a_few_really_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     for words in (["lagrange-top"], ["lagrange-top", "--perturbed"]):
         assert command(monkeypatch, tmp_path, "new", *words) == 0
-        file = capsys.readouterr().out.split()[-1]
+        file = capsys.readouterr().err.split()[-1]
         few = ("--set", "run.steps=1e2", "--set", "run.every=5", "--no-figure")
         assert command(monkeypatch, tmp_path, "run", file, *few) == 0
         assert kr.open_run(tmp_path / file.replace(".toml", ".zarr")).sizes["time"] == 21
