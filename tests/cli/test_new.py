@@ -122,7 +122,7 @@ def test_a_few_really_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         assert command(monkeypatch, tmp_path, "run", file, *few) == 0
         assert kr.open_run(tmp_path / file.replace(".toml", ".zarr")).sizes["time"] == 21
     assert command(monkeypatch, tmp_path, "new", "lagrange-top", "--sweep") == 0
-    file = capsys.readouterr().out.split()[-1]
+    file = capsys.readouterr().err.split()[-1]
     assert command(monkeypatch, tmp_path, "sweep", file, "--workers", "0", "--set", "run.steps=200") == 0
     assert int(kr.open_run(tmp_path / "lagrange-top-sweep.zarr").failed.sum()) == 0
     assert read_sweep(tmp_path / file)[0]["run"]["steps"] == 2048
