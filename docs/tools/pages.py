@@ -162,7 +162,11 @@ def everything() -> list[str]:
 def do(work: Iterable[str], done: dict[str, list]) -> bool:
     """Do all, two pieces at a time, the longest first by what they took before; whether all is right."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["preload"])  # beside this file
+    here, others = str(Path(__file__).parent), os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join(
+        [here, others] if others else [here]
+    )  # the server's own path is Python's
+    context.set_forkserver_preload(["preload"])
     right = True
     keys = {name: key(name) for name in work}  # before: a page may be edited while others run
     order = sorted(keys, key=lambda name: -done.get(name, ["", LONG.get(name, 3.0)])[1])
