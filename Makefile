@@ -99,7 +99,7 @@ docs: $(STAMP)
 	@echo "== the code on the pages, and the pages made from the records; what is there for the same sources is kept"
 	$(BIN)/python docs/tools/pages.py
 	@echo "== the site"
-	$(BIN)/python -m sphinx -W --keep-going -q -E -b html -d out/doctrees docs out/docs
+	$(BIN)/python -m sphinx -j 2 -W --keep-going -q -E -b html -d out/doctrees docs out/docs
 	@echo "== out/docs/index.html"
 
 gallery: $(STAMP)
