@@ -229,6 +229,30 @@ def test_a_function_that_takes_names_of_another_is_refused() -> None:
         code_of(inner, "f8[::1]")
 
 
+@pytest.mark.parametrize("numbers", [(1.0, 1), (1, None), (1,), (1, 2, 3)])
+def test_numbers_that_are_none_are_refused(numbers: tuple[Any, ...]) -> None:
+    code = code_of(by_address, "i8, i8")
+    with pytest.raises(TypeError):
+        code(*numbers)
+    with pytest.raises(TypeError):
+        code_of(of_first, "f8[::1], f8")(np.zeros(3), "1")
+
+
+def of_first(x: Any, y: Any) -> None:
+    x[0] = y
+
+
+def test_an_array_that_is_not_aligned_is_refused() -> None:
+    odd = np.zeros(33, dtype=np.uint8)[1:25].view(np.float64)
+    code = code_of(of_first, "f8[::1], f8")
+    if not odd.flags.aligned:
+        with pytest.raises(TypeError, match="contiguous"):
+            code(odd, 1.0)
+    even = np.zeros(3)
+    code(even, 1)
+    assert even.tolist() == [1, 0, 0]
+
+
 def by_address(address: int, x: int) -> None:
     call_at_address(address, (x, 3))
 

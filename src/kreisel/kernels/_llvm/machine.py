@@ -30,6 +30,7 @@ KINDS = {"f8": (DOUBLE, "d"), "i8": (INTEGER, np.dtype(np.int64).char)}
 # In words of 64 bits: what of an array lies where, and in its dtype the letters of its kind.
 DATA, COUNT, LENGTHS, KIND, FLAGS = (object.__basicsize__ // 8 + k for k in (0, 1, 2, 5, 6))
 LETTERS = object.__basicsize__ // 8 + 1
+IN_A_ROW = 0x101  # of the flags: C-contiguous and aligned
 ARGUMENT = re.compile(r"(f8|i8)(\[[:,1]*\])?")
 
 
@@ -130,7 +131,7 @@ def _taken(builder: ir.IRBuilder, word: Any, kind: ir.Type, letter: str, axes: i
     if not axes:
         return builder.bitcast(word, kind)
     pointer = INTEGER.as_pointer()
-    array, two, flag = builder.inttoptr(word, pointer), ir.IntType(16), INDEX(1)
+    array, two, flag = builder.inttoptr(word, pointer), ir.IntType(16), INDEX(IN_A_ROW)
     wanted = two(int.from_bytes(f"{letter}=".encode(), sys.byteorder))
     letters = _word(builder, _word(builder, array, KIND, pointer), LETTERS, two, 1)
     right = builder.icmp_signed("==", letters, wanted)
@@ -172,9 +173,11 @@ def assembly(entries: Mapping[str, Entry]) -> str:
 class Code:
     """A compiled function of arrays and numbers.
 
-    address  of one that takes no arrays, for other compiled code
+    address  of one of whole numbers alone, for other compiled code, as long as this object lives
     call     the same function.  Raises `TypeError` for an array of another kind than the form says, or whose numbers do
              not lie in a row.
+
+    No other thread may set the shape or the dtype of an array meanwhile.
     """
 
     def __init__(self, engine: Any, name: str, form: str):
@@ -195,13 +198,17 @@ class Code:
             "at": self._at,
             "f": function,
             "pack": struct.Struct(letters).pack,
-            "again": self._again,
+            "again": self._again,  # and so with the code goes the engine
         }
-        line = f"lambda {names}: f(pack({', '.join(words)})) and again({names})"
-        self.call: Any = eval(line, known) if packed else function
+        line = f"f(pack({', '.join(words)})) and again({names})" if packed else f"f({names})"
+        self.call: Any = eval(f"lambda {names}: {line}", known)
 
     def __call__(self, *given: Any) -> None:
-        self.call(*given)
+        """`call`, which says of numbers too what was expected."""
+        try:
+            self.call(*given)
+        except (struct.error, ctypes.ArgumentError) as error:
+            raise TypeError(f"expected arrays and numbers {self._form}, got {given}: {error}") from error
 
     def _at(self, array: Any) -> int:
         if not isinstance(array, np.ndarray):
@@ -211,7 +218,9 @@ class Code:
     def _again(self, *given: Any) -> None:
         """With dtypes under the letters that the code looks for: long and long long, = and < may be the same."""
         same = [
-            x.view(letter) if n and x.dtype == letter and (x.dtype.char, x.dtype.byteorder) != (letter, "=") else x
+            np.ndarray.view(x, letter, np.ndarray)
+            if n and x.dtype == letter and (x.dtype.char, x.dtype.byteorder) != (letter, "=")
+            else x
             for x, (_, letter, n) in zip(given, self._arguments, strict=True)
         ]
         if any(x is not y for x, y in zip(given, same, strict=True)):
@@ -228,7 +237,7 @@ def _require_layout() -> None:
     letters = ctypes.string_at(words[KIND] + 8 * LETTERS + 1, 2)
     lengths = (ctypes.c_int64 * 2).from_address(words[LENGTHS])
     flags, count = (words[k] & 0xFFFFFFFF for k in (FLAGS, COUNT))
-    if (words[DATA], count, flags & 1, letters, *lengths) != (probe.ctypes.data, 2, 1, b"d=", 3, 5):
+    if (words[DATA], count, flags & IN_A_ROW, letters, *lengths) != (probe.ctypes.data, 2, IN_A_ROW, b"d=", 3, 5):
         raise ImportError("kernels need CPython and arrays that lie in memory as NumPy's C interface says")
 
 
