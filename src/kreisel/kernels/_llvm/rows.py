@@ -18,10 +18,9 @@ from typing import Any
 from llvmlite import ir
 
 from kreisel.kernels._llvm.memory import Array
-from kreisel.kernels._llvm.numbers import DOUBLE, llvm_intrinsic
+from kreisel.kernels._llvm.numbers import DOUBLE, INDEX, INTEGER, llvm_intrinsic
 from kreisel.kernels.layout import LANES
 
-INDEX = ir.IntType(64)
 LINE = 8  # numbers in a line of the cache
 VECTOR = ir.VectorType(DOUBLE, LANES)
 
@@ -36,27 +35,26 @@ def store_rows(
     builder: Any, out: Array, row: Any, lane: Any, w: Array, i: Any, begin: int, count: int, width: int
 ) -> None:
     starts = _row_starts(builder, out, row, lane, count)
-    _store(builder, out.data, starts, w.data, builder.add(i, INDEX(begin)), count, width)
+    _store(builder, out.data, starts, w.data, builder.add(i, INTEGER(begin)), count, width)
 
 
 def expect_rows(builder: Any, out: Array, row: Any, lane: Any, count: int) -> None:
-    flag = ir.IntType(32)
-    kind, name = ir.FunctionType(ir.VoidType(), [out.data.type, flag, flag, flag]), "llvm.prefetch.p0"
+    kind, name = ir.FunctionType(ir.VoidType(), [out.data.type, INDEX, INDEX, INDEX]), "llvm.prefetch.p0"
     fetch = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
     for start in _row_starts(builder, out, row, lane, count):
         for place in range(0, count + LINE - 1, LINE):
             at = _vector_pointer(builder, out.data, start, min(place, count - 1))
-            builder.call(fetch, [at, flag(1), flag(3), flag(1)])
+            builder.call(fetch, [at, INDEX(1), INDEX(3), INDEX(1)])
 
 
 def _row_starts(builder: Any, out: Array, row: Any, lane: Any, count: int) -> list[Any]:
     lanes = out.shape[1]
-    rows = (builder.mul(builder.add(row, INDEX(r)), lanes) for r in range(LANES))
-    return [builder.mul(builder.add(first, lane), INDEX(count)) for first in rows]
+    rows = (builder.mul(builder.add(row, INTEGER(r)), lanes) for r in range(LANES))
+    return [builder.mul(builder.add(first, lane), INTEGER(count)) for first in rows]
 
 
 def _vector_pointer(builder: Any, data: Any, offset: Any, more: int) -> Any:
-    return builder.gep(data, [builder.add(offset, INDEX(more))])
+    return builder.gep(data, [builder.add(offset, INTEGER(more))])
 
 
 def _vector(builder: Any, place: Any) -> Any:
@@ -64,7 +62,7 @@ def _vector(builder: Any, place: Any) -> Any:
 
 
 def _shuffled(builder: Any, a: Any, b: Any, *places: int) -> Any:
-    return builder.shuffle_vector(a, b, ir.VectorType(ir.IntType(32), len(places))(list(places)))
+    return builder.shuffle_vector(a, b, ir.VectorType(INDEX, len(places))(list(places)))
 
 
 def _transposed(builder: Any, four: list[Any]) -> list[Any]:
@@ -83,9 +81,9 @@ def _horner(builder: Any, data: list[Any], first: Any, terms: int, count: int, w
     starts, arguments = [], []
     for row in range(LANES):
         part = builder.load(_vector_pointer(builder, where, first, row))
-        starts.append(builder.mul(part, INDEX(terms * groups * LANES)))
+        starts.append(builder.mul(part, INTEGER(terms * groups * LANES)))
         at = builder.load(_vector_pointer(builder, x, first, row))
-        alone = builder.insert_element(VECTOR(ir.Undefined), at, ir.IntType(32)(0))
+        alone = builder.insert_element(VECTOR(ir.Undefined), at, INDEX(0))
         arguments.append(_shuffled(builder, alone, alone, *[0] * LANES))
 
     def numbers(row: int, k: int, group: int) -> Any:

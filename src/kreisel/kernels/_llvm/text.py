@@ -73,8 +73,8 @@ class _Lines:
             if isinstance(line, ast.Assign) and len(line.targets) == 1:
                 self._assign(line.targets[0], self._value(line.value))
             elif isinstance(line, ast.AugAssign):
-                place = _loaded(line.target)
-                self._assign(line.target, self._result(line.op, line, self._value(place), self._value(line.value)))
+                before = self._value(line.target)
+                self._assign(line.target, self._result(line.op, line, before, self._value(line.value)))
             elif isinstance(line, ast.For | ast.While | ast.If):
                 self._branching(line, after | awaited(lines[i + 1 :]))
             else:
@@ -125,10 +125,11 @@ class _Lines:
             self._builder.branch(block)
 
     def _if(self, line: ast.If, after: set[str]) -> None:
-        test, places = self._truth(line.test), self._places([*line.body, *line.orelse], after)
+        test = self._truth(line.test)
         if isinstance(test, bool):
             self._run(line.body if test else line.orelse, after)
             return
+        places = self._places([*line.body, *line.orelse], after)
         before = dict(self._known)
         blocks = [self._builder.append_basic_block(name) for name in ("yes", "no", "then")]
         self._builder.cbranch(test, *blocks[:2])
@@ -373,12 +374,6 @@ def _is_tuple(value: Value) -> bool:
 
 def _is_bit(value: Value) -> bool:
     return isinstance(value, ir.Value) and value.type == ir.IntType(1)
-
-
-def _loaded(target: Any) -> Any:
-    """What is assigned to, as a value."""
-    new = ast.parse(ast.unparse(target), mode="eval").body
-    return ast.copy_location(new, target)
 
 
 def _require(known: bool, node: Any) -> None:
