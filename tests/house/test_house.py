@@ -131,6 +131,7 @@ def test_arrows_run_one_way() -> None:
 
 def test_import_is_light() -> None:
     heavy = (
+        "llvmlite",
         "numba",
         "xarray",
         "zarr",
