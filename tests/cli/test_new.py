@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import kreisel as kr
 from kreisel import cli
-from kreisel.bodies import KNOWN
+from kreisel.bodies import BODIES, KNOWN
 from kreisel.cli.new import _varied, forced, text_of
 from kreisel.runs.config import parse, parse_sweep, read, read_sweep
 from kreisel.runs.examples import example
@@ -53,6 +54,23 @@ def test_every_system_has_a_file_that_plans(name: str) -> None:
     assert plan.scheme.name == made.method
     for p in KNOWN[name].parameters:  # every parameter is explained, given or with its default
         assert p.default is not None or f"\n{p.letter} = " in text
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_step_is_chosen_for_every_body(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """order="auto" of a body by its name, in a TOML file and in Python: the tolerance is met."""
+    asked = 'order = "auto"\ntol = 1e-4\nsteps = 20\nobserve = []\n'
+    text = text_of(example(KNOWN[name]), Path("body.toml"))
+    (tmp_path / "body.toml").write_text(text.replace("steps = 10_000", asked))
+    assert command(monkeypatch, tmp_path, "run", "body.toml") == 0
+    saved, given = xr.open_zarr(tmp_path / "body.zarr"), parse(tomllib.loads(text))
+    model = KNOWN[name](**given.parameters)
+    options = {"orientation": given.orientation, "observe": [], "progress": False}
+    run = kr.simulate(model, given.state, dt=given.run.dt, steps=20, every=5, **options, order="auto", tol=1e-4)
+    truth = kr.simulate(model, given.state, dt=given.run.dt / 8, steps=160, every=40, **options)
+    for letter in model.system.space.letters:
+        assert (saved[letter].values == run[letter].values).all()
+        assert abs(run[letter] - truth[letter]).max() < 1e-4 * abs(truth[letter]).max()
 
 
 @pytest.mark.parametrize("name", FREE)

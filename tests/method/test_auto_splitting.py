@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel import algebra
+from kreisel.bodies import BODIES
 from kreisel.method import auto, auto_splitting
 from kreisel.method.splitting_coefficients import splitting
 from kreisel.runs.choosing import choices
@@ -93,7 +95,7 @@ def test_errors_that_grow_faster_than_the_time_take_shorter_steps(slow: float) -
 
     def steps(order: Any, h: float, count: int) -> auto_splitting.Pilot:
         t = h * count
-        return auto_splitting.Pilot(np.array([[1.0, 3e-9 * h**4 * (t + slow * t * t)]]), 1.0)
+        return auto_splitting.Pilot((np.array([[1.0, 3e-9 * h**4 * (t + slow * t * t)]]),), 1.0)
 
     tol, end = 1e-5, 2000.0
     first = auto.Choice((8, 6, 4), 500, 1e-6, "splitting")
@@ -104,6 +106,21 @@ def test_errors_that_grow_faster_than_the_time_take_shorter_steps(slow: float) -
         assert (off <= tol * 1.1) == below
     hopeless = auto_splitting.witnessed(steps, first, 1.0, 500.0, end, 1e-10)
     assert hopeless.steps > 7 * first.steps and hopeless.expected > 1e-10
+
+
+def test_neither_rates_nor_errors_depend_on_units() -> None:
+    """A grain and a moon turn alike, and the error of an orientation is seen beside a momentum of 1e20."""
+    moments, M = np.array([0.5, 0.9, 1.0]), np.array([[0.1, 0.2, 0.3]])
+    rates = [
+        auto_splitting.rate_of(
+            BODIES["satellite"](moments=size * moments, semi_major_axis=7e6), (algebra.hat(size * M),)
+        )
+        for size in (1e-20, 1.0, 1e20)
+    ]
+    assert 0.1 < rates[0] < 1 and np.ptp(rates) < 1e-12
+    for size in (1e-20, 1e20):
+        one, other = (size * M, np.array([[1.0, 1e-3]])), (size * M, np.array([[1.0, 0.0]]))
+        assert auto_splitting._apart(one, other) == pytest.approx(1e-3)
 
 
 def test_orientations_by_lane() -> None:

@@ -9,7 +9,7 @@ Nothing is adapted on the way.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -19,14 +19,17 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces.kicks import perturbation_of
-from kreisel.method.auto import Choice, checked_tolerance, fastest, size, with_lanes
+from kreisel.method.auto import Choice, checked_tolerance, size, with_lanes
 from kreisel.method.splitting_coefficients import ORDERS
+from kreisel.record.calling import call
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 TURNS = 64.0  # radians of a pilot at the fastest rate
 LONGEST, RUNGS = 3.0, 15  # radians of the longest step; each of the others is shorter by sqrt(2)
 TRUTHS = (8, (10, 6, 4))  # the first of which not every force has
 ROUND_OFF = 4e-15
+AHEAD = 1e-4  # radians, over which the rate of Omega is taken
 NUDGE = 1e-8  # of the momenta: a neighbouring orbit
 LONG, EXPONENTIAL = 20, 20.0  # pilots; how much farther apart after twice the time, where in proportion is 2
 WITNESS, REFINED, SHORTER = 20, 8, 1.4  # pilots; how often steps are made shorter, and by how much
@@ -36,9 +39,9 @@ SAFETY = 10.0  # the error may grow faster later, where the motion is near to ch
 
 
 class Pilot(NamedTuple):
-    """The state at the end of some steps (lanes, numbers), and what a step costs, and a row beside its steps."""
+    """The components at the end of some steps, (lanes, numbers) of each, the cost of a step, and of a saved row."""
 
-    state: Array
+    state: tuple[Array, ...]
     cost: float
     row: float = 0.0
 
@@ -50,11 +53,23 @@ def rate_of(model: Model, state: tuple[Array, ...]) -> float:
     """The fastest rate of the integrable part, of all lanes."""
     base, lanes = perturbation_of(model.system).base, with_lanes(model, state)
     if base.product:
-        bodies = [(f.system, f.known(model.params), lanes[f.place]) for f in base.product]
+        bodies = [(f.system, f.known(model.constants), lanes[f.place]) for f in base.product]
     else:
-        bodies = [(base, {p.letter: model.params[p.letter] for p in base.parameters}, lanes)]
+        bodies = [(base, model.constants, lanes)]
     with np.errstate(all="ignore"):
-        return max(float(fastest(Model(system, params), own).max()) for system, params, own in bodies)
+        return max(_fastest(*body) for body in bodies)
+
+
+def _fastest(system: System, constants: Mapping[str, Array], state: tuple[Array, ...]) -> float:
+    """max(|Omega|, sqrt(|Omega'|)), in any units; without Omega max |z'|/|z| over the components z."""
+    rates = call(system.flow, state, constants)
+    if system.velocity is None:
+        return float(max(np.nan_to_num(size(rate) / size(part)).max() for rate, part in zip(rates, state, strict=True)))
+    Omega = call(system.velocity, state, constants)
+    turning = float(size(Omega).max())
+    ahead = AHEAD / turning if turning else 1.0
+    later = call(system.velocity, tuple(z + ahead * rate for z, rate in zip(state, rates, strict=True)), constants)
+    return max(turning, float(np.sqrt(size(later - Omega).max() / ahead)))
 
 
 def choose(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> Choice:
@@ -136,13 +151,13 @@ def within_reach(rate: float, time: float) -> bool:
     return time * rate <= CHAOTIC * TURNS
 
 
-def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[Array, float]:
+def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[tuple[Array, ...], float]:
     """The end of the pilot as two splittings agree on it best, and how far they are apart.
 
     The steps that are short enough are not the shortest: rounding grows with their number.
     """
-    best: tuple[float, Array] | None = None
-    before: Array | None = None  # of the only splitting that gets there, with longer steps
+    best: tuple[float, tuple[Array, ...]] | None = None
+    before: tuple[Array, ...] | None = None  # of the only splitting that gets there, with longer steps
     for count in counts[len(counts) // 2 :: 2]:
         both = [steps(order, span / count, count) for order in TRUTHS]
         known = [found.state for found in both if found is not None]
@@ -159,8 +174,9 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[Array, float]:
     return best[1], best[0]
 
 
-def _apart(one: Array, other: Array) -> float:
-    """The largest difference of a lane, relative to its largest entry."""
+def _apart(one: tuple[Array, ...], other: tuple[Array, ...]) -> float:
+    """The largest difference of a component of a lane, relative to its largest entry."""
     with np.errstate(all="ignore"):
-        found = float(np.max(size(one - other) / size(other)))
+        apart = [np.where((x == y).all(-1), 0, size(x - y) / size(y)) for x, y in zip(one, other, strict=True)]
+    found = float(np.max(apart))
     return found if np.isfinite(found) else np.inf

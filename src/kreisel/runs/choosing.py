@@ -101,8 +101,8 @@ def _pilot(
         z = layout.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
         if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
             return None
-        own = layout.flatten(z[: len(parts)], plan.kinds[: len(parts)])
-        if not np.isfinite(own).all():
+        own = tuple(layout.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
+        if not all(np.isfinite(part).all() for part in own):
             return None
         row = 0 if made.corrector is None else made.by(made.corrector.out).stage_count
         work = getattr(plan.engine, "work", 1.0)
