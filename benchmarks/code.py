@@ -67,7 +67,7 @@ def measured(name: str, folder: Path) -> dict[str, float]:
     model, start, asked = CASES[name]
     state, word = model.state(**start), model.system.name.replace("-", "_")
     motion = kr.propagator(model, dt=DT, **asked)
-    (folder / f"{word}.h").write_text(kr.code(model, state, dt=DT, **asked))
+    (folder / f"{word}.h").write_text(kr.code(model, state, dt=DT, name=word, **asked))
     (folder / "main.c").write_text(C.format(name=word, steps=STEPS))
     subprocess.run(["gcc", *FLAGS, "main.c", "-o", "main", "-lm"], cwd=folder, check=True)
     (folder / "main.mjs").write_text(kr.code(model, state, dt=DT, language="js", **asked) + JS.format(steps=STEPS))

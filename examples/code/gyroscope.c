@@ -1,6 +1,6 @@
 /* A gyroscope in a game loop: a free body whose spin does not turn over by itself.
 
-    kreisel code examples/code/gyroscope.toml --method exact > euler_top.h
+    kreisel code examples/code/gyroscope.toml --method exact --name euler_top > euler_top.h
     gcc -std=c99 -O2 -march=native -ffp-contract=off gyroscope.c -o gyroscope -lm && ./gyroscope
 
 Spun about its middle axis a body flips again and again; spun about another it never does. Game engines that step Euler's

@@ -1,6 +1,6 @@
 # The game loop of gyroscope.c in Julia.
 #
-#     kreisel code gyroscope.toml --method exact --language julia > euler_top.jl
+#     kreisel code gyroscope.toml --method exact --name euler_top --language julia > euler_top.jl
 #     julia gyroscope.jl
 include("euler_top.jl")
 using .EulerTop

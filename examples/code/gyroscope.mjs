@@ -1,6 +1,6 @@
 // The game loop of gyroscope.c in JavaScript.
 //
-//     kreisel code gyroscope.toml --method exact --language js > euler_top.mjs
+//     kreisel code gyroscope.toml --method exact --name euler_top --language js > euler_top.mjs
 //     node gyroscope.mjs
 //
 // In a page: the same two lines of imports in <script type="module">, and one step for each picture.

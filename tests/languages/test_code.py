@@ -34,7 +34,8 @@ CASES: dict[str, tuple[Any, dict[str, Any]]] = {
 
 def text_and_run(case: str, language: str) -> tuple[str, Any]:
     (model, start), asked = CASES[case]
-    text = kr.code(model, start, dt=DT, language=language, **asked)
+    name = model.system.name.replace("-", "_")
+    text = kr.code(model, start, dt=DT, language=language, name=name, **asked)
     return text, kr.simulate(model, start, dt=DT, steps=STEPS, every=STEPS, **asked)
 
 
@@ -98,7 +99,7 @@ def test_a_step_back_undoes_a_step(case: str, tmp_path: Path) -> None:
 
 def test_a_free_body_moves_as_its_closed_form_and_may_be_kicked(tmp_path: Path) -> None:
     start = BODY.state(M=(0.3, 0.5, 1.1))
-    text = kr.code(BODY, start, dt=DT, method="exact", orientation=(1, 0, 0, 0))
+    text = kr.code(BODY, start, dt=DT, method="exact", orientation=(1, 0, 0, 0), name="euler_top")
     got = by_c(tmp_path, text, "euler_top", "euler_top_advance(&body, 400);")
     later = kr.at(BODY, start, [400 * DT], orientation=(1, 0, 0, 0))
     wanted = np.concatenate([later.M.values[0], later.g.values[0]])
@@ -112,6 +113,70 @@ def test_a_free_body_moves_as_its_closed_form_and_may_be_kicked(tmp_path: Path) 
     M = later.M.values[0] + np.array([0, 0, 0.5])
     final = kr.at(BODY, BODY.state(M=M), [100 * DT], orientation=later.g.values[0])
     assert np.abs(np.array(kicked[:3]) - final.M.values[0]).max() < 1e-12
+
+
+TWO = """#include "one.h"
+#include "two.h"
+#include <stdio.h>
+int main(void) {{
+    static {0} one;
+    static {1} two;
+    double out[100];
+    {0}_begin(&one, {0}_START);
+    {1}_begin(&two, {1}_START);
+    {0}_advance(&one, 200);
+    {1}_advance(&two, 200);
+    {0}_observe(&one, out);
+    printf("%.17g %.17g %.17g ", out[0], out[1], out[2]);
+    {1}_observe(&two, out);
+    printf("%.17g %.17g %.17g ", out[0], out[1], out[2]);
+    return 0;
+}}
+"""
+
+
+def test_one_program_has_two_bodies_of_one_system(tmp_path: Path) -> None:
+    flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+    words, wanted = [], []
+    for file, body in (("one", BODY), ("two", kr.EulerTop(J=(1.0, 2.0, 3.0)))):
+        start = body.state(M=(0.3, 0.5, 1.1))
+        text = kr.code(body, start, dt=DT, method="veselov", order=4)
+        words += re.findall(r"^} (\w+);", text, re.MULTILINE)
+        wanted += state(kr.simulate(body, start, dt=DT, steps=200, every=200, method="veselov", order=4))
+        (tmp_path / f"{file}.h").write_text(text)
+    (tmp_path / "main.c").write_text(TWO.format(*words))
+    subprocess.run(["gcc", *flags, "main.c", "-o", "main", "-lm"], cwd=tmp_path, check=True, timeout=120)
+    out = subprocess.run(["./main"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120).stdout
+    assert [float(word) for word in out.split()] == wanted
+    assert wanted[:3] != wanted[3:]
+    for file, word in zip(("one", "two"), words, strict=True):  # a name for both: said, and not dropped
+        (tmp_path / f"{file}.h").write_text((tmp_path / f"{file}.h").read_text().replace(word, "top"))
+    (tmp_path / "main.c").write_text(TWO.format("top", "top"))
+    done = subprocess.run(["gcc", *flags, "main.c"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode != 0
+    assert "two bodies are called top" in done.stderr
+
+
+def test_names_differ_by_content_unless_given() -> None:
+    asked: dict[str, Any] = {"dt": DT, "method": "veselov", "order": 4}
+    other = kr.EulerTop(J=(1.0, 2.0, 3.0))
+    for language, form in (("c", r"^} (\w+);"), ("js", r'"\./(\w+)\.mjs"'), ("julia", r"^module (\w+)")):
+        texts = [
+            kr.code(body, body.state(M=M), language=language, **asked | changed)
+            for body, M, changed in (
+                (BODY, (0.3, 0.5, 1.1), {}),
+                (BODY, (0.3, 0.5, 1.1), {}),
+                (other, (0.3, 0.5, 1.1), {}),
+                (BODY, (0.3, 0.5, 1.0), {}),
+                (BODY, (0.3, 0.5, 1.1), {"dt": 0.1}),
+                (BODY, (0.3, 0.5, 1.1), {"order": 2}),
+                (BODY, (0.3, 0.5, 1.1), {"name": "rock_1"}),
+            )
+        ]
+        names = [re.findall(form, text, re.MULTILINE)[0] for text in texts]
+        assert texts[0] == texts[1]
+        assert len(set(names)) == 6
+        assert names[-1] == ("Rock1" if language == "julia" else "rock_1")
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -262,7 +327,8 @@ def project(known: dict[str, Any], z: FromOne, begin: int) -> None:
 
 
 def example(folder: Path, language: str, suffix: str) -> Path:
-    text = command("gyroscope.toml", "--method", "exact", "--language", language, folder=EXAMPLES / "code")
+    words = ("gyroscope.toml", "--method", "exact", "--language", language, "--name", "euler_top")
+    text = command(*words, folder=EXAMPLES / "code")
     assert text.returncode == 0, text.stderr
     (folder / f"euler_top{suffix}").write_text(text.stdout)
     return Path(shutil.copy(EXAMPLES / "code" / f"gyroscope{'.c' if language == 'c' else suffix}", folder))
@@ -329,6 +395,9 @@ def test_the_command_prints_a_file(tmp_path: Path) -> None:
         (("nobody",), "No system is called 'nobody'"),
         (("absent.toml",), "There is no file absent.toml"),
         (("euler-top", "--set", "J=1,2"), "J"),
+        (("euler-top", "--name", "2nd"), "a letter first, such as wheel_1, got '2nd'"),
+        (("euler-top", "--name", "double"), "one that c and the file do not have already"),
+        (("euler-top", "--name", "body", "--language", "julia"), "one that julia and the file do not have already"),
     ],
 )
 def test_what_cannot_be_is_said(words: tuple[str, ...], part: str, tmp_path: Path) -> None:

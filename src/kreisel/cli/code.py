@@ -30,8 +30,11 @@ def code(
     project: Annotated[
         bool, typer.Option("--project/--no-project", help="Put the state back on what is conserved.")
     ] = True,
+    name: Annotated[
+        str | None, typer.Option(help="Of the body, which names in C begin with; by default of the content.")
+    ] = None,
 ) -> None:
-    """Print one file, without dependencies, with the step of a body: kreisel code euler-top > euler_top.h.
+    """Print one file, without dependencies, with the step of a body: kreisel code euler-top --name rock > rock.h.
 
     A TOML file says the parameters, the state, the step and the method; for a system by name they are examples, but for
     what is set.
@@ -59,7 +62,5 @@ def code(
             g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
         dt = 0.01 if dt is None else dt
     body = model.state(**state)
-    print(
-        text_of(model, body, dt=dt, language=language, method=method, order=order, orientation=g, project=project),
-        end="",
-    )
+    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "project": project, "name": name}
+    print(text_of(model, body, dt=dt, language=language, **settings), end="")

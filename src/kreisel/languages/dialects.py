@@ -28,7 +28,8 @@ class Dialect:
     starts    declares a number that is assigned to later, with its first value
     up, down  a loop over whole numbers {var} from {start} to {stop}, which is left out, with step 1 and -1
     table     declares constant numbers; `rows` several rows of them, `row` each
-    prefix    of the functions that a file defines for itself, where they might meet others
+    prefix    of the helpers that all files share, where they might meet others
+    mark      of the other names of a file, where they would meet the names of other files
     reserved  names that the language has for itself
     first     the index of the first entry of an array
     """
@@ -55,6 +56,7 @@ class Dialect:
     yes: str
     special: tuple[str, str]
     prefix: str
+    mark: str = ""
     reserved: frozenset[str] = frozenset()
     first: int = 0
 
@@ -126,6 +128,12 @@ C = Dialect(
     row="{{{}}}",
     special=("NAN", "INFINITY"),
     prefix="kreisel_",
+    mark="@name@_",
+    reserved=frozenset(
+        "auto break case char const continue default do double else enum extern float for goto if inline int long main "
+        "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
+        "fma fabs sqrt sin cos exp log".split()
+    ),
     **BRACES,
 )
 JAVASCRIPT = Dialect(
@@ -164,7 +172,7 @@ JULIA = Dialect(
     yes="({} != 0)",
     special=("NaN", "Inf"),
     prefix="kreisel_",
-    reserved=frozenset({"begin", "end", "local", "function", "module", "quote", "let"}),
+    reserved=frozenset({"begin", "end", "local", "function", "module", "quote", "let", "Body", "Base", "Core", "Main"}),
     first=1,
 )
 LANGUAGES = {dialect.name: dialect for dialect in (C, JAVASCRIPT, JULIA)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import re
 from collections.abc import Sequence
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 OF_PROGRAM = ("SIZES", "OPS", "RUNS", "OUTS", "ENDS", "CONES", "COLUMNS", "LITERALS")
 LICENCE = "BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {}."
 PIECE = re.compile(r"def (\w+)\((.*)\):\n")
-MARKS = {"c": "@name@_"}  # of names that would meet those of other files
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 
 
 @explained
@@ -41,6 +42,7 @@ def code(
     order: int | None = None,
     orientation: OrientationLike | None = None,
     project: bool = True,
+    name: str | None = None,
 ) -> str:
     """The text of one file, without dependencies, that steps a body as `kr.simulate` does.
 
@@ -48,6 +50,8 @@ def code(
     system to project  as in `kr.simulate`; methods that make steps, n <= 10: "suris", "baecklund", "veselov",
                   "variational", "kahan".  With "baecklund" the constants of the step belong to the orbit of x0; with
                   the others any state may be given in the file's own language
+    name          of the body: what names in C begin with, the module in Julia; letters, digits and _.  By default that
+                  of the system with eight digits of the content, so that the files of two bodies go into one program
 
     The file has the step, the step back where it is known, Casimirs and integrals, the projection onto what the method
     conserves, the orientation if one is given, and the equations with their source.  In C the bits of the step are
@@ -59,19 +63,28 @@ def code(
             f"{hint(language, LANGUAGES) if isinstance(language, str) else ''}"
         )
     asked: dict[str, Any] = {"dt": dt, "steps": 1, "method": method, "order": order, "project": project}
-    return text_of(make_plan(system, x0, orientation=orientation, **asked), language)
+    _require_name(name, LANGUAGES[language])
+    return text_of(make_plan(system, x0, orientation=orientation, **asked), language, name)
 
 
-def text_of(plan: Plan, language: str) -> str:
-    """The same of a plan.  Raises `InputError`."""
+def _require_name(name: str | None, dialect: Dialect) -> None:
+    if name is None:
+        return
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise InputError(f"name: expected letters, digits and _, a letter first, such as wheel_1, got {shown(name)}.")
+    if dialect.name_of(name) != name or dialect.name_of(_module(name)) != _module(name) or name.startswith("kreisel"):
+        raise InputError(f"name: expected one that {dialect.name} and the file do not have already, got {shown(name)}.")
+
+
+def _module(name: str) -> str:
+    return "".join(word[:1].upper() + word[1:] for word in name.split("_"))
+
+
+def text_of(plan: Plan, language: str, name: str | None = None) -> str:
+    """The text of a plan.  Raises `InputError`."""
     what, dialect = contents(plan), LANGUAGES[language]
-    name = plan.model.system.name.replace("-", "_")
     parts = {
         "head": "\n".join(_head(what)),
-        "name": name,
-        "guard": name.upper(),
-        "module": "".join(word.capitalize() for word in name.split("_")),
-        "version": importlib.metadata.version("kreisel"),
         "size": what.plan.first.shape[1],
         "given": len(what.names),
         "outputs": len(what.observed.values),
@@ -81,11 +94,14 @@ def text_of(plan: Plan, language: str) -> str:
     }
     if what.programs:
         parts |= _sizes(what.programs) | {"calls": _calls(dialect, len(what.programs))}
-    parts["licence"] = LICENCE.format(parts["version"])
     names = ["head", "helpers", "functions", "projected" if what.programs else "plain"]
     names += [*(["back"] if what.back is not None else []), "end"]
     template = "".join(dialect.templates.get(name, "@functions@\n\n") for name in names)
-    return filled(filled(template, parts), parts)  # twice: there are words in functions and calls
+    text = filled(filled(template, parts), parts)  # twice: there are words in functions and calls
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    name = name or f"{plan.model.system.name.replace('-', '_')}_{digest}"
+    licence = LICENCE.format(importlib.metadata.version("kreisel"))
+    return filled(text, {"name": name, "module": _module(name), "digest": digest, "licence": licence})
 
 
 def _calls(dialect: Dialect, count: int) -> str:
@@ -183,7 +199,7 @@ def _functions(what: Contents, dialect: Dialect) -> list[str]:
 
 def _own(dialect: Dialect, name: str) -> str:
     """The name of a table, where files share names with the files of other bodies."""
-    return MARKS.get(dialect.name, "") + name
+    return dialect.mark + name
 
 
 def _tables(dialect: Dialect, mark: str, record: Recording, constants: Any, stages: Any) -> list[str]:

@@ -21,6 +21,7 @@ OPERATORS: dict[type[ast.AST], str] = {
     ast.Eq: "==",
 }
 MATH = ("fma", "sqrt", "sin", "cos", "exp", "log")  # which languages have
+OWN = ("put_pair",)  # a function that each file defines, and no helper that files share
 INTEGERS = ("whole", "range")  # functions whose values are integers
 
 
@@ -141,7 +142,8 @@ class Writer:
                 parts = self._test(test), self.expression(body), self.expression(orelse)
                 return self.dialect.either.format(*parts)
             case ast.Call(func=ast.Name(id=name), args=args):
-                prefix = "" if name in MATH else self.dialect.prefix
+                own = self.dialect.mark if name in OWN else ""
+                prefix = "" if name in MATH else own or self.dialect.prefix
                 return f"{prefix}{name}({', '.join(map(self.expression, args))})"
         raise RunError(f"expected an expression that {self.dialect.name} can say too, got {ast.unparse(node)!r}")
 

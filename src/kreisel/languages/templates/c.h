@@ -13,8 +13,12 @@
 C99.  Compile with -ffp-contract=off, so that products are fused where the text says so and nowhere else, and with -mfma
 or -march=native where the processor has fma: without, each fma is a call.
 */
-#ifndef KREISEL_@guard@_H
-#define KREISEL_@guard@_H
+#ifdef KREISEL_@name@_H
+#if KREISEL_@name@_H != 0x@digest@
+#error "two bodies are called @name@: give one of the files another name, kreisel code --name"
+#endif
+#else
+#define KREISEL_@name@_H 0x@digest@
 
 #include <math.h>
 
@@ -100,7 +104,7 @@ KREISEL_FUNCTION void @name@_observe(const @name@ *body, double out[@outputs@]) 
 
 #endif
 @@ call
-kreisel_block(@tables@,
+@name@_block(@tables@,
         body->@targets@, body->@worst@, body->z, @name@_CONSTANTS, body->room, 0, 1, begin);
 @@ def map
 KREISEL_FUNCTION void @name@_@function@(const double *restrict @source@, double *restrict @target@) {
@@ -109,8 +113,8 @@ KREISEL_FUNCTION void @name@_@function@(double *restrict z) {
 @@ def stage
 @table@[stage][@j@]
 @@ def put_pair
-KREISEL_FUNCTION void kreisel_put_pair(double *room, long high, long low, double p, double e) {
+KREISEL_FUNCTION void @name@_put_pair(double *room, long high, long low, double p, double e) {
 @@ def block
-KREISEL_FUNCTION void kreisel_block(const int *sizes, const int *ops, const int *runs,
+KREISEL_FUNCTION void @name@_block(const int *sizes, const int *ops, const int *runs,
     const int *outs, const int *ends, const int *cones, const int *columns, const double *literals,
     double *targets, double *worst, double *z, const double *c, double *room, long lane, long last, int begin) {
