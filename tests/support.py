@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
@@ -43,3 +44,18 @@ def ended(child: subprocess.Popen[str], number: int) -> tuple[int, str, float]:
     finally:
         child.kill()
     return child.returncode, message, time.monotonic() - begun
+
+
+def contents(store: Path) -> dict[str, object]:
+    """Every file of an archive, byte by byte, without the time of its creation and the checksum of that."""
+    out: dict[str, object] = {}
+    for path in sorted(p for p in store.rglob("*") if p.is_file()):
+        name = path.relative_to(store).as_posix()
+        out[name] = path.read_bytes()
+        if name == "zarr.json":
+            metadata = json.loads(path.read_text())
+            metadata["attributes"].pop("created")
+            out[name] = metadata
+        elif name == "engine/checksums.sha256":
+            out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
+    return out

@@ -13,6 +13,7 @@ import kreisel as kr
 from kreisel.runs import integration
 from kreisel.runs import simulate as simulating
 from kreisel.storage.checking import check_archive
+from support import contents
 
 BODY = kr.perturbed(
     kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5),
@@ -166,6 +167,9 @@ def test_runs_to_disk_go_on_bit_for_bit(asked: dict[str, Any], tmp_path: Path, m
     monkeypatch.setattr(integration.Integration, "_advance", cut)
     with pytest.raises(KeyboardInterrupt):
         kr.simulate(BODY, START, dt=0.05, path=path, **asked)
+    kept = kr.open_run(path.with_name("run.zarr.part")).load()  # the rows that are in the checkpoint only
+    assert kept.time.size and kept.equals(whole.isel(time=slice(kept.time.size)))
+    assert all(kept[name].attrs["kind"] == whole[name].attrs["kind"] for name in whole.data_vars)
     if events:
         with pytest.raises(kr.InputError, match=r"events: expected those of the run.*kr.resume\(path, events="):
             kr.resume(path, system=BODY)
@@ -191,6 +195,48 @@ def test_impulses_go_on_in_a_longer_run(tmp_path: Path) -> None:
     kr.simulate(BODY, START, dt=0.05, steps=100, every=10, impulses=IMPULSES, path=tmp_path / "run.zarr")
     run = kr.resume(tmp_path / "run.zarr", extend=200, system=BODY)
     assert run.M.values.tobytes() == longer.M.values.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("every", "more"),
+    [
+        (7, {"impulses": [*IMPULSES, {"time": 0.97, "M": (0, 0.1, 0)}]}),
+        (7, {"events": STRIKE}),
+        (3, {"events": STRIKE, "impulses": IMPULSES}),
+    ],
+)
+def test_an_extended_run_is_a_longer_one(
+    every: int, more: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether or not its last row is one of the longer run: each byte of the archive."""
+    options = {"dt": 0.05, "every": every, "progress": False, **more}
+    kr.simulate(BODY, START, steps=140, path=tmp_path / "long.zarr", **options)
+    for steps, seconds in ((27, 0.0), (68, 0.0), (70, 0.0), (41, 1e9)):
+        monkeypatch.setattr(simulating, "CHECKPOINT_SECONDS", seconds)
+        path = tmp_path / f"{steps}.zarr"
+        kr.simulate(BODY, START, steps=steps, path=path, **options)
+        kr.resume(path, extend=140, system=BODY, events=more.get("events", ()))
+        assert contents(path) == contents(tmp_path / "long.zarr"), steps
+
+
+@pytest.mark.parametrize("asked", [{"times": [0.5, 1.3, 1.33, 7.0]}, {"steps": 211, "every": 10, "events": LOW}])
+def test_archives_do_not_depend_on_the_clock(
+    asked: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that was killed after the event that ends it, or after its last row, ends there again."""
+    kr.simulate(BODY, START, dt=0.05, path=tmp_path / "whole.zarr", **asked)
+    expected = contents(tmp_path / "whole.zarr")
+    monkeypatch.setattr(simulating, "CHECKPOINT_SECONDS", 0.0)
+    kr.simulate(BODY, START, dt=0.05, path=tmp_path / "often.zarr", **asked)
+    assert contents(tmp_path / "often.zarr") == expected
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("kreisel.storage.archive.Archive.finish", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+        kr.simulate(BODY, START, dt=0.05, path=tmp_path / "run.zarr", **asked)
+    whole, kept = (kr.open_run(tmp_path / name).load() for name in ("whole.zarr", "run.zarr.part"))
+    assert kept.equals(whole)
+    events = asked.get("events", ())
+    kr.resume(tmp_path / "run.zarr", system=BODY, events=events)
+    assert contents(tmp_path / "run.zarr") == expected
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from kreisel.runs import simulate as runs
 from kreisel.storage import checking, checkpoint, manifest
 from kreisel.storage.checkpoint import Lock
 from kreisel.system import REGISTRY
-from support import ROOT
+from support import ROOT, contents
 
 OPTIONS = {"dt": 0.1, "steps": 400, "every": 3}
 SMALL = 6 * 8 * 7  # bytes of a block: seven rows of a top
@@ -37,21 +37,6 @@ KILLS = int(os.environ.get("KREISEL_KILLS", "6"))  # `make soak` asks for 200
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(integration, "BLOCK_BYTES", SMALL)
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", 0.0)
-
-
-def contents(store: Path) -> dict[str, object]:
-    """Every file of a store, byte by byte; without the time of its creation, and the checksum of that."""
-    out: dict[str, object] = {}
-    for path in sorted(p for p in store.rglob("*") if p.is_file()):
-        name = path.relative_to(store).as_posix()
-        out[name] = path.read_bytes()
-        if name == "zarr.json":
-            metadata = json.loads(path.read_text())
-            metadata["attributes"].pop("created")
-            out[name] = metadata
-        elif name == "engine/checksums.sha256":
-            out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
-    return out
 
 
 def slow_run(path: Path, top: object, x0: object, options: dict) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from kreisel.runs.settings import of_forces
 from kreisel.stopwatch import SPENT
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
+END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that an event has stopped
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
 SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
@@ -34,13 +36,15 @@ LONG_SECONDS = 1.0  # a longer call of the engine can be interrupted
 class Snapshot:
     """Where a run stands: the rows in finished blocks, the rows after them, the steps made since, and the engine.
 
-    `engine` also holds `Plan.computed`, the constants of the trajectory.
+    `engine` also holds `Plan.computed`, the constants of the trajectory.  `shown` has the outputs of the rows, with
+    their dimensions and attributes, if the archive does not hold the system that computes them.
     """
 
     flushed: int
     into: int
     rows: Floats
     engine: dict[str, Floats] = field(default_factory=dict)
+    shown: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]] = field(default_factory=dict)
 
 
 def block_rows(plan: Plan) -> int:
@@ -98,9 +102,11 @@ class Integration:
         return self._step_of(self.rows - 1) + self.into
 
     @property
-    def regular(self) -> bool:
-        """Whether a longer run has all these rows too: the last one is at a multiple of `every`."""
-        return self.plan.irregular or self.rows <= self.plan.steps // self.plan.every + 1
+    def lasting(self) -> int:
+        """Rows of this run that a longer run has too: without a last one that is not at a multiple of `every`."""
+        timetable = self.plan.timetable
+        ends = timetable.times is not None or timetable.end is not None  # which no longer run goes beyond
+        return self.plan.rows if ends else self.plan.steps // self.plan.every + 1
 
     def _step_of(self, row: int) -> int:
         return self.plan.timetable.step_of(row)
@@ -110,6 +116,8 @@ class Integration:
         self._check()
         engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()} | self.plan.computed
         engine |= {} if self._breaks is None else self._breaks.snapshot()
+        if self.plan.timetable.end is not None:
+            engine[END] = np.array(self.plan.timetable.end)
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -127,6 +135,7 @@ class Integration:
             and shapes == {name: np.shape(value) for name, value in mine.items()}
             and rows <= self.most
             and 0 <= snapshot.flushed <= self.plan.rows - rows
+            and np.shape(of_breaks.get(END, (0, 0))) == (2,)
             and 0 <= snapshot.into < max(1, self.plan.steps if self.plan.irregular else self.plan.every)
         )
         if not fits or snapshot.flushed + rows < (self.plan.settings.times is None):
@@ -135,6 +144,8 @@ class Integration:
         self.buffer[: self.filled] = snapshot.rows
         self.plan.adopt({name: snapshot.engine[name] for name in computed})
         self.plan.engine.restore(snapshot.engine)
+        if END in of_breaks:
+            self.plan.timetable.end = int(of_breaks[END][0]), float(of_breaks[END][1])
         if self._breaks is not None:
             self._breaks.restore(of_breaks)
 

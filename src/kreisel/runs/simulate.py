@@ -157,10 +157,9 @@ def _write(archive: Archive, integration: Integration, progress: bool | None) ->
     def between() -> None:
         nonlocal last, kept
         due = time.monotonic() - last > CHECKPOINT_SECONDS or stop.signal is not None
-        last_whole = plan.steps // plan.every + 1
-        closing = not plan.irregular and integration.rows == last_whole  # what a longer run would have is there
         written = integration.filled == 0  # a block was just written
-        if integration.into == 0 if closing else integration.regular and (due or written):
+        closing = integration.rows == integration.lasting  # the last checkpoint, from which a longer run goes on
+        if integration.into == 0 if closing else integration.rows < integration.lasting and (due or written):
             archive.checkpoint(integration.snapshot())
             last, kept = time.monotonic(), integration.steps
         obey()

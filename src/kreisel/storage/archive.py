@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.bodies import KNOWN
 from kreisel.errors import InputError, RunError, Stopped, on_disk
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
@@ -33,6 +34,7 @@ from kreisel.runs.describing import (
     attributes,
     describe,
     dimensions,
+    in_memory,
     saved_times,
     versions,
 )
@@ -163,7 +165,16 @@ class Archive:
         """Write down where the run stands; everything before is kept whatever happens."""
         with _disk(self.path, "be written"):
             self._require_there()
-            checkpoint.write(self.part, snapshot, self._start)
+            checkpoint.write(self.part, replace(snapshot, shown=self._shown(snapshot)), self._start)
+
+    def _shown(self, snapshot: Snapshot) -> dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]:
+        """Outputs of the rows of a snapshot, if nobody who opens the archive can compute them."""
+        if self.plan.model.system.name in KNOWN or not len(snapshot.rows):
+            return {}
+        times = saved_times(self.plan, snapshot.flushed, snapshot.flushed + len(snapshot.rows))
+        with np.errstate(all="ignore"):
+            rows = in_memory(self.plan, [self.plan.observe(snapshot.rows)], times)
+        return {str(name): (tuple(map(str, v.dims)), v.values, dict(v.attrs)) for name, v in rows.variables.items()}
 
     def finish(self) -> None:
         """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""

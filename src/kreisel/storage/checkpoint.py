@@ -36,6 +36,7 @@ from kreisel.runs.integration import Snapshot
 from kreisel.storage.manifest import replace_file
 from kreisel.storage.reading import parsed
 
+ABOUT = "about"  # JSON: dimensions and attributes of what is shown
 NAME = "engine/checkpoint.npz"  # in a group of its own, where Zarr does not look for arrays
 
 
@@ -56,7 +57,11 @@ def write(store: Path, snapshot: Snapshot, start: Mapping[str, Floats]) -> None:
         "rows": snapshot.rows,
         **{f"engine/{name}": value for name, value in snapshot.engine.items()},
         **{f"start/{name}": value for name, value in start.items()},
+        **{f"shown/{name}": value for name, (_, value, _) in snapshot.shown.items()},
     }
+    if snapshot.shown:
+        about = {name: (dims, attrs) for name, (dims, _, attrs) in snapshot.shown.items()}
+        arrays[ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
     replace_file(store / NAME, data.getvalue(), durable=True)
@@ -72,7 +77,9 @@ def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
         engine, start = (
             {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(p)} for p in ("engine/", "start/")
         )
-        return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start
+        about = parsed(arrays[ABOUT].tobytes().decode(), str(path)) if ABOUT in arrays else {}
+        shown = {name: (tuple(dims), arrays[f"shown/{name}"], attrs) for name, (dims, attrs) in about.items()}
+        return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine, shown), start
     except DAMAGE as error:
         raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
 

@@ -157,15 +157,14 @@ def _until_checkpoint(path: Path, record: RunRecord) -> xr.Dataset:
     snapshot, start, known = _checkpoint(path, record)
     first = snapshot.flushed
     whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)
-    if len(snapshot.rows) == 0 or record.is_own:
+    if len(snapshot.rows) == 0:
         return whole.assign_attrs(attrs)
-    plan = _plan_of_run(record, start, record.steps)
-    _integration(plan, record.rows_in_block).restore(snapshot)  # which looks at it
-    times = saved_times(plan, first, first + len(snapshot.rows))
-    rest = in_memory(plan, [plan.observe(snapshot.rows)], times)
+    plan = None if record.is_own else _plan_of_run(record, start, record.steps)
+    rest = _shown(path, snapshot) if plan is None else _observed(plan, record, snapshot)
     if not first:
         return rest.assign_attrs(attrs)
-    _require_arrays(path, plan, record, known)
+    if plan is not None:
+        _require_arrays(path, plan, record, known)
     joined = {
         name: continued(variable, rest[name].variable) if "time" in variable.dims else variable
         for name, variable in whole.variables.items()
@@ -173,6 +172,23 @@ def _until_checkpoint(path: Path, record: RunRecord) -> xr.Dataset:
     }
     coords = {name: joined.pop(name) for name in whole.coords if name in joined}
     return xr.Dataset(joined, xr.Coordinates(coords, indexes={}), attrs)
+
+
+def _observed(plan: Plan, record: RunRecord, snapshot: Snapshot) -> xr.Dataset:
+    """The rows of a snapshot, of a system that Kreisel has."""
+    _integration(plan, record.rows_in_block).restore(snapshot)  # which looks at it
+    times = saved_times(plan, snapshot.flushed, snapshot.flushed + len(snapshot.rows))
+    return in_memory(plan, [plan.observe(snapshot.rows)], times)
+
+
+def _shown(path: Path, snapshot: Snapshot) -> xr.Dataset:
+    """The rows of a snapshot, of a system that an archive does not hold.  Raises `InputError`."""
+    import xarray as xr
+
+    try:
+        return xr.Dataset(snapshot.shown).set_coords(["time", *({"lane"} & snapshot.shown.keys())])
+    except (ValueError, TypeError) as error:
+        raise InputError(f"The checkpoint of {path} is damaged: {error}.") from error
 
 
 def _place_in_run(variable: xr.DataArray) -> int:
