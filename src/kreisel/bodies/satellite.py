@@ -4,7 +4,8 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
 
     M' = M x Omega + (torque of V) + tau
     V = (mu/r^3) (tr J/2 - (3/2) u.J u) - b.B          u = r/|r|,  J = tr(I)/2 - I,  b the dipole of the satellite
-    B = -(k/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; the Earth's has k = 7.60e15 T m^3
+    B = -(f/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; f = R^3 g_1^0, -7.59e15 T m^3 for
+                                                       the Earth, so that B points north over its equator
     tau = torque + sum over plates of c x F            c the centre of a plate, n its normal, A its area
     F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x where x > 0, else 0
         - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
@@ -184,7 +185,7 @@ PARAMETERS = (
         "degree_4", "array", "body's mass times R^4 (C_40, C_41, S_41, ... S_44), kg m^4", check_degree_4, np.zeros(9)
     ),
     Parameter("dipole", "vector", "magnetic moment, A m^2, along the principal axes", default=np.zeros(3)),
-    Parameter("field", "scalar", "k, the magnetic dipole of the primary, T m^3", default=0.0),
+    Parameter("field", "scalar", "of the primary's dipole, R^3 g_1^0, T m^3; -7.59e15 for the Earth", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
     Parameter("plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7))),
     Parameter("density", "scalar", "of the air, kg/m^3", check_not_negative, 0.0),

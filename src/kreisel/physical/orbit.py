@@ -16,7 +16,11 @@ from kreisel.physical.measures import convert_fields, in_range, si_number
 
 @explained
 class Primary(NamedTuple):
-    """What is orbited: gravitational parameter mu, m^3/s^2; radius, m; k of its magnetic dipole, T m^3."""
+    """What is orbited: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3.
+
+    B = -grad V,  V = R (R/r)^2 g_1^0 cos(theta) of the dipole along the axis: g_1^0 < 0 for the Earth, whose field
+    points north over its equator.
+    """
 
     name: str
     mu: float
@@ -25,8 +29,8 @@ class Primary(NamedTuple):
 
 
 # mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
-# The dipole of the Earth along its axis: g_1^0 = -29404.8 nT of IGRF-13 (2020) times (6371.2 km)^3.
-EARTH = Primary("Earth", satellite.EARTH, 6_378_137.0, 7.6047e15)
+# The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.
+EARTH = Primary("Earth", satellite.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3)
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
