@@ -15,6 +15,7 @@ from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
 from kreisel.runs.integration import block_rows
+from kreisel.runs.operations import events_of, operations_of
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.scales import roundoff_scales
@@ -60,6 +61,7 @@ def describe(plan: Plan) -> RunRecord:
         source=f"kreisel {versions()['kreisel']}",
         references=system.source + (f"; {system.map.source}" if system.map else ""),
         system=system.name,
+        system_sha256=operations_of(model),
         equations=system.equations,
         components=json.dumps(dict(system.space.components)),
         frame=system.frame.value,
@@ -78,7 +80,7 @@ def describe(plan: Plan) -> RunRecord:
         rows=None if plan.settings.times is None and plan.timetable.end is None else plan.rows,
         stopped=None if plan.timetable.end is None else plan.timetable.end[1],
         impulses=json.dumps(plan.settings.impulses) if plan.settings.impulses else None,
-        events=json.dumps([event.name for event in plan.events]) if plan.events else None,
+        events=json.dumps(events_of(plan)) if plan.events else None,
         event_times=_event_times(plan),
         rows_in_block=block_rows(plan),
         created=datetime.now(UTC).isoformat(timespec="seconds"),

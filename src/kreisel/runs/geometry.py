@@ -13,6 +13,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.given import component_axes
 from kreisel.record.model import Model
+from kreisel.runs.operations import require_operations
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage.reading import a_run
 
@@ -57,6 +58,8 @@ def model_for(run: xr.Dataset, system: Model | None) -> Model:
         system = record.model
     if not isinstance(system, Model) or system.system.name != record.system:
         raise InputError(f"The run is of {record.system}, got {shown(system)} as its system.")
+    if record.system_sha256 is not None:
+        require_operations(system, record.system_sha256)
     n = run.attrs.get("n", system.n)
     if n != system.n:
         raise InputError(f"expected the system of the run, with n = {n}, got {shown(system)}, with n = {system.n}.")

@@ -32,6 +32,7 @@ class RunRecord:
     references: str
     kreisel_format: int = FORMAT
     system: str
+    system_sha256: str | None = None  # of a user-defined system: `kreisel.runs.operations`
     equations: str
     components: str  # JSON
     frame: str
@@ -50,7 +51,7 @@ class RunRecord:
     rows: int | None = None  # where they are not those of every `every`-th step
     stopped: float | None = None  # the time at which an event stopped the run
     impulses: str | None = None  # JSON
-    events: str | None = None  # JSON, their names: an archive holds no code
+    events: str | None = None  # JSON, their names, directions and checksums: an archive holds no code
     event_times: str | None = None  # JSON, (time, number of the event)
     rows_in_block: int
     complete: bool = True

@@ -128,8 +128,8 @@ def resume(
     path      the archive, NAME or NAME.part
     extend    the run's new number of steps, more than it has: a finished run goes on to it
     progress  as in `simulate`
-    system    of a system of your own (`kr.perturbed`), which no archive holds: the same as in the run
-    events    of a run with events, which no archive holds either: the same as in the run
+    system    a system of your own (`kr.perturbed`), which no archive holds: with the functions of the run
+    events    of a run with events, which no archive holds either: with the functions of the run
 
     The parameters, the start, the method and the state of its engine come from the archive.  The same bits are
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.

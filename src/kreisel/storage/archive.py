@@ -9,7 +9,6 @@ SHA-256 of every file (`kreisel.storage.manifest`).  Archives are data: arrays a
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -38,10 +37,10 @@ from kreisel.runs.describing import (
     saved_times,
     versions,
 )
-from kreisel.runs.events import Event, checked_events
+from kreisel.runs.events import checked_events
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
+from kreisel.runs.operations import require_events
 from kreisel.runs.plan import Plan
-from kreisel.runs.run_record import RunRecord
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.nodes import require_sound
 from kreisel.storage.opening import _checkpoint, _integration, _plan_of_run, _require_arrays, archive_record
@@ -217,7 +216,8 @@ def reopen(
         why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
         raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
     snapshot, start, known = _checkpoint(store, record)
-    plan = broken_by(_plan_of_run(record, start, steps, system), _same_events(record, events))
+    plan = broken_by(_plan_of_run(record, start, steps, system), checked_events(events))
+    require_events(plan, record.events)
     block = record.rows_in_block if snapshot.flushed else block_rows(plan)
     integration = _integration(plan, block)
     integration.restore(snapshot)
@@ -249,18 +249,6 @@ def _resize(group: Any, rows: int) -> None:
     for _, array in group.arrays():
         if array.metadata.dimension_names[0] == "time" and array.shape[0] != rows:
             array.resize((rows, *array.shape[1:]))
-
-
-def _same_events(record: RunRecord, events: Any) -> tuple[Event, ...]:
-    """The events of a run, given again.  Raises `InputError` for others."""
-    found = checked_events(events)
-    names = json.dumps([event.name for event in found]) if found else None
-    if names != record.events:
-        raise InputError(
-            f"events: expected those of the run, {record.events or 'none'}, which an archive does not hold, got "
-            f"{names or 'none'}. Give them as kr.resume(path, events=...)."
-        )
-    return found
 
 
 def _disk(path: Path, what: str) -> AbstractContextManager[None]:

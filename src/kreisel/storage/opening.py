@@ -16,6 +16,7 @@ from kreisel.method.scheme import KINDS
 from kreisel.record.model import Model
 from kreisel.runs.describing import in_memory, parameters_of, saved_times
 from kreisel.runs.integration import Integration, Snapshot
+from kreisel.runs.operations import require_operations
 from kreisel.runs.plan import TIMES, Plan
 from kreisel.runs.planning import plan_of
 from kreisel.runs.run_record import FORMAT, RunRecord
@@ -255,4 +256,5 @@ def _same(model: Model, record: RunRecord) -> Model:
         raise InputError(
             f"system: expected {record.system} with the parameters {record.parameters} of the run, got {model!r}."
         )
+    require_operations(model, record.system_sha256)
     return model

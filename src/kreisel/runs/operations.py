@@ -1,0 +1,288 @@
+"""The operations of user-defined functions as a SHA-256: what an archive, which holds no code, is bound to.
+
+A function is run once on recorded numbers.  The digest is that of the operations on which its values depend: it sees
+values in closures and globals, and neither comments nor names nor dead code.  A function that cannot be recorded has
+the digest of its code, with the plain values, arrays and functions that it refers to.  So has an action of an event,
+which may do more than it returns; lists and dicts, to which it may append, are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import inspect
+import re
+import types
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra.reuse import Identity, reused
+from kreisel.errors import InputError, shown
+from kreisel.kernels.printing import operation
+from kreisel.kernels.tape import Scalar, Tape, literal
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.calling import call
+from kreisel.record.contract import System
+from kreisel.record.perturbation import FIRST, SECOND, TIME, Force
+from kreisel.storage.reading import parsed
+
+if TYPE_CHECKING:
+    from kreisel.record.model import Model
+    from kreisel.runs.events import Event
+    from kreisel.runs.plan import Plan
+
+MOST_LINES = 5_000  # of a record; a longer function has the digest of its code
+NOT_RUN = {"lax", "relations", "conjugator", "lagrangian", "involution", "regularity", "darboux", "case", "pair_case"}
+NOT_RUN |= {"draw", "tensor", "momentum", "check_state", "parameters", "perturbation", "product", "defect", "notes"}
+
+
+def operations_of(model: Model) -> str | None:
+    """SHA-256 of the operations of a user-defined system; None for a system that Kreisel has."""
+    from kreisel.bodies import KNOWN
+
+    if model.system.name in KNOWN:
+        return None
+    return reused((__name__, Identity(model.system), model.n), lambda: _sha(_of_system(model.system, model)))
+
+
+def require_operations(model: Model, expected: str | None) -> None:
+    """Raises `InputError` if the functions of a user-defined system are not those of a run."""
+    if operations_of(model) != expected:
+        raise InputError(
+            f"system: expected {model.system.name} with the functions of the run, got other functions under this name. "
+            "Usual cause: a sign, a component or a value in a force was changed since; of a function with branches, "
+            "another version of Python. Give the system as it was, or begin a new run from the last row of this one."
+        )
+
+
+def events_of(plan: Plan) -> list[dict[str, Any]]:
+    """What is known of the events of a plan: names, directions, whether they act, the operations of both functions."""
+    shapes = {name: plan.example[name].shape[1:] for name in (*plan.start, ORIENTATION) if name in plan.example}
+
+    def state(tape: Tape) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        numbers = (Scalar(tape, f"z{i}") for i in range(10**9))
+        return ({name: _filled(numbers, shape) for name, shape in shapes.items()},), {}
+
+    def known(event: Event) -> dict[str, Any]:
+        parts = [_recorded(event.quantity, state), None if event.action is None else _code(event.action)]
+        return {"name": event.name, "rising": event.rising, "acts": event.action is not None, "sha256": _sha(parts)}
+
+    return [known(event) for event in plan.events]
+
+
+def require_events(plan: Plan, expected: str | None) -> None:
+    """Raises `InputError` if the events of a plan are not those of a run, its attribute `events`."""
+    found, wanted = events_of(plan), [] if expected is None else parsed(expected, "The attribute events")
+    if found == wanted:
+        return
+    names = [", ".join(f"{e['name']} (rising={e['rising']})" for e in each) or "none" for each in (wanted, found)]
+    got = names[1] if names[0] != names[1] else "other functions under these names"
+    raise InputError(
+        f"events: expected those of the run, {shown(names[0])}, which an archive does not hold, got {shown(got)}. Give "
+        "them as they were: kr.resume(path, events=...)."
+    )
+
+
+def _sha(parts: Any) -> str:
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+# -- of a system ---------------------------------------------------------------------------------------
+
+
+def _of_system(system: System, model: Model) -> Any:
+    """What decides the motion and the outputs, of a perturbed system the integrable part and the forces."""
+    from kreisel.bodies import KNOWN
+
+    if KNOWN.get(system.name) is system:
+        return system.name
+    if system.product:
+        return [_of_system(factor.system, _model_of(factor, model)) for factor in system.product]
+    record = system.perturbation
+    if record is None:
+        about = system.frame.value, system.space.components, system.space.sign, system.n, system.numbers
+        return about, sorted(_of_record(system, model))
+    forces = {**record.functions, **({} if record.pair is None else {"pair": record.pair})}
+    flags = record.damping, record.inertia, record.coupling, record.inner
+    return _of_system(record.base, model), flags, sorted((k, _of_force(f, model)) for k, f in forces.items())
+
+
+def _model_of(factor: Any, model: Model) -> Model:
+    """The model of one body of a product."""
+    return type(model)(factor.system, factor.known(model.params))
+
+
+def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
+    """The functions of a record and of the records in it, by name."""
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        if field.name in NOT_RUN or value is None:
+            continue
+        if dataclasses.is_dataclass(value):
+            yield from ((f"{field.name}.{name}", found) for name, found in _of_record(value, model))
+        elif isinstance(value, Mapping):
+            for name, function in value.items():
+                for i, each in enumerate(function if isinstance(function, tuple) else (function,)):
+                    yield f"{field.name}.{name}.{i}", _recorded(each, _state_of(each, model))
+        elif callable(value):
+            yield field.name, _recorded(value, _state_of(value, model))
+
+
+def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Tape], Any]:
+    """The arguments of a function of a record: the state, and what it takes by keyword."""
+
+    def arguments(tape: Tape) -> Any:
+        numbers = (Scalar(tape, f"z{i}") for i in range(10**9))
+        state = tuple(_component(kind, model.n, numbers, axial=False) for kind in model.system.space.kinds)
+        known = {name: _filled(numbers, _shape(model, name)) for name in sorted(model.constants)}
+        return state, known | {name: Scalar(tape, name) for name in ("eps", "lam", "mu", "rho", TIME)}
+
+    return arguments
+
+
+def _of_force(force: Force, model: Model) -> Any:
+    kinds = dict(model.system.space.components)
+
+    def arguments(tape: Tape) -> Any:
+        numbers = (Scalar(tape, f"z{i}") for i in range(10**9))
+
+        def of(letter: str) -> Any:
+            name = letter if letter in (*kinds, ORIENTATION, TIME) else letter.removesuffix(FIRST).removesuffix(SECOND)
+            kind = "matrix" if name == ORIENTATION else "scalar" if name == TIME else kinds[name]
+            return _component(kind, model.n, numbers, axial=True)
+
+        given = tuple(of(letter) for letter in force.arguments)
+        return given, {name: _filled(numbers, _shape(model, name)) for name in force.parameters}
+
+    return force.arguments, force.parameters, _recorded(force.function, arguments)
+
+
+def _shape(model: Model, name: str) -> tuple[int, ...]:
+    """The shape of a constant without the axes of lanes."""
+    shape = np.shape(model.constants[name])
+    return shape[len(shape) - model.axes[name] :]
+
+
+def _component(kind: str, n: int, numbers: Iterator[Scalar], axial: bool) -> Any:
+    """A component of a state, of recorded numbers."""
+    if kind == "skew" and not (axial and n == 3):
+        return algebra.skew(_filled(numbers, (n * (n - 1) // 2,)), n)
+    if kind == "symmetric":
+        return algebra.symmetric(_filled(numbers, (n * (n + 1) // 2,)), n)
+    shapes: dict[str, tuple[int, ...]] = {"scalar": (), "matrix": (n, n)}
+    return _filled(numbers, (int(kind[2:]),) if kind.startswith("R^") else shapes.get(kind, (n,)))
+
+
+def _filled(numbers: Iterator[Scalar], shape: tuple[int, ...]) -> Any:
+    out = np.empty(shape, dtype=object)
+    for place in np.ndindex(*shape):
+        out[place] = next(numbers)
+    return out[()]
+
+
+# -- of a function -------------------------------------------------------------------------------------
+
+
+def _recorded(function: Callable[..., Any], arguments: Callable[[Tape], Any]) -> Any:
+    """The operations of a function of recorded numbers, or what its code is."""
+    tape = Tape(most=MOST_LINES)
+    try:
+        given, known = arguments(tape)
+        values = list(_numbers_in(call(function, given, known)))
+        return _canonical(tape, values)
+    except Exception:  # whatever a function raises that takes no recorded numbers
+        return _code(function)
+
+
+def _numbers_in(value: Any) -> Iterator[Any]:
+    if isinstance(value, Mapping):
+        for name in sorted(value):
+            yield name
+            yield from _numbers_in(value[name])
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from _numbers_in(part)
+    elif isinstance(value, Scalar | str):
+        yield value
+    else:
+        array = np.asarray(value)
+        yield str(array.shape)
+        yield from (v if isinstance(v, Scalar) else literal(float(v)) for v in array.flat)
+
+
+def _canonical(tape: Tape, values: list[Any]) -> Any:
+    """The values as the operations that give them, whatever the names and the order of the lines."""
+    known: dict[str, str] = {}
+    for line in tape.needed([v.name for v in values if isinstance(v, Scalar)]):
+        x, operator, y = (known.get(word, word) for word in operation(line))
+        if operator in ("+", "*"):
+            x, y = sorted((x, y))
+        text = line.text.partition(" = ")[2] if len(line.names) == 1 else line.text
+        words = (known.get(word, word) for word in re.split(r"(\w+)", text))
+        text = f"{x} {operator} {y}" if operator else "".join(words)
+        known |= {name: f"{_sha(text)[:32]}:{i}" for i, name in enumerate(line.names)}
+    return [f"{'-' * v.negative}{known.get(v.name, v.name)}" if isinstance(v, Scalar) else v for v in values]
+
+
+def _code(x: Any, seen: frozenset[int] = frozenset()) -> Any:
+    """What a value is, of a function its code and what it refers to."""
+    if x is None or isinstance(x, bool | int | float | complex | str | bytes | types.EllipsisType):
+        return repr(x)
+    if id(x) in seen:
+        return "again"
+    seen |= {id(x)}
+    if isinstance(x, np.ndarray | np.generic) and x.dtype != object:
+        return x.dtype.str, x.shape, x.tobytes()
+    if isinstance(x, tuple):
+        return [_code(part, seen) for part in x]
+    if isinstance(x, frozenset):
+        return sorted(repr(_code(part, seen)) for part in x)
+    if isinstance(x, functools.partial):
+        return _code((x.func, x.args, tuple(sorted(x.keywords.items()))), seen)
+    if isinstance(x, types.MethodType):
+        return _code((x.__func__, x.__self__), seen)
+    if isinstance(x, types.CodeType):
+        constants = [_code(c, seen) for c in x.co_consts]
+        return x.co_code, constants, x.co_argcount, x.co_kwonlyargcount, x.co_flags
+    function = inspect.unwrap(x) if callable(x) and not isinstance(x, type) else x
+    if isinstance(function, types.FunctionType):
+        return _function(function, seen)
+    if isinstance(x, type | types.ModuleType | types.BuiltinFunctionType):
+        return getattr(x, "__qualname__", x.__name__)
+    if dataclasses.is_dataclass(x) or callable(x):
+        parts = getattr(x, "__dict__", {})
+        return type(x).__qualname__, [(name, _code(part, seen)) for name, part in sorted(parts.items())]
+    return type(x).__qualname__
+
+
+def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
+    """Code, defaults, closure and globals; functions of libraries, Kreisel's too, by their names and closures."""
+    defaults = _code((f.__defaults__, tuple(sorted((f.__kwdefaults__ or {}).items()))), seen)
+    cells = [_code(cell.cell_contents, seen) for cell in f.__closure__ or () if _is_filled(cell)]
+    if f.__module__.partition(".")[0] == "kreisel" or "site-packages" in f.__code__.co_filename:
+        return f.__module__, f.__qualname__, defaults, cells
+    globals_used = [
+        _code(f.__globals__[name], seen) if name in f.__globals__ else name for name in _names_in(f.__code__)
+    ]
+    code = f.__code__
+    if f.__doc__ is not None and code.co_consts[:1] == (f.__doc__,):
+        code = code.replace(co_consts=(None, *code.co_consts[1:]))
+    return _code(code, seen), defaults, cells, globals_used
+
+
+def _names_in(code: types.CodeType) -> list[str]:
+    """The names of globals and attributes, those of functions within too."""
+    inner = [name for part in code.co_consts if isinstance(part, types.CodeType) for name in _names_in(part)]
+    return [*code.co_names, *inner]
+
+
+def _is_filled(cell: types.CellType) -> bool:
+    try:
+        cell.cell_contents  # noqa: B018
+    except ValueError:
+        return False
+    return True
