@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.analysis import carrying
 
 START = {"M": np.array([0.3, -0.4, 1.2]), "P": np.array([0.5, 0.2, 0.9])}
 ELLIPSOID = kr.Kirchhoff(C=[[0, 0.5, 0.8], [0.5, 0, 1.2], [0.8, 1.2, 0]], B=(-0.9, -0.7, -0.4))
@@ -83,8 +84,27 @@ def test_momenta_in_space_of_a_map(name: str) -> None:
 
 def test_path_does_not_depend_on_the_rows() -> None:
     model, options = BODIES["revolution"]
-    fine, coarse = (kr.analysis.path(run_of(model, **options, every=every)) for every in (1, 20))
-    assert abs(fine.values[::20] - coarse.values).max() < 1e-13 * abs(fine.values).max()
+    fine, *others = (kr.analysis.path(run_of(model, **options, every=every)) for every in (1, 20, 200))
+    for every, coarse in zip((20, 200), others, strict=True):
+        assert abs(fine.values[::every] - coarse.values).max() < 1e-13 * abs(fine.values).max()
+
+
+def test_compiled_steps_are_those_of_the_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+    driven = kr.perturbed(BODIES["revolution"][0], torque=lambda M: -0.1 * M)
+    run = run_of(driven, dt=0.02, steps=500, every=50)
+    compiled = kr.analysis.path(run, driven).values
+    monkeypatch.setattr(carrying, "FASTER", 2)
+    assert abs(kr.analysis.path(run, driven).values - compiled).max() < 1e-13 * abs(compiled).max()
+
+
+def test_an_impulse_between_rows_is_refused() -> None:
+    """The flow from the row before does not lead to the next one."""
+    driven = kr.perturbed(BODIES["revolution"][0], torque=lambda M: -0.1 * M)
+    run = run_of(driven, dt=0.02, steps=500, every=50, impulses={"time": 0.5, "P": (0.0, 1.0, 0.0)})
+    with pytest.raises(kr.InputError, match="an impulse or an action between two rows"):
+        kr.analysis.path(run, driven)
+    with pytest.raises(kr.InputError, match="an impulse or an action between two rows"):
+        kr.analysis.events(run.isel(time=[0, 1]), "P[1]", float(run.P[:2, 1].mean()), system=driven)
 
 
 def test_path_of_lanes_and_its_start() -> None:

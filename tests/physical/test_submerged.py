@@ -88,6 +88,35 @@ def test_terminal_speed() -> None:
     run = simulated(sphere, (0, 0, 0), (0, 0, 0), steps=2000)
     speed = np.sqrt((6.0 - sphere.displaced_mass) * STANDARD_GRAVITY / 4.0)
     assert sphere.course(run).velocity[-1] == pytest.approx([0, 0, -speed], abs=1e-9)
+    # m v' = F - k v^2 from rest: x = m/k log cosh(sqrt(k F) t/m), m with the added mass; the rows are 10 s apart
+    moved = 6.0 + sphere.added_mass[0, 0]
+    fall = moved / 4.0 * np.log(np.cosh(4.0 * speed / moved * 40.0))
+    for every in (10, 500):
+        position = sphere.course(run.isel(time=slice(None, None, every))).position
+        assert position[-1] == pytest.approx([0, 0, -fall], abs=1e-9)
+
+
+def test_the_course_of_a_disc_does_not_depend_on_the_rows() -> None:
+    """Drag with corners, which an explicit method sees as stiff: the case of docs/guide-disc.md."""
+    disc = SubmergedBody.ellipsoid(
+        (0.05, 0.05, 0.005),
+        0.058,
+        1000.0,
+        linear_drag=(0, 0, 0, 2e-4, 2e-4, 2e-5),
+        quadratic_drag=(0.05, 0.05, 5.0, 2e-4, 2e-4, 2e-5),
+    )
+    tilted = np.array([np.cos(np.radians(47.5)), 0, np.sin(np.radians(47.5)), 0])
+    run = kr.simulate(
+        disc.model(),
+        disc.state(attitude=tilted),
+        dt=0.005,
+        steps=400,
+        orientation=disc.orientation(tilted),
+        progress=False,
+    )
+    fine, coarse, ends = (disc.course(run.isel(time=slice(None, None, every))).position for every in (1, 100, 400))
+    assert abs(fine[::100] - coarse).max() < 1e-6
+    assert abs(fine[::400] - ends).max() < 1e-6
 
 
 def test_more_added_mass_than_mass() -> None:

@@ -42,8 +42,8 @@ def events(
     counts where f goes on to the other side.
 
     Returns a Dataset along `event`, in the order of time: time, rising, lane (of an ensemble), the components of the
-    state, and the orientation if the run has one.  Raises `InputError` for quantities that are none, and for rows too
-    far apart.  [T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145]
+    state, and the orientation if the run has one.  Raises `InputError` for quantities that are none, and if the
+    flow does not lead from a row to the next one.  [T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145]
     """
     import xarray as xr
 
@@ -105,12 +105,13 @@ def _crossed(f: Array, rising: bool | None) -> Array:
 
 
 def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
-    """carry(h, row, lane): the states h after those rows."""
+    """carry(h, row, lane): the states h after those rows; `to_next`: at the next row, which they must meet."""
     batched = {k: v for k, v in model.constants.items() if model.batch and v.ndim > model.axes[k]}
 
-    def carry(h: Array, row: Array, lane: Array) -> tuple[Array, ...]:
+    def carry(h: Array, row: Array, lane: Array, to_next: bool = False) -> tuple[Array, ...]:
         of_lane = {k: v[lane] for k, v in batched.items()}
-        return Carrier(model, of_lane)(tuple(v[row, lane] for v in rows), np.asarray(h))
+        here, following = (tuple(v[at, lane] for v in rows) for at in (row, row + 1))
+        return Carrier(model, of_lane)(here, np.asarray(h), following if to_next else None)
 
     return carry
 
@@ -121,13 +122,13 @@ def _crossing_times(
     """The time of each crossing after its row."""
     gap = time[place + 1] - time[place]
 
-    def off(h: Array, at: Array) -> Array:
-        return np.asarray(measure(carry(h, place[at], lane[at])[:count]) - value)
+    def off(h: Array, at: Array, to_next: bool = False) -> Array:
+        return np.asarray(measure(carry(h, place[at], lane[at], to_next)[:count]) - value)
 
     number = np.arange(len(place))
     # the flow from one row need not end exactly at the next, by a method that is not exact: look a little further
     right = gap.copy()
-    ends = off(right, number)
+    ends = off(right, number, to_next=True)
     for _ in range(4):
         outside = np.sign(ends) == np.sign(np.where(f[place, lane] == 0, -f[place + 1, lane], f[place, lane]))
         if not outside.any():

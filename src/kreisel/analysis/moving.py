@@ -14,7 +14,6 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME
 from kreisel.runs.geometry import components, model_for, orientation_of
 from kreisel.storage.reading import a_run
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
 BODY, SPACE = "body", "space"
 ROWS_AT_ONCE = 20_000
-SMOOTH, BESIDE_CORNERS = 8, 1e-9  # pieces, and the relative error that will do in more
 
 
 @explained
@@ -63,10 +61,11 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     start    x at the first row, (n,) or (lane, n); default: 0
 
     For bodies in a fluid (Kirchhoff's equations), whose P is their momentum; the run needs an orientation.  From row to
-    row x is carried with the state by the flow itself, by extrapolation of order 16.  Without other forces
-    the momenta in space p = g P and g M g^T - x ^ p are constant: they give the part of x across p, without a sum.
-    In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and for rows
-    too far apart.
+    row x is carried with the state by the flow itself, to round-off, by extrapolation of order 16 in steps that suit
+    each row; the state that it ends at is compared with the next row.  Without other forces the momenta in space
+    p = g P and g M g^T - x ^ p are constant: they give the part of x across p, without a sum.
+    In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and if the
+    flow does not lead from a row to the next one.
     """
     import xarray as xr
 
@@ -89,32 +88,19 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     return xr.DataArray(x if lanes else x[:, 0], coords, (*lead, "axis"), "x", {"long_name": "position in space"})
 
 
-class _Pose(Carrier):
-    """The flow on (x, M, P, g), and the time: with the position in front."""
-
-    def enough(self, pieces: int) -> float:
-        """Less where more pieces do not help: where forces have corners, such as |v| v."""
-        return super().enough(pieces) if pieces <= SMOOTH else BESIDE_CORNERS
-
-    def _rate(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
-        x, M, P, g, *time = z
-        known = {**self.known, ORIENTATION: g, **dict(zip((TIME,), time, strict=False))}
-        U = self.model.call(self.model.system.translation, M, P, **known)
-        return (algebra.act(g, np.broadcast_to(U, x.shape)), *super()._rate(z[1:]))
-
-
 def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
     """x at the next row less x at this one, (time - 1, lane, n)."""
     lanes = rows[0].shape[1]
     h = np.repeat(steps, lanes)
-    flat = [v[:-1].reshape(-1, *v.shape[2:]) for v in rows]
+    flat, following = ([v[cut].reshape(-1, *v.shape[2:]) for v in rows] for cut in (slice(-1), slice(1, None)))
     batched = {k: v for k, v in model.constants.items() if model.batch and v.ndim > model.axes[k]}
     out = np.empty((len(h), model.n))
     for first in range(0, len(h), ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
         lane = np.arange(len(h))[part] % lanes
         z = (np.zeros((len(lane), model.n)), *(v[part] for v in flat))
-        out[part] = _Pose(model, {k: v[lane] for k, v in batched.items()})(z, h[part])[0]
+        carry = Carrier(model, {k: v[lane] for k, v in batched.items()}, moving=True)
+        out[part] = carry(z, h[part], tuple(v[part] for v in following))[0]
     return out.reshape(len(steps), lanes, model.n)
 
 

@@ -26,7 +26,15 @@ from kreisel.kernels.projection.compiled import CompiledProjection, Weave, compi
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
 from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.kernels.projection.text import WIDTH as WIDE
-from kreisel.kernels.recording import Recording, count_of, flat_constants, indented, recorded_outputs, special_constants
+from kreisel.kernels.recording import (
+    Recording,
+    count_of,
+    flat_constants,
+    flat_stages,
+    indented,
+    recorded_outputs,
+    special_constants,
+)
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.tape import TooLong
 from kreisel.kernels.threads import on_threads
@@ -211,6 +219,26 @@ class CpuEngine(SteppedEngine):
         if self._woven is not None:
             self._woven.begin(steps)
         return True
+
+
+def compiled_step(
+    scheme: Scheme, constants: Floats, columns: Mapping[str, slice]
+) -> Callable[[Floats, Floats, int], None]:
+    """`advance(z, constants, count)` for any number of rows z (lanes, d), with constants that are like these.
+
+    One lane after the other: a kernel for vectors of lanes takes 4 s to compile where this one takes 0.6 s.
+    """
+    stages, stage_columns = flat_stages(scheme, 1)
+    one_lane = np.where((constants == constants[:1]).all(0), constants[:1], np.nan)  # what varies is not folded
+    code = code_of(scheme, one_lane, columns, stage_columns, False)
+    count, width = code.room or (0, 1)
+
+    def advance(z: Floats, c: Floats, steps: int) -> None:
+        s, out = np.broadcast_to(stages, (len(z), *stages.shape[1:])).copy(), np.empty((1, *z.shape))
+        room = (np.empty((stages.shape[1] * count, width)) if count else NOTHING,) if code.room is not None else ()
+        code.kernel(z, c, s, out, *room, steps, 0, len(z))
+
+    return advance
 
 
 def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:
