@@ -213,6 +213,72 @@ def test_bad_files(tmp_path: Path) -> None:
             investigation.investigate_file(tmp_path / "own.py")
 
 
+ON_GROUP = """
+from kreisel.algebra import act, cayley_act, wedge
+n, frame = 3, "rest"
+constants = {"p": (0, 0, 1)}
+def step(m, a, *, p, eps):
+    m = m + eps * wedge(a, p)
+    return m, cayley_act(eps / 2 * m, a)
+"""
+IN_PLANE = """
+names = ("x", "y")
+constants = {"k": 1}
+def step(x, *, k, eps):
+    v = x[1] - eps * k * x[0]
+    return x[0] + eps * v, v
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "order", "reversible"),
+    [
+        (ON_GROUP + "def flow(m, a, *, p):\n    return wedge(a, p), act(m, a)\n", 1, "unknown"),
+        (ON_GROUP + "def involution(m, a, *, p, eps):\n    return -(m + eps * wedge(a, p)), a\n", None, "yes"),
+        (IN_PLANE + "def flow(x, *, k):\n    return x[1], -k * x[0]\n", 1, "yes"),
+        (IN_PLANE + "def flow(x):\n    return [2 * x[1], -x[0]]\n", "not consistent", "yes"),
+        (IN_PLANE + "def involution(x, *, k, eps):\n    return x[0], eps * k * x[0] - x[1]\n", None, "yes"),
+    ],
+)
+def test_all_functions_of_a_file_take_the_state_as_the_step(text, order, reversible, tmp_path) -> None:
+    (tmp_path / "own.py").write_text(text)
+    found = investigation.investigate_file(tmp_path / "own.py", iterates=3, steps=1000, degree=1)
+    answer = found["order"].answer
+    if isinstance(order, int):
+        assert abs(float(answer) - order) < 0.15
+    else:
+        assert answer == (order or "no flow stated")
+    assert found["reversible"].answer == reversible
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ON_GROUP + "def flow(x):\n    return x\n", "expected flow(M, P)"),
+        (ON_GROUP + "def flow(m, a):\n    return m\n", "flow: expected M and P, of the shapes (3, 3), (3,)"),
+        (ON_GROUP + "def flow(m, a):\n    return oops\n", "flow failed: NameError"),
+        (ON_GROUP + "def flow(m, a, *, q):\n    return m, a\n", "takes q by keyword"),
+        (ON_GROUP + "def lax(m, lam):\n    return m\n", "expected lax(M, P, lam)"),
+        (ON_GROUP + "def tensor(m, a):\n    return 0\n", "tensor: expected none on e*(3)"),
+        (ON_GROUP + "def step(m, a):\n    return m\n", "step: expected M and P"),
+        (IN_PLANE + "def flow(M, P):\n    return M\n", "expected flow(x)"),
+        (IN_PLANE + "def flow(x):\n    return x[0], x[1], 0\n", "flow: expected an array of the shape (2,)"),
+        (IN_PLANE + "def flow(x):\n    return 1 / 0, x[0]\n", "flow failed: ZeroDivisionError"),
+        (IN_PLANE + "flow = 3\n", "flow: expected a function of the state"),
+        (IN_PLANE + "def tensor(x):\n    return 0, 1\n", "tensor: expected an array of the shape (2, 2)"),
+        (IN_PLANE + "def step(x, y):\n    return x\n", "takes y by keyword"),
+        (IN_PLANE + "def step(x):\n    return oops\n", "step failed: NameError"),
+        (IN_PLANE + "constants = 3\n", "constants: expected names and values"),
+        (IN_PLANE + "constants = {'n': 3}\n", "names other than n"),
+        (IN_PLANE + "names = 3\n", "names: expected those of the coordinates"),
+    ],
+)
+def test_other_functions_of_a_file_are_refused(text, message, tmp_path) -> None:
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(kr.InputError, match=re.escape(message)):
+        investigation.investigate_file(tmp_path / "own.py", iterates=3, steps=1000, degree=1)
+
+
 def test_bad_calls() -> None:
     with pytest.raises(kr.InputError, match="model"):
         investigate(3)

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
 from kreisel.lab import report
 from kreisel.lab.fields import fraction
+from kreisel.lab.own_maps import BESIDE, in_coordinates, on_group
 from kreisel.lab.questions import QUESTIONS, Clues, Finding
 from kreisel.lab.subject import Subject, subject
 from kreisel.lab.verdicts import verdict
-from kreisel.record.calling import keywords
-from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, Parameter, System
+from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
 from kreisel.runs.own import executed, own_systems
 from kreisel.runs.settings import within
 
-OF_A_FILE = ("names", "n", "frame", "eps", "tensor", "lax", "conjugator", "involution", "flow", "start")
+OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ def investigate(
     eps        the step of the map, a whole number or a fraction, by default 1/3; a function takes it if it names it
     degree     of the integrals that are sought, by default 4 or as far as the number of monomials allows
     iterates   whose degrees are computed;  steps  of the orbits for Lyapunov's exponents
-    options    constants of a function, by keyword; `tensor`, `lax`, `conjugator`, `involution`, `flow`, `start` as in
-               `kreisel.lab.subject.Subject`
+    options    constants of a function, by keyword; `flow`, `involution`, `lax`, `conjugator`, of a step(x) also
+               `tensor` and `start`: functions that take the state as the step does, see `kreisel.lab.own_maps`
 
     Raises `InputError` for what is no map, or not one of rational functions.
     """
@@ -127,8 +127,7 @@ def investigate_file(file: Path, **options: Any) -> Investigation:
     options = {k: v for k, v in options.items() if v is not None}
     if callable(defined.get("step")):
         own = {k: defined[k] for k in OF_A_FILE if k in defined}
-        own |= {k: v for k, v in defined.get("constants", {}).items()}
-        return investigate(defined["step"], **{**own, **options})
+        return investigate(defined["step"], **{**own, **_constants(file, defined.get("constants", {})), **options})
     models = [v for v in defined.values() if isinstance(v, Model)]
     found: list[Any] = models or list(own_systems(defined).values())
     if len(found) != 1:
@@ -138,6 +137,15 @@ def investigate_file(file: Path, **options: Any) -> Investigation:
             "x[1] ** 2`; on e*(3) `n = 3` and `def step(M, P): ...`; or one model or system of your own."
         )
     return investigate(found[0], **options)
+
+
+def _constants(file: Path, constants: Any) -> Mapping[str, Any]:
+    reserved = {*inspect.signature(investigate).parameters, *BESIDE} - {"eps"}
+    if not isinstance(constants, Mapping) or not all(isinstance(k, str) for k in constants):
+        raise InputError(f"{file}: constants: expected names and values, such as {{'a': 2}}, got {shown(constants)}.")
+    if both := reserved & constants.keys():
+        raise InputError(f"{file}: constants: expected names other than {', '.join(sorted(both))}, which are settings.")
+    return constants
 
 
 # -- what is looked at ------------------------------------------------------------------------------
@@ -162,44 +170,11 @@ def _subject(
             "A model, a system, its name, or a function step was expected, such as kr.lab.investigate('clebsch'), "
             f"got {shown(what)}."
         )
-    extra = {k: options.pop(k) for k in ("tensor", "lax", "conjugator", "involution", "flow", "start") if k in options}
     if names:
-        if "eps" in keywords(what) and "eps" not in options:
-            options["eps"] = fraction(eps or "1/3")
-        return replace(subject(what, names=tuple(names), **options), **extra)
+        return in_coordinates(what, names, eps, options)
     if n is None:
         raise InputError("Say where the step lives: n=3 for step(M, P) on e*(3), or names=('x', 'y') for step(x).")
-    return replace(subject(_on_group(what, n, frame, options), eps=eps), **extra)
-
-
-def _on_group(step: Callable[..., Any], n: int, frame: str, constants: dict[str, Any]) -> Model:
-    """A function step(M, P, *, constants, eps) as a model."""
-    if frame not in ("moving", "rest"):
-        raise InputError(f"frame must be 'moving' or 'rest', got {shown(frame)}.")
-    missing = keywords(step) - constants.keys() - {"eps"}
-    if missing:
-        raise InputError(f"The step takes {', '.join(sorted(missing))} by keyword: give their values.")
-    named = {k: np.asarray(v, dtype=object) for k, v in constants.items()}
-
-    def bound(*state: Array, eps: Any) -> Any:
-        return step(*state, **named, **({"eps": eps} if "eps" in keywords(step) else {}))
-
-    system = System(
-        name=getattr(step, "__name__", "step"),
-        title="a map of your own",
-        equations="",
-        source="",
-        frame=Frame(frame),
-        space=MOVING_SPACE if frame == "moving" else REST_SPACE,
-        parameters=(),
-        flow=None,
-        energy=None,
-        velocity=None,
-        scaling="",
-        map=Map(step=bound),
-        n=n,
-    )
-    return system()
+    return on_group(what, n, frame, eps, options)
 
 
 def typical(system: System, n: int = 3, given: Mapping[str, Any] | None = None) -> Model:

@@ -249,8 +249,10 @@ def _reverses(c: Clues, R: Callable[..., Array]) -> bool:
 
 def _order(c: Clues) -> Finding:
     what = c.what
-    if what.flow is None or "eps" not in what.constants:
+    if what.flow is None:
         return Finding("order", "no flow stated", "nothing to compare the map with")
+    if "eps" not in what.constants:
+        return Finding("order", "no step stated", "the step takes no eps, its length in time")
     from scipy.integrate import solve_ivp
 
     from kreisel.lab.orders import fitted_orders
