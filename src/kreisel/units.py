@@ -2,7 +2,7 @@
 
     wheel = kr.physical.Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
     run = kr.simulate(wheel.model(), wheel.state(tilt="70 deg", spin="180 rpm"), dt=wheel.dt("1 ms"), steps=1000)
-    run = units.measured(run, wheel.scales(), time="ms")       # energy in J, m in kg m^2/s, time in ms
+    run = units.measured(run, time="ms")       # energy in J, m in kg m^2/s, time in ms
 
 Plain numbers are SI and need no pint.
 """
@@ -16,12 +16,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.errors import InputError, shown
+from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.contract import Frame
+from kreisel.runs.geometry import in_body_axes, model_for, velocity_of
+from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
     import pint
     import xarray as xr
 
+KEPT = (
+    "Conventions",
+    "title",
+    "source",
+    "references",
+    "system",
+    "equations",
+    "n",
+    "method",
+    "options",
+    "created",
+    "versions",
+)
 RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
 
 
@@ -77,23 +95,36 @@ def quantity(variable: xr.DataArray) -> Any:
     return registry().Quantity(variable.values, _parsed_unit(variable.attrs["units"], str(variable.name)))
 
 
-def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
-    """A run of a scaled system in SI units, or in those wanted for a variable: `measured(run, scales, time="ms")`.
+def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr.Dataset:
+    """A run of a scaled system in SI units, or in those wanted for a variable: `measured(run, time="ms")`.
 
-    Every variable has the attribute `units`; those without a scale (directions, Casimirs, spectra) stay as they are, in
-    units of the scaled system, "1".  The result is a plain Dataset for reading and plotting, no longer a run to go on
-    with.  Raises `InputError` for variables that have no scale or are not there, and units of another dimension.
+    scales   the units of the variables, `body.scales()`; a run of a body of `kr.physical` knows them
+
+    A run of such a body comes back along the axes in which the body was given, momenta as well as the attitude g, with
+    its angular velocity Omega along these axes (of a system in the rest frame omega, along those of space).  Every
+    variable has the attribute `units`; those without a scale (directions, Casimirs, spectra) stay as they are, in
+    units of the scaled system, "1".  The result is a plain Dataset for reading, plotting and `kr.export`, no longer a
+    run to go on with.  Raises `InputError` for variables that have no scale or are not there, and units of another
+    dimension.
     """
+    frame = RunRecord.from_attrs(getattr(run, "attrs", {})).body_frame
+    if scales is None and frame is not None:
+        scales = {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
     if not hasattr(run, "data_vars") or not isinstance(scales, Mapping):
-        raise InputError(f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}.")
+        raise InputError(
+            f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}. A run of a body of "
+            "kr.physical knows them; for another system say which units its variables have."
+        )
+    turned, scales = (run, scales) if frame is None else _with_velocity(run, frame, scales)
     for name in wanted:
-        if name not in scales or name not in run.variables:
-            there = ", ".join(k for k in scales if k in run.variables)
+        if name not in scales or name not in turned.variables:
+            there = ", ".join(k for k in scales if k in turned.variables)
             raise InputError(f"Only {there} of this run have units, got {shown(name)}.")
-    kept = ("Conventions", "title", "source", "references", "system", "equations", "n", "created")
-    out = run.drop_attrs().assign_attrs({k: run.attrs[k] for k in kept if k in run.attrs})
-    for name in map(str, run.variables):
-        variable = run[name].variable
+    kept = {k: run.attrs[k] for k in KEPT if k in run.attrs}
+    mark = "SI units or named ones" + ("" if frame is None else "; along the axes in which the body was given")
+    out = turned.drop_attrs().assign_attrs(kept, kreisel_measured=mark)
+    for name in map(str, turned.variables):
+        variable = turned[name].variable
         attrs = {k: v for k, v in variable.attrs.items() if k not in RUN_ONLY}
         scale = scales.get(name)
         if scale is None:
@@ -106,6 +137,28 @@ def measured(run: xr.Dataset, scales: Scales, **wanted: str) -> xr.Dataset:
         out = out.assign_coords({name: variable * size}) if name in run.coords else out.assign({name: variable * size})
         out[name].attrs = {**attrs, "units": unit}
     return out
+
+
+def _with_velocity(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> tuple[xr.Dataset, Scales]:
+    """A run along the axes of its body, with its angular velocity, if its state gives one."""
+    out, record = in_body_axes(run), RunRecord.from_attrs(run.attrs)
+    if record.is_own or "parameters" not in run.attrs or "event" in run.dims or record.missing_from(run):
+        return out, scales
+    rows = run if "time" in run.dims else run.expand_dims("time")
+    model = model_for(rows, None)
+    if model.system.velocity is None:
+        return out, scales
+    values = algebra.axial(velocity_of(rows, model))
+    body = model.system.frame is Frame.MOVING
+    name, meaning = ("Omega", "along the axes of the body") if body else ("omega", "in space")
+    dims = tuple(d for d in ("time", "lane") if d in run.dims)
+    values = (frame.vectors(values) if body else values).reshape(*(run.sizes[d] for d in dims), 3)
+    variable = (
+        (*dims, "axis"),
+        values,
+        {"long_name": f"angular velocity {name}, {meaning}", **({AXES: BODY} if body else {})},
+    )
+    return out.assign({name: variable}), {**scales, name: Scale("rad/s", 1 / frame.time_unit)}
 
 
 def _is_quantity(value: Any) -> bool:

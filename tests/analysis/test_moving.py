@@ -189,9 +189,9 @@ def test_attitude_message_from_the_command_line(tmp_path: Path) -> None:
     run_of(BODIES["revolution"][0], steps=3, path=archive)
     command = [sys.executable, "-m", "kreisel", "export", str(archive), str(out)]
     asked = {"capture_output": True, "text": True, "timeout": 120, "check": False}
-    assert "epoch: expected a date" in subprocess.run(command, **asked).stderr
+    assert "--epoch: expected the date of time 0" in subprocess.run(command, **asked).stderr
     assert subprocess.run([*command, "--epoch", "2026-01-01"], **asked).returncode == 0
-    assert out.read_text(encoding="ascii").count("2026-01-01T00:00:00.") == 7  # three in the header, four rows
+    assert out.read_text(encoding="ascii").count("2026-01-01T00:00:00.") == 6  # two in the header, four rows
     other = subprocess.run([*command[:-1], str(tmp_path / "b.csv"), "--epoch", "2026-01-01"], **asked)
     assert other.returncode == 2
     assert "ends in .aem" in other.stderr
@@ -207,7 +207,7 @@ BAD = {
         lambda: kr.analysis.angular_velocity(run_of(ELLIPSOID, orientation=None), frame="space"),
         "no orientation",
     ),
-    "epoch": (lambda: kr.analysis.write_aem(run_of(ELLIPSOID), "x.aem", epoch="soon"), "epoch: expected a date"),
+    "epoch": (lambda: kr.analysis.write_aem(run_of(ELLIPSOID), "x.aem", epoch="soon"), "epoch: expected the date"),
     "suffix": (lambda: kr.analysis.write_aem(run_of(ELLIPSOID), "x.txt", epoch="2026-01-01"), "ends in .aem"),
     "name": (lambda: kr.analysis.write_aem(run_of(ELLIPSOID), "x.aem", epoch="2026-01-01", name="a\nb"), "a word"),
     "lanes": (

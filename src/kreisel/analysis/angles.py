@@ -14,7 +14,10 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.geometry import (
+    attitude_of,
+    axes_of_state,
     components,
+    continued,
     fixed_vector,
     is_upright,
     model_for,
@@ -37,24 +40,23 @@ VERTICAL = 1e-9  # sin(theta) below which precession and spin cannot be separate
 def rotations(run: xr.Dataset) -> Rotation:
     """The orientations g (body to space) as one `scipy.spatial.transform.Rotation`, n = 3; of an ensemble row by row.
 
-    Raises `InputError` for a run without an orientation.
+    For a body of `kr.physical` g is the attitude of the axes that were given, as in `quaternions`.  Raises `InputError`
+    for a run without an orientation.
     """
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_quat(orientation_of(run).reshape(-1, 4), scalar_first=True)
+    return Rotation.from_quat(attitude_of(run).reshape(-1, 4), scalar_first=True)
 
 
 @explained
 def quaternions(run: xr.Dataset) -> Array:
     """The unit quaternions (w, x, y, z) of the orientation, (time, 4) or (time, lane, 4), without jumps of sign.
 
-    g and the next one are taken from the same half of the sphere, so that the four numbers are smooth in time.
-    Raises `InputError` for a run without an orientation.
+    g and the next one are taken from the same half of the sphere, so that the four numbers are smooth in time.  For a
+    body of `kr.physical` g is the attitude of the axes in which it was given, not of the axes of the state: do not
+    pass it to `body.attitude`.  Raises `InputError` for a run without an orientation.
     """
-    q = orientation_of(a_run(run))
-    flips = np.where(dot(q[1:], q[:-1]) < 0, -1.0, 1.0)
-    signs = np.concatenate([np.ones_like(flips[:1]), np.cumprod(flips, axis=0)])
-    return q * signs[..., None]
+    return continued(attitude_of(a_run(run)))
 
 
 @explained
@@ -63,9 +65,9 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
 
     For a top the third axis of space is the vertical (against gravity), and that of the body is its axis; where they
     are not so already, the least rotation takes them there.  theta is the tilt, phi the precession, psi the body's own
-    turn.  For other bodies the axes are those of the state.  phi and psi are continued without jumps, which is right as
-    long as they turn by less than pi between two saved rows.  On the vertical only phi +- psi has a meaning, and
-    psi = 0.
+    turn.  For other bodies the axes are those of the state, for bodies of `kr.physical` the axes that were given.  phi
+    and psi are continued without jumps, which is right as long as they turn by less than pi between two saved rows.  On
+    the vertical only phi +- psi has a meaning, and psi = 0.
 
     Returns a Dataset (time) or (time, lane).  Raises `InputError` for a run without an orientation or with n > 3.
     [Goldstein, Classical Mechanics, 3rd ed., section 4.4]
@@ -75,7 +77,7 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-    q = orientation_of(a_run(run))
+    q = attitude_of(a_run(run))
     S, B = (
         Rotation.from_matrix(np.broadcast_to(v, (*q.shape[:-1], 3, 3)).reshape(-1, 3, 3))
         for v in _alignment(run, system)
@@ -107,7 +109,7 @@ def _alignment(run: xr.Dataset, system: Model | None) -> tuple[Array, Array]:
         axis = act(g.mT, axis)
     else:
         up = act(g, up)
-    return _third_axes(up), _third_axes(axis)
+    return _third_axes(up), _third_axes(act(axes_of_state(run), axis))
 
 
 def _third_axes(vectors: Array) -> Array:

@@ -79,7 +79,7 @@ def events(
     coords = {"time": ("event", (time[place] + h)[order])}
     if "lane" in run.dims:
         coords["lane"] = ("event", run["lane"].values[lane][order])
-    attrs = {k: run.attrs[k] for k in ("title", "system", "n", "components", "frame") if k in run.attrs}
+    attrs = {k: run.attrs[k] for k in ("title", "system", "n", "components", "frame", "body") if k in run.attrs}
     return xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
 
 

@@ -19,6 +19,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.analysis.observations import Observations, Unknown, observed, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError
+from kreisel.record.body_frame import AXES
 from kreisel.record.model import Model, State
 from kreisel.runs.differentiable import constants_of, differentiable
 from kreisel.runs.settings import check_model, checked_state, positive_number, within
@@ -122,7 +123,9 @@ def fit(
     observations   a Dataset with the coordinate `time`, from 0 on, in any order, and variables (time, ...): components
                    of the state (n = 3: axial vectors), "Omega" (the angular velocity in the frame of the system),
                    "energy" and other integrals, one number of them such as "a[2]", or names of `observables`; NaN
-                   where nothing was observed.  A variable sigma_NAME, which has the shape of NAME or is spread over
+                   where nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body
+                   was given, and units (time in "s", Omega in "rad/s") are read from attributes `units`; without them
+                   they are those of the system.  A variable sigma_NAME, which has the shape of NAME or is spread over
                    it, is the standard error of NAME.  Or a run, of which the state is taken.
     free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]"; a mapping
                    also says where the search begins, None for what the system and x0 have
@@ -152,8 +155,8 @@ def fit(
             f"{', '.join(u.name for u in unknown)}."
         )
     f = differentiable(system, method=method, order=order)
-    kind = system.key, method, order, (*(u.name for u in unknown),), (*seen.names,), dt, seen.time.tobytes()
-    key = *kind, tuple((name, Identity(function)) for name, function in own.items())
+    kind = system.key, _axes_of(system, observations), method, order, *(u.name for u in unknown), *seen.names
+    key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in own.items())
     predicted = _predictions(f, system, unknown, starts, seen, key)
     found = _least_squares(predicted, seen, unknown, evaluations, system)
     if not found.success:
@@ -161,6 +164,12 @@ def fit(
         warnings.warn(text, AccuracyWarning, stacklevel=2)
     settings = {"dt": dt, "method": method, "order": order}
     return _as_fit(found, unknown, system, state, seen, predicted(found.x.tobytes())[0], settings)
+
+
+def _axes_of(model: Model, observations: xr.Dataset) -> tuple[Any, ...]:
+    """The axes of the body, and along which axes each observation is."""
+    axes = b"" if model.body_frame is None else model.body_frame.axes.tobytes()
+    return (axes, *((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items()))
 
 
 def _step_of(observations: Any) -> float:
@@ -340,5 +349,5 @@ def _model_at(model: Model, state: State, unknown: list[Unknown], x: Array) -> t
     for u, value in zip(unknown, x, strict=True):
         if u.letter in values:  # else a number of the instrument
             values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
-    fitted = model.system(**{k: values[k] for k in model.params})
+    fitted = Model(model.system, {k: values[k] for k in model.params}, model.body_frame)
     return fitted, fitted.state(**{k: values[k] for k in model.system.space.letters})

@@ -14,7 +14,8 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.runs.geometry import components, model_for, orientation_of
+from kreisel.runs.geometry import model_for, orientation_of, velocity_of
+from kreisel.runs.run_record import RunRecord
 from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
@@ -32,8 +33,10 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     system   the model, for a system of your own
     frame    "body": Omega, along the axes of the body, g' = g Omega;  "space": omega = g Omega g^T
 
-    In the inverse unit of time of the run.  The frame that the state is not in needs a run with an orientation.
-    Raises `InputError` where it has none, and for systems without a body that turns.
+    For a body of `kr.physical`, which the run knows, in rad/s along the axes in which the body was given; for other
+    systems in the inverse unit of time of the run: the attribute `units` of the result says which.  The frame that the
+    state is not in needs a run with an orientation.  Raises `InputError` where it has none, and for systems without a
+    body that turns.
     """
     import xarray as xr
 
@@ -42,15 +45,18 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
         raise InputError(f"frame: expected 'body' or 'space', got {shown(frame)}.")
     if model.system.velocity is None:
         raise InputError(f"{model.system.name}: expected a system of a body that turns, got one without.")
-    found = np.asarray(model.call(model.system.velocity, *components(run, model)))
+    found, known = velocity_of(run, model), model.body_frame or RunRecord.from_attrs(run.attrs).body_frame
     if (model.system.frame is Frame.REST) == (frame == BODY):
         g = _matrices(run, model)
         found = g.mT @ found @ g if frame == BODY else g @ found @ g.mT
     values, axes = (algebra.axial(found), ("axis",)) if model.n == 3 else (found, ("row", "column"))
+    if known is not None:
+        values = (known.vectors(values) if frame == BODY else values) / known.time_unit
     lead = ("time", *(("lane",) if "lane" in run.dims else ()))
     coords = {name: run[name] for name in lead if name in run.coords}
+    unit = "1" if known is None else "rad/s"
     meaning = "Omega, along the axes of the body" if frame == BODY else "omega, in space"
-    return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning})
+    return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning, "units": unit})
 
 
 @explained

@@ -13,7 +13,9 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import functions
+from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.calling import call, keywords
+from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 
 if TYPE_CHECKING:
@@ -223,9 +225,10 @@ def observed(
         raise InputError(
             f"observations: expected variables, and sigma_NAME for some NAME of them, got {shown(stray or names)}."
         )
-    shows = [_show(model, name, observables) for name in names]
-    values = [_numbers(data, name) for name in names]
-    time = _times(data)
+    shows = [_show(model, name, observables, data[name].attrs.get(AXES) == BODY) for name in names]
+    sizes = [_size_of_unit(model, data[name], name) for name in names]
+    values = [_numbers(data, name) / size for name, size in zip(names, sizes, strict=True)]
+    time = _times(data) / _size_of_unit(model, data["time"], "time")
     _check_shapes(model, names, values, shows, starts)
     given = [SIGMA + name in data for name in names]
     if any(given) and not all(given):
@@ -233,10 +236,22 @@ def observed(
             f"observations: expected sigma_NAME for each of {', '.join(names)} or for none, got it for "
             f"{', '.join(n for n, has in zip(names, given, strict=True) if has)} alone."
         )
-    sigmas = [_sigma(data, n, v) if has else np.ones(v.shape) for n, v, has in zip(names, values, given, strict=True)]
+    sigmas = [
+        _sigma(data, n, v) / size if has else np.ones(v.shape)
+        for n, v, size, has in zip(names, values, sizes, given, strict=True)
+    ]
     dims = [tuple(map(str, data[name].dims)) for name in names]
     masks = [np.isfinite(v) for v in values]
     return Observations(names, values, sigmas, masks, shows, any(given), time, dims, dt, *_grid(time, dt))
+
+
+def _size_of_unit(model: Model, variable: Any, name: str) -> float:
+    """The size of the system's unit in that of a variable with the attribute `units`, for bodies of `kr.physical`."""
+    frame, letter = model.body_frame, parse_quantity(name)[0]
+    if frame is None:
+        return 1.0
+    unit, size = ("rad/s", 1 / frame.time_unit) if letter == VELOCITY else frame.units.get(letter, ("1", 1.0))
+    return size if variable.attrs.get("units") == unit else 1.0
 
 
 def _numbers(data: Any, name: str) -> Array:
@@ -329,17 +344,21 @@ def _size(kind: str, n: int, axial: bool) -> tuple[int, ...]:
     return (n,) if axial or kind == "vector" else (n, n)
 
 
-def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
-    """What a variable is in a state.  Raises `InputError` for unknown names."""
+def _show(model: Model, name: str, observables: dict[str, Any], in_body: bool) -> Show:
+    """What a variable is in a state; `in_body`: with components along the axes in which the body was given.
+
+    Raises `InputError` for unknown names.
+    """
     if name in observables:
         return _of_user(name, observables[name], model.system.space.letters)
     letter, index = parse_quantity(name)
     space = model.system.space
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
     if model.system.velocity is not None:
-        table[VELOCITY] = lambda *state, **known: call(model.system.velocity, state, known)
+        table[VELOCITY] = lambda *state, **known: _in_body(model, call(model.system.velocity, state, known))
     if letter in space.letters:
-        return lambda by, own, known, given: own[letter][index]
+        axes = model.body_frame.axes if in_body and model.body_frame is not None else None
+        return lambda by, own, known, given: (own[letter] if axes is None else axes @ own[letter])[index]
     if letter not in table:
         known_names = [*space.letters, *table, *observables]
         raise InputError(
@@ -356,6 +375,13 @@ def _show(model: Model, name: str, observables: dict[str, Any]) -> Show:
         return by.values(value)[index]
 
     return show
+
+
+def _in_body(model: Model, omega: Any) -> Any:
+    """The angular velocity of a state along the axes in which a body was given, axial; that in space as it is."""
+    frame = model.body_frame
+    turned = frame is not None and frame.turned and model.system.frame is Frame.MOVING
+    return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega
 
 
 def _of_user(name: str, function: Any, letters: Sequence[str]) -> Show:

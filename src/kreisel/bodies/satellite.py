@@ -30,6 +30,7 @@ from kreisel.algebra.gradient import cos, sin
 from kreisel.bodies.kepler import TINY, eccentric_anomaly
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import Parameter
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.system import euler_top
@@ -206,6 +207,12 @@ LOADS = (*ORBIT, "torque", "plates", "density", "drag", "sun", "pressure", "mirr
 DERIVED = {"J": 1, "c": 2, "rate": 0, "along": 1, "across": 1}  # axes
 
 
+def body_frame():
+    """SI units; the moments are given in principal axes."""
+    units = {"time": "s", "M": "kg m^2/s", "energy": "J", "work": "J", "balance": "J"}
+    return BodyFrame(units={name: (unit, 1.0) for name, unit in units.items()}, along=("M",))
+
+
 def body(name, title, tau, *more):
     parameters = (*PARAMETERS, *more)
     axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2}[p.kind] for p in parameters}
@@ -221,6 +228,7 @@ def body(name, title, tau, *more):
         parameters=parameters,
         integrals={},
         derive=derive,
+        body_frame=body_frame,
         scaling="SI units.",
         n=3,
     )

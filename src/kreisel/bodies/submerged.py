@@ -25,6 +25,7 @@ import numpy as np
 from kreisel.algebra import axial, cross, hat, sqrt
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import Parameter
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.system import kirchhoff
@@ -72,6 +73,12 @@ def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy)
     return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in found.items()} | {
         "lever": lever @ turn
     }
+
+
+def body_frame(*, turn):
+    """SI units; the mass matrix is given in any axes of the body."""
+    units = {"time": "s", "M": "kg m^2/s", "P": "kg m/s", "energy": "J", "work": "J", "balance": "J"}
+    return BodyFrame(turn.reshape(-1, 3, 3)[0], {name: (unit, 1.0) for name, unit in units.items()}, ("M", "P"))
 
 
 def principal_axes(A):
@@ -144,6 +151,7 @@ BODIES = (
         parameters=PARAMETERS,
         integrals={},
         derive=derive,
+        body_frame=body_frame,
         scaling="SI units.",
         n=3,
     ),

@@ -252,11 +252,11 @@ def export(
     epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem.")] = None,
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV or, the attitude alone, as a CCSDS attitude ephemeris message."""
-    from kreisel.storage.attitude import SUFFIX, write_aem
+    from kreisel.storage.attitude import SUFFIX, date_of, write_aem
     from kreisel.storage.exporting import export as write
 
     if out.suffix.lower() == SUFFIX:
-        write_aem(archive, out, epoch=epoch, overwrite=overwrite)
+        write_aem(archive, out, epoch=date_of(epoch, "--epoch"), overwrite=overwrite)
     elif epoch is not None:
         raise InputError(f"--epoch: expected a file that ends in {SUFFIX}, got {out.name}.")
     else:

@@ -89,7 +89,7 @@ def perturbed(
     own |= parameters_of_pairs(record, pairs, own)
     model = Model(_system(body, record, list(own.values()), name), {})
     _try(model)
-    return Model(_with_own_casimirs(model), {})
+    return Model(_with_own_casimirs(model), {}, body.body_frame)
 
 
 def _base(system: Any) -> Model:

@@ -28,6 +28,7 @@ UNKNOWN: dict[str, Any] = {
     "top": None,
     "moments": None,
     "gyrostat": None,
+    "body_frame": None,
     "notes": "",
 }
 

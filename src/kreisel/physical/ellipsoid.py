@@ -10,7 +10,18 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
-from kreisel.physical.measures import RATE, SI, Units, convert_fields, in_range, scales_of, si_number, si_numbers, three
+from kreisel.physical.measures import (
+    RATE,
+    SI,
+    Units,
+    body_frame,
+    convert_fields,
+    in_range,
+    scales_of,
+    si_number,
+    si_numbers,
+    three,
+)
 from kreisel.record.model import Model, State
 from kreisel.system.kirchhoff import SYSTEM as Kirchhoff
 from kreisel.system.kirchhoff_revolution import SYSTEM as KirchhoffRevolution
@@ -101,8 +112,10 @@ class Ellipsoid:
         x, y, z = units.mass * units.length**2 / self._inertia
         inverse_masses = units.mass / (self.mass + self.added_masses)
         if self.semi_axes[0] == self.semi_axes[1]:
-            return KirchhoffRevolution(a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
-        return Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
+            made = KirchhoffRevolution(a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
+        else:
+            made = Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
+        return made.of_body(body_frame(self.scales(units)))
 
     def state(self, velocity: Any, angular_velocity: Any, units: Units = SI) -> State:
         """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega, in `units`.

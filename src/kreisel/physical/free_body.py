@@ -14,7 +14,20 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.inertia import CLOSE, Principal, inertia_tensor, principal
-from kreisel.physical.measures import RATE, convert_fields, in_range, scales_of, si_number, si_numbers, three
+from kreisel.physical.measures import (
+    RATE,
+    attitude_in_space,
+    attitude_quaternion,
+    body_frame,
+    convert_fields,
+    in_range,
+    momentum_in_body,
+    scales_of,
+    si_number,
+    si_numbers,
+    three,
+)
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.system.euler_top import SYSTEM as EulerTop
 from kreisel.units import Scales
@@ -93,7 +106,7 @@ class FreeBody:
         i = self.principal.moments
         J = (i[[1, 2, 0]] + i[[2, 0, 1]] - i) / (2 * self.unit_moment)
         J[abs(J) < CLOSE] = 0
-        return EulerTop(J=J)
+        return EulerTop(J=J).of_body(self._frame)
 
     def state(self, spin: Any, axis: Any = None) -> State:
         """The scaled state M = I Omega, in principal axes.
@@ -109,25 +122,28 @@ class FreeBody:
 
         Both are unit quaternions (..., 4) = (w, x, y, z), body to space.  Raises `InputError`.
         """
-        return algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), self._turn)
+        return algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), self._frame.quaternion)
 
     def attitude(self, g: Any) -> Array:
-        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run."""
-        return algebra.quaternion_product(attitude_quaternion(g, "g"), algebra.inverse_turn(self._turn))
+        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
+
+        An array is taken as g of a state; what `kreisel.analysis` returns is that of the body axes already.
+        """
+        return attitude_in_space(g, self._frame)
 
     @cached_property
-    def _turn(self) -> Array:
-        """The quaternion of the principal axes in the body."""
-        return algebra.unit_quaternion(self.principal.axes)
+    def _frame(self) -> BodyFrame:
+        return body_frame(self.scales(), self.principal.axes)
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
 
-        Raises `InputError`, also where a moment of inertia is 0.
+        An array is taken as M of a state of this body; the variable M of a run states its units and axes.  Raises
+        `InputError`, also where a moment of inertia is 0.
         """
-        momentum = si_numbers(M, "1", "M")
-        moments = self._moments("The angular velocity")
-        return in_range("Omega", lambda: (momentum / moments * self.momentum_unit) @ self.principal.axes.T)
+        momentum, moments = momentum_in_body(M, self._frame), self._moments("The angular velocity")
+        axes = self.principal.axes
+        return in_range("Omega", lambda: momentum @ axes / moments @ axes.T)
 
     def _moments(self, what: str) -> Array:
         """The principal moments.  Raises `InputError` where one is 0."""
@@ -194,17 +210,6 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
             "axis; say axis=(0, 0, 1)."
         )
     return si_numbers(spin, RATE, "spin")
-
-
-def attitude_quaternion(value: Any, name: str) -> Array:
-    """Unit quaternions (..., 4).  Raises `InputError`."""
-    try:
-        q = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        q = np.full(0, np.nan)
-    if q.shape[-1:] != (4,) or not (abs((q * q).sum(-1) - 1) < 1e-6).all():
-        raise InputError(f"{name}: expected unit quaternions (..., 4) = (w, x, y, z), got {shown(value)}.")
-    return algebra.unit(q)
 
 
 def _homogeneous(kind: type[FreeBody], mass: Any, sizes: tuple[float, ...], part: float, time_unit: float) -> FreeBody:

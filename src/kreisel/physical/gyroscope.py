@@ -14,6 +14,7 @@ from kreisel.physical.measures import (
     MOMENT,
     RATE,
     STANDARD_GRAVITY,
+    body_frame,
     convert_fields,
     in_range,
     scales_of,
@@ -96,7 +97,7 @@ class Gyroscope:
 
     def model(self) -> Model:
         """The scaled system: `LagrangeTop(p=(0, 0, 1), alpha=I3/I1)`."""
-        return LagrangeTop(p=(0.0, 0.0, 1.0), alpha=self.alpha)
+        return LagrangeTop(p=(0.0, 0.0, 1.0), alpha=self.alpha).of_body(body_frame(self.scales()))
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""

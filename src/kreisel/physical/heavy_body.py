@@ -11,7 +11,17 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.physical.inertia import inertia_tensor, mass_tensor
-from kreisel.physical.measures import RATE, STANDARD_GRAVITY, convert_fields, in_range, scales_of, si_number, si_numbers
+from kreisel.physical.measures import (
+    RATE,
+    STANDARD_GRAVITY,
+    body_frame,
+    convert_fields,
+    in_range,
+    momentum_in_body,
+    scales_of,
+    si_number,
+    si_numbers,
+)
 from kreisel.record.model import Model, State
 from kreisel.system.heavy_top import SYSTEM as HeavyTop
 from kreisel.units import Scales
@@ -81,7 +91,7 @@ class HeavyBody:
     def model(self) -> Model:
         """The scaled system: `HeavyTop(J, A)`."""
         A = self.arm / np.linalg.norm(self.arm) if self.torque else np.zeros(3)
-        return HeavyTop(J=self.mass_tensor / self.unit_moment, A=A)
+        return HeavyTop(J=self.mass_tensor / self.unit_moment, A=A).of_body(body_frame(self.scales()))
 
     def state(self, angular_velocity: Any, up: Any = (0.0, 0.0, 1.0)) -> State:
         """The scaled state M = I Omega, P = up/|up|.
@@ -100,11 +110,12 @@ class HeavyBody:
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
 
-        Raises `InputError`, also where a moment of inertia is 0.
+        An array is taken as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
+        also where a moment of inertia is 0.
         """
-        momentum = si_numbers(M, "1", "M")[..., None]
+        momentum = momentum_in_body(M, body_frame(self.scales()))[..., None]
         try:
-            return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0] * self.momentum_unit)
+            return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0])
         except np.linalg.LinAlgError:
             raise InputError(
                 "The angular velocity is not determined by the momentum: expected three moments > 0, got one of 0."

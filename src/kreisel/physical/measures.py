@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
+from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.units import Scale, Scales, si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
@@ -93,6 +95,41 @@ class Units:
 
 SI = Units()
 MOMENT, RATE = "kg m^2", "rad/s"
+
+
+def body_frame(scales: Scales, axes: Array | None = None) -> BodyFrame:
+    """The units of the variables of a run of a body, and the axes of its state as columns along those of the body."""
+    return BodyFrame(np.eye(3) if axes is None else axes, {k: (s.unit, s.size) for k, s in scales.items()})
+
+
+def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
+    """M (..., 3) of a state, or a variable of a run, in kg m^2/s along the axes of the body.
+
+    A variable states its units and axes in its attributes; an array is taken as the state has it.
+    """
+    attrs, (unit, size) = getattr(M, "attrs", {}), frame.units["M"]
+    momentum = si_numbers(M, "1", "M") * (1.0 if attrs.get("units") == unit else size)
+    return momentum if attrs.get(AXES) == BODY else frame.vectors(momentum)
+
+
+def attitude_in_space(g: Any, frame: BodyFrame) -> Array:
+    """Attitudes (..., 4) of the axes of the body from those of the axes of the state.
+
+    A variable of `kreisel.units.measured` has the former already, and says so in its attributes.
+    """
+    q = attitude_quaternion(g, "g")
+    return q if getattr(g, "attrs", {}).get(AXES) == BODY else frame.attitude(q)
+
+
+def attitude_quaternion(value: Any, name: str) -> Array:
+    """Unit quaternions (..., 4).  Raises `InputError`."""
+    try:
+        q = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        q = np.full(0, np.nan)
+    if q.shape[-1:] != (4,) or not (abs((q * q).sum(-1) - 1) < 1e-6).all():
+        raise InputError(f"{name}: expected unit quaternions (..., 4) = (w, x, y, z), got {shown(value)}.")
+    return algebra.unit(q)
 
 
 def scales_of(time: float, **others: tuple[str, float]) -> Scales:

@@ -14,7 +14,8 @@ from kreisel.algebra import Array
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
-from kreisel.physical.measures import convert_fields, in_range, scales_of, si_number, si_numbers, three
+from kreisel.physical.inertia import inertia_tensor
+from kreisel.physical.measures import body_frame, convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.units import Scales
@@ -103,8 +104,9 @@ class Satellite:
     def __post_init__(self) -> None:
         if not isinstance(self.orbit, Orbit):
             raise InputError(f"orbit: expected kr.physical.Orbit(...), got {shown(self.orbit)}.")
-        object.__setattr__(self, "body", FreeBody(self.inertia))
-        object.__setattr__(self, "inertia", self.body.inertia)
+        inertia = inertia_tensor(self.inertia)
+        object.__setattr__(self, "inertia", inertia)
+        object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
         units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m", "sun": "1"}
         for name, unit in units.items():
             object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
@@ -165,9 +167,9 @@ class Satellite:
             "diffuse": self.diffuse,
             **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
-        if self.wheel is None:
-            return BODIES["satellite"](**given)
-        return BODIES["satellite-with-wheel"](**given, wheel=self.wheel @ along, wheel_torque=self.wheel_torque @ along)
+        wheel = {} if self.wheel is None else {"wheel": self.wheel @ along, "wheel_torque": self.wheel_torque @ along}
+        made = BODIES["satellite-with-wheel" if wheel else "satellite"](**given, **wheel)
+        return made.of_body(body_frame(self.scales(), along))
 
     def state(self, spin: Any = None, axis: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
@@ -209,8 +211,18 @@ class Satellite:
         return self.body.orientation(attitude)
 
     def attitude(self, g: Any) -> Array:
-        """The inverse of `orientation`."""
+        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
+
+        An array is taken as g of a state; what `kreisel.analysis` returns is that of the body axes already.
+        """
         return self.body.attitude(g)
+
+    def angular_velocity(self, M: Any) -> Array:
+        """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial, kg m^2/s.
+
+        An array is taken as M of a state; the variable M of a run states its axes.  Raises `InputError`.
+        """
+        return self.body.angular_velocity(M)
 
     def angles(self, run: xr.Dataset) -> Angles:
         """Pitch, roll and yaw (...) of a run against the frame of the orbit, from -pi to pi."""

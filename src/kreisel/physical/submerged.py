@@ -16,8 +16,18 @@ from kreisel.analysis import path
 from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.ellipsoid import Ellipsoid
-from kreisel.physical.free_body import UPRIGHT, FreeBody, attitude_quaternion
-from kreisel.physical.measures import STANDARD_GRAVITY, convert_fields, scales_of, si_number, si_numbers, three
+from kreisel.physical.free_body import UPRIGHT, FreeBody
+from kreisel.physical.measures import (
+    STANDARD_GRAVITY,
+    attitude_in_space,
+    attitude_quaternion,
+    body_frame,
+    convert_fields,
+    scales_of,
+    si_number,
+    si_numbers,
+    three,
+)
 from kreisel.record.model import Model, State
 from kreisel.units import Scales
 
@@ -149,9 +159,11 @@ class SubmergedBody:
         return np.asarray(algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), turn))
 
     def attitude(self, g: Any) -> Array:
-        """The inverse of `orientation`."""
-        back = algebra.inverse_turn(algebra.unit_quaternion(self._place[0]))
-        return np.asarray(algebra.quaternion_product(attitude_quaternion(g, "g"), back))
+        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
+
+        An array is taken as g of a state; what `kreisel.analysis` returns is that of the body axes already.
+        """
+        return attitude_in_space(g, body_frame(self.scales(), self._place[0]))
 
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """Where O is in space at each row of a run, from `start`, and how it moves."""

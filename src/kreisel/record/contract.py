@@ -252,6 +252,7 @@ class System:
     moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
     gyrostat()               w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
     derive(params)           further constants computed once from the parameters
+    body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
     check_state(*state)      raises `InputError` for states without a meaning
     n                        the dimension, where the parameters do not tell it
     numbers                  "any": the functions take any kind of number; "real": any with square roots; "jax": floats
@@ -286,6 +287,7 @@ class System:
     moments: Function | None = None
     gyrostat: Function | None = None
     derive: Function | None = None
+    body_frame: Function | None = None
     check_state: Function | None = None
     notes: str = ""
     n: int | None = None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
+from copy import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -13,6 +15,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Function, call, require_names
 from kreisel.record.given import axes_of, component, parameter, require_on_phase_space, whole_dimension
 
@@ -74,11 +77,12 @@ class State(Mapping[str, Array]):
 class Model:
     """A system with its parameters: what a run, a law or a user works with.
 
-    Attributes: `system` (the record), `params` (arrays by letter), `n`.
+    Attributes: `system` (the record), `params` (arrays by letter), `n`, and `body_frame`: axes and units of the body
+    of `kr.physical` that it was made from, None of another model.
     Raises `InputError` for unknown, missing or unusable parameters.
     """
 
-    def __init__(self, system: System, params: Mapping[str, Any]):
+    def __init__(self, system: System, params: Mapping[str, Any], body_frame: BodyFrame | None = None):
         self.system = system
         known = [p.letter for p in system.parameters]
         for letter in params:
@@ -121,6 +125,9 @@ class Model:
             if p.kind == "array":  # the same in every lane
                 self.constants[p.letter] = self.params[p.letter]
                 self.axes[p.letter] = self.params[p.letter].ndim
+        if body_frame is None and system.body_frame is not None:
+            body_frame = call(system.body_frame, (), self.constants)
+        self.body_frame = body_frame
 
     def _derived(self, spread: Mapping[str, Array]) -> dict[str, Array]:
         """Further constants, computed once.  Raises `InputError` where they leave the range of doubles."""
@@ -155,7 +162,16 @@ class Model:
         if not self.batch:
             return self
         own = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
-        return Model(self.system, {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()})
+        params = {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()}
+        return Model(self.system, params, self.body_frame)
+
+    def of_body(self, frame: BodyFrame) -> Model:
+        """The model as that of a body with these axes and units."""
+        moving = self.system.frame.value == "moving"
+        along = [k for k, kind in self.system.space.components if moving and kind in ("skew", "vector")]
+        made = copy(self)
+        made.body_frame = replace(frame, along=along)
+        return made
 
     def _dimension(self) -> int:
         if self.system.n is not None:

@@ -63,6 +63,7 @@ def describe(plan: Plan) -> RunRecord:
         system=system.name,
         system_sha256=operations_of(model),
         equations=system.equations,
+        body=body_of(model),
         components=json.dumps(dict(system.space.components)),
         frame=system.frame.value,
         bracket="plus" if system.space.sign > 0 else "minus",
@@ -104,12 +105,18 @@ def parameters_of(model: Model) -> str:
     return json.dumps({k: v.tolist() for k, v in model.params.items()})
 
 
+def body_of(model: Model) -> str | None:
+    """Axes and units of the body that a model was made from, as a run has them."""
+    return None if model.body_frame is None else json.dumps(model.body_frame.table)
+
+
 def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Attributes of every variable, from the plan and the first block of a run."""
-    scales = roundoff_scales(plan, first)
+    scales, frame = roundoff_scales(plan, first), plan.model.body_frame
     out: dict[str, dict[str, Any]] = {}
     for name, outcome in plan.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
+        out[name] |= {} if frame is None else frame.attributes(name)
         if name in scales:
             out[name] |= {"conserved": int(outcome.conserved), **scales[name]}
     return out
@@ -121,7 +128,10 @@ def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
     return plan.timetable.times_of(rows)
 
 
-TIME = {"long_name": "time", "units": "1", "axis": "T"}
+def time_attributes(plan: Plan) -> dict[str, str]:
+    """Attributes of the times of a run."""
+    frame = plan.model.body_frame
+    return {"long_name": "time", "units": "1", "axis": "T"} | ({} if frame is None else frame.attributes("time"))
 
 
 def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
@@ -139,7 +149,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
         value = np.concatenate([block.pop(name) for block in blocks])
         names = dimensions(plan, name, value.shape)
         data[name] = (names, value, attrs[name]) if when.ndim else (names[1:], value[0], attrs[name])
-    coords: dict[str, Any] = {"time": (("time",)[: when.ndim], when, TIME)}
+    coords: dict[str, Any] = {"time": (("time",)[: when.ndim], when, time_attributes(plan))}
     if plan.batched:
         coords["lane"] = ("lane", np.arange(plan.lanes))
     return xr.Dataset(data, coords, describe(plan).to_attrs())

@@ -10,6 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
+from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
 from kreisel.record.given import component_axes
 from kreisel.record.model import Model
@@ -118,6 +119,52 @@ def orientation_of(run: xr.Dataset) -> Array:
     if not (off < UNIT).all():
         raise InputError("expected unit quaternions (w, x, y, z) as the orientation, got some of other lengths.")
     return q
+
+
+def attitude_of(run: xr.Dataset) -> Array:
+    """The unit quaternions (..., 4) of the axes of the body that were given, body to space: `orientation_of` turned.
+
+    For a run of a body of `kr.physical`; of other systems, and of `kr.units.measured`, the orientation itself.
+    """
+    q, frame = orientation_of(run), RunRecord.from_attrs(run.attrs).body_frame
+    if frame is None:
+        return q
+    q = frame.attitude(q)
+    return continued(q if run[ORIENTATION].dims[0] == "time" else q[None]).reshape(q.shape)
+
+
+def continued(q: Array) -> Array:
+    """Unit quaternions (time, ..., 4), of q and -q each the one nearer to the row before; w >= 0 in the first row."""
+    flips = np.where(algebra.dot(q[1:], q[:-1]) < 0, -1.0, 1.0)
+    first = np.where(q[:1, ..., 0] < 0, -1.0, 1.0)
+    return np.asarray(q * np.cumprod(np.concatenate([first, flips]), axis=0)[..., None])
+
+
+def axes_of_state(run: xr.Dataset) -> Array:
+    """The axes (3, 3) of the state along those of the body that were given, as columns; 1 for other systems."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    return np.eye(3) if frame is None else frame.axes
+
+
+def in_body_axes(run: xr.Dataset) -> xr.Dataset:
+    """A run or a sweep with its vectors and its orientation along the axes of the body that were given.
+
+    The result is for reading: it has neither parameters nor the attribute `body`, so that nothing turns it again.
+    """
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    out = run.copy(deep=False)
+    for name in ("body", "parameters", "components", "start_sha256"):
+        out.attrs.pop(name, None)
+    if frame is not None:
+        for name in (letter for letter in (*frame.along, ORIENTATION) if letter in run):
+            turned = attitude_of(run) if name == ORIENTATION else frame.vectors(np.asarray(run[name].values))
+            out[name] = run[name].copy(data=turned).assign_attrs({AXES: BODY})
+    return out
+
+
+def velocity_of(run: xr.Dataset, model: Model) -> Array:
+    """The angular velocity of every row, skew, in the frame, along the axes and in the unit of time of the state."""
+    return np.asarray(model.call(model.system.velocity, *components(run, model)))
 
 
 def to_third_axis(v: Array) -> Array:

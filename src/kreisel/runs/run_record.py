@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, shown
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
 from kreisel.runs.timetable import count_of_rows
 from kreisel.storage.reading import a_run, as_made, parsed
@@ -34,6 +35,7 @@ class RunRecord:
     system: str
     system_sha256: str | None = None  # of a user-defined system: `kreisel.runs.operations`
     equations: str
+    body: str | None = None  # JSON: axes and units of the body that the model was made from
     components: str  # JSON
     frame: str
     bracket: str
@@ -84,6 +86,11 @@ class RunRecord:
                 f"expected the attributes of a run, got none named {name}. Usual cause: a sweep, whose lanes are no "
                 "runs, an operation of xarray, which drops attributes, or kr.at, which makes no steps."
             )
+
+    @cached_property
+    def body_frame(self) -> BodyFrame | None:
+        """Axes and units of the body that the model was made from, None of another model.  Raises `InputError`."""
+        return None if self.body is None else BodyFrame.from_table(_an_object(self.body, "body"))
 
     @property
     def stepped(self) -> bool:
@@ -162,7 +169,7 @@ class RunRecord:
                 f"{self.system} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
                 "give it as kr.resume(path, system=...), or run its TOML file or kr.simulate again with more steps."
             )
-        return find(self.system)(**_an_object(self.parameters, "parameters"))
+        return Model(find(self.system), _an_object(self.parameters, "parameters"), self.body_frame)
 
     @cached_property
     def kinds(self) -> dict[str, str]:

@@ -15,6 +15,7 @@ from kreisel.bodies import BODIES
 from kreisel.errors import InputError, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
+from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model, State
 
@@ -226,7 +227,21 @@ def checked_state(model: Model, x0: Any) -> State:
         if missing:
             raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
         x0 = {letter: x0[letter] for letter in model.system.space.letters}
+        _require_units_of_state(model, x0)
     return model.state(**x0)
+
+
+def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
+    """Raises `InputError` for a row of `units.measured`, along other axes or in other units than those of the state."""
+    frame = model.body_frame or BodyFrame()
+    for letter, value in x0.items():
+        unit, size = frame.units.get(letter, ("1", 1.0))
+        turned = frame.turned and value.attrs.get(AXES) == BODY
+        if turned or (size != 1 and value.attrs.get("units", "1") == unit):
+            raise InputError(
+                f"x0: expected {letter} in the units and along the axes of the state, got others. Usual cause: a row "
+                "of units.measured. Give a row of the run itself."
+            )
 
 
 def positive_number(value: Any, name: str) -> float:

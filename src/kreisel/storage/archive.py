@@ -27,7 +27,6 @@ from kreisel.record.model import Model
 from kreisel.runs.breaks import broken_by
 from kreisel.runs.describing import (
     CORRECTION,
-    TIME,
     _corrections,
     at_the_end,
     attributes,
@@ -35,6 +34,7 @@ from kreisel.runs.describing import (
     dimensions,
     in_memory,
     saved_times,
+    time_attributes,
     versions,
 )
 from kreisel.runs.events import checked_events
@@ -117,7 +117,7 @@ class Archive:
             self._require_there()
             names = [f"{name}/c/{number}{'/0' * (value.ndim - 1)}" for name, value in values.items()]
             if start == 0:
-                names += self._create(values, {"time": TIME, **attributes(self.plan, block)})
+                names += self._create(values, {"time": time_attributes(self.plan), **attributes(self.plan, block)})
             for name, value in values.items():
                 array: Any = self._group.get(name)
                 if array is None:

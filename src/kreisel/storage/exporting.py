@@ -14,10 +14,14 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
+from kreisel.method.observing import ORIENTATION
+from kreisel.runs.geometry import in_body_axes
+from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import flag
 from kreisel.storage.nodes import target, too_large
 from kreisel.storage.opening import open_run
 from kreisel.storage.replacing import require_file, written
+from kreisel.units import measured
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,6 +38,10 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
     out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
 
+    A run of a body of `kr.physical` is exported as `kreisel.units.measured` returns it: in SI units, vectors and the
+    attitude g along the axes in which the body was given, with the angular velocity Omega along these axes; the
+    trajectories of a sweep of bodies along these axes too.
+
     NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
     and lane (of `kr.analysis` for each event or frequency), a column for each component, such as "m[2]", and the
     attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, no attributes, and is never
@@ -46,7 +54,8 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
     write = WRITERS.get(where.suffix.lower())
     if write is None:
         raise InputError(
-            f"The export must end in {', '.join(WRITERS)}, got {str(out)!r}. For .aem: kr.analysis.write_aem."
+            f"The export must end in {', '.join(WRITERS)}, got {str(out)!r}. The attitude in .aem needs the date of "
+            "time 0: kr.analysis.write_aem(run, path, epoch=...), or `kreisel export ARCHIVE x.aem --epoch DATE`."
         )
     require_file(where, overwrite)
     data = open_run(run) if isinstance(run, str | os.PathLike) else run
@@ -76,7 +85,8 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
 def _netcdf(run: xr.Dataset, out: Path) -> None:
     import h5netcdf
 
-    types = {k: v.dtype for k, v in run.variables.items()}
+    example = _presented(run.isel({_lead(run): slice(0, 1)}) if _lead(run) else run)
+    types = {k: v.dtype for k, v in example.variables.items()}
     wrong = [k for k, t in types.items() if t.kind not in "biufcSU" or not str(k).strip(".") or "/" in str(k)]
     if wrong:
         raise InputError(
@@ -84,20 +94,21 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
             f"type {types[wrong[0]]}. Leave it out with run.drop_vars."
         )
     with h5netcdf.File(out, "w") as file:
-        file.dimensions = {str(k): v for k, v in run.sizes.items()}
-        file.attrs.update({str(k): _netcdf_value(v) for k, v in run.attrs.items()})
-        for name, variable in run.variables.items():
-            packed = variable.ndim and variable.size
+        sizes = {str(k): run.sizes.get(k, size) for k, size in example.sizes.items()}
+        file.dimensions = sizes
+        file.attrs.update({str(k): _netcdf_value(v) for k, v in example.attrs.items()})
+        for name, variable in example.variables.items():
+            shape = tuple(sizes[str(d)] for d in variable.dims)
+            packed = bool(shape) and math.prod(shape) > 0
             made = file.create_variable(
                 str(name),
                 tuple(map(str, variable.dims)),
                 {"b": np.dtype("i1"), "U": TEXT}.get(variable.dtype.kind, variable.dtype),
-                **({"chunks": _chunks(variable), "compression": "gzip", "shuffle": True} if packed else {}),
+                **({"chunks": _chunks(shape), "compression": "gzip", "shuffle": True} if packed else {}),
             )
             made.attrs.update({str(k): _netcdf_value(v) for k, v in variable.attrs.items()})
-            for part in _slabs(variable):
-                values = variable[part].values
-                made[part] = values.astype(object) if values.dtype.kind == "U" else values
+        for name, part, values in _pieces(run):
+            file.variables[str(name)][part] = values.astype(object) if values.dtype.kind == "U" else values
 
 
 def _netcdf_value(value: Any) -> Any:
@@ -120,9 +131,23 @@ def _json(value: Any) -> str:
         return json.dumps(shown(value))
 
 
-def _chunks(variable: xr.Variable) -> tuple[int, ...]:
-    rest = max(1, math.prod(variable.shape[1:]))
-    return (min(variable.shape[0], max(1, NUMBERS_AT_ONCE // 8 // rest)), *variable.shape[1:]) if variable.ndim else ()
+def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
+    rest = max(1, math.prod(shape[1:]))
+    return (min(shape[0], max(1, NUMBERS_AT_ONCE // 8 // rest)), *shape[1:])
+
+
+def _pieces(run: xr.Dataset) -> Iterator[tuple[Any, tuple[slice, ...], Array]]:
+    """Names, places and values of what a file has: slabs of variables, for a body blocks of rows of all of them."""
+    if not _of_body(run):
+        for name, variable in run.variables.items():
+            yield from ((name, part, variable[part].values) for part in _slabs(variable))
+        return
+    lead = _lead(run)
+    for first, block in _blocks(run):
+        for name, variable in block.variables.items():
+            if lead in variable.dims or first == 0:
+                rows = slice(first, first + block.sizes.get(lead, 0))
+                yield name, tuple(rows if d == lead else slice(None) for d in variable.dims), variable.values
 
 
 def _slabs(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
@@ -151,12 +176,37 @@ def _parquet(run: xr.Dataset, out: Path) -> None:
             writer.close()
 
 
+def _lead(run: xr.Dataset) -> str:
+    """The axis along which a Dataset is read in blocks, or ""."""
+    return next((d for d in ROWS if run.sizes.get(d)), "")
+
+
 def _blocks(run: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
-    """The first row of each block, and the block, of about a million numbers."""
-    lead = next((d for d in ROWS if run.sizes.get(d)), "")
+    """The first row of each block, and the block as it is shown, of about a million numbers."""
+    lead, before = _lead(run), None
     step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
     for first in range(0, max(run.sizes.get(lead, 1), 1), step):
-        yield first, (run.isel({lead: slice(first, first + step)}) if lead else run).load()
+        block = _presented((run.isel({lead: slice(first, first + step)}) if lead else run).load())
+        if lead == "time" and ORIENTATION in block and _of_body(run):
+            q = block[ORIENTATION].values if before is None else _following(before, block[ORIENTATION].values)
+            block, before = block.assign({ORIENTATION: block[ORIENTATION].copy(data=q)}), q[-1:]
+        yield first, block
+
+
+def _following(before: Array, q: Array) -> Array:
+    """Quaternions (time, ..., 4), of q and -q each the one nearer to the row before."""
+    return q * np.where((before * q[:1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+
+
+def _of_body(run: xr.Dataset) -> bool:
+    return RunRecord.from_attrs(run.attrs).body_frame is not None
+
+
+def _presented(run: xr.Dataset) -> xr.Dataset:
+    """A Dataset as a file shows it: that of a body along the axes in which it was given."""
+    if not _of_body(run):
+        return run
+    return in_body_axes(run) if "kreisel_sweep" in run.attrs else measured(run)
 
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:

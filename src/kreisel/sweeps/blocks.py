@@ -22,6 +22,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, on_disk
 from kreisel.kernels.layout import Floats
 from kreisel.method.auto import Choice
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.choosing import choices, with_choice
@@ -59,8 +60,10 @@ class Sweep:
             )
         self.lanes = Lanes({**description, "system": base}, spec)
         self.save: tuple[str, ...] = tuple(spec["save"])
-        self._kinds = {p.letter: p.kind for p in self.system.parameters}
+        self.kinds = {p.letter: p.kind for p in self.system.parameters}
         self._kinds_of_state = dict(self.system.space.components)
+        body = description.get("body")
+        self._body_frame = None if body is None else BodyFrame.from_table(body)
 
     def plan(
         self,
@@ -115,14 +118,14 @@ class Sweep:
             return value[ids[0]].item() if section == "run" else value[ids]
 
         params = {
-            k: _ready(chosen("system", k), self._kinds.get(k), ("system", k) in varied) for k in sections["system"]
+            k: _ready(chosen("system", k), self.kinds.get(k), ("system", k) in varied) for k in sections["system"]
         }
-        for letter, kind in self._kinds.items():
+        for letter, kind in self.kinds.items():
             if kind == "array" and ("system", letter) in varied:
                 params[letter] = params[letter][0]
         state = {k: chosen("state", k) for k in sections["state"]}
         orientation = state.pop("orientation", None)
-        model = self.system(**params)
+        model = Model(self.system, params, self._body_frame)
         start = {k: _ready(v, self._kinds_of_state.get(k), ("state", k) in varied, len(ids)) for k, v in state.items()}
         run = {k: chosen("run", k) for k in sections["run"]}
         if run.get("times") is not None:
@@ -143,7 +146,7 @@ class Sweep:
         apart = [
             v
             for q, v in values.items()
-            if q.section == "run" or (q.section == "system" and self._kinds.get(q.letter) == "array")
+            if q.section == "run" or (q.section == "system" and self.kinds.get(q.letter) == "array")
         ]
         if not apart:
             return [np.arange(count)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, on_disk
-from kreisel.runs.describing import TIME, dimensions, saved_times, versions
+from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
 from kreisel.runs.estimating import LEAST, require_room
 from kreisel.runs.plan import Plan
 from kreisel.storage import manifest
@@ -153,6 +153,7 @@ class Store:
             references=system.source,
             system=system.name,
             equations=system.equations,
+            body=self._body(),
             frame=system.frame.value,
             n=plan.model.n,
             sweep=self._text,
@@ -166,13 +167,28 @@ class Store:
         group = self._store.create(record.to_attrs(), overwrite)
         if TRAJECTORIES in self.sweep.save:
             times = saved_times(plan)
-            made_array(group, "time", data=times, chunks=times.shape, dimension_names=("time",), attributes=TIME)
+            made_array(
+                group,
+                "time",
+                data=times,
+                chunks=times.shape,
+                dimension_names=("time",),
+                attributes=time_attributes(plan),
+            )
         for name, layout in arrays.items():
             made_array(group, name, **layout)
         (self.part / manifest.BLOCKS).mkdir()
         if TRAJECTORIES in self.sweep.save:
             manifest.add_block(self.part, "before", ["time/c/0"])
         manifest.begin(self.part)
+
+    def _body(self) -> str | None:
+        """Axes and units of the body of all lanes; None if they differ."""
+        found = {body_of(plan.model) for plan in self._plans}
+        varied = "body" not in self.sweep.description and any(
+            self.sweep.kinds.get(q.letter) == "array" for q in self.sweep.lanes.quantities
+        )
+        return None if varied or len(found) > 1 else found.pop()
 
     def finish(self) -> None:
         """Mark the store as whole and give it its name."""

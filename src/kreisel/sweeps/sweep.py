@@ -106,6 +106,7 @@ def sweep(
     state = checked_state(system, x0).axial
     run = dict(dt=dt, steps=steps, every=every, method=method, order=order, tol=tol, project=project, impulses=impulses)
     description = {
+        **_of_body(system),
         "system": {"name": system.system.name, **system.params},
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
         "run": run,
@@ -116,6 +117,13 @@ def sweep(
     from kreisel.sweeps.grids import gridded
 
     return gridded(watched_lanes(open_sweep(report.path)))
+
+
+def _of_body(model: Model) -> dict[str, Any]:
+    """Axes and units of the body that a model was made from, unless they follow from its parameters."""
+    frame, derived = model.body_frame, Model(model.system, model.params).body_frame
+    known = frame is None or (derived is not None and derived.table == frame.table)
+    return {} if frame is None or known else {"body": frame.table}
 
 
 def _only_known(model: Model) -> None:

@@ -26,6 +26,7 @@ class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
     kreisel_sweep: int = FORMAT
     system: str
     equations: str
+    body: str | None = None  # JSON, as of a run
     frame: str
     n: int
     sweep: str  # JSON

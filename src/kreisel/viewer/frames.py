@@ -249,14 +249,6 @@ def _apart_by(
     return worst
 
 
-def unrolled(q: Array) -> Array:
-    """Quaternions (..., 4) along time, each of the sign that is nearer to the one before."""
-    signs = np.where((q[1:] * q[:-1]).sum(-1) < 0, -1.0, 1.0)
-    out = np.array(q)
-    out[1:] *= np.cumprod(signs, 0)[..., None]
-    return out
-
-
 def between(values: Array, place: Array, joined: Array) -> Array:
     """Rows at whole and broken places by a cubic through four rows, of which only joined ones count.
 

@@ -11,7 +11,7 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import fixed_vector, model_for
+from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage.reading import read_values
 from kreisel.viewer.style import WIDTHS, Theme, theme_of
@@ -100,14 +100,17 @@ def _keeps_its_length(vector: xr.DataArray) -> bool:
     return not float(np.ptp(lengths)) > SAME_LENGTH * float(lengths.max())
 
 
-def _drawable(values: np.ndarray, letter: str) -> np.ndarray:
+def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
+    """The first rows of a component; of a vector in the body along the axes that were given."""
+    values = read_values(run[letter][:rows])
     if not (abs(values) < LARGEST).all():
         raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
-    return values
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    return values if frame is None or letter not in frame.along else frame.vectors(values)
 
 
 def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: Theme) -> None:
-    paths = [_drawable(read_values(one[letter][:MOST_ROWS]), letter) for _, one in lanes]
+    paths = [_seen(one, letter, MOST_ROWS) for _, one in lanes]
     radius = max(float(np.linalg.norm(xyz[:1], axis=-1).max()) for xyz in paths) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
@@ -151,6 +154,7 @@ def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
     fixed = None if model is None else fixed_vector(model, "space" if space else "body")
     if fixed is None or fixed.shape != (3,) or not fixed.any():
         return
+    fixed = fixed if space else axes_of_state(run) @ fixed
     unit, colour = fixed / np.linalg.norm(fixed), theme.colours[2]
     start, way, name = (1.0 * unit, -0.5 * unit, "gravity") if space else (np.zeros(3), 1.3 * unit, "axis of the body")
     beside = np.array([-0.95, -0.75, 0.0]) if space else np.zeros(3)
@@ -182,9 +186,9 @@ def _components(part: Any, lane: tuple[str, xr.Dataset], letter: str, theme: The
     """The first saved states, and the whole run in two of the components that change most."""
     name, run = lane
     above, below = part.subplots(2, 1, height_ratios=[1, 1.25])
-    time, values = read_values(run["time"][:STATES_SHOWN]), _drawable(read_values(run[letter][:STATES_SHOWN]), letter)
+    time, values = read_values(run["time"][:STATES_SHOWN]), _seen(run, letter, STATES_SHOWN)
     labels = [str(i + 1) for i in range(values.shape[1])]
-    whole = _drawable(read_values(run[letter][:MOST_ROWS]), letter)
+    whole = _seen(run, letter, MOST_ROWS)
     if values.ndim == 3:  # a matrix, skew or symmetric
         j, k = np.triu_indices(values.shape[1], k=int(not values[:, 0, 0].any()))
         values, labels = values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]

@@ -15,12 +15,12 @@ from kreisel.forces.pairs import pairs_of
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.record.model import Model
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import model_for
+from kreisel.runs.geometry import continued, model_for
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
 from kreisel.storage.reading import parsed
 from kreisel.viewer.bodies import Body
-from kreisel.viewer.frames import Frames, frames, unrolled, windows
+from kreisel.viewer.frames import Frames, frames, windows
 from kreisel.viewer.showing import Shown
 from kreisel.viewer.style import THEMES
 from kreisel.viewer.thinning import mixed
@@ -145,7 +145,7 @@ def packed_mesh(body: Body) -> dict[str, Any]:
 
 def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
     """Turns in whole numbers of 1/32767, far below a pixel; the tip only where no turn gives it."""
-    turn = None if each.turn is None else packed(np.round(SHORT * unrolled(each.turn)), "i2")
+    turn = None if each.turn is None else packed(np.round(SHORT * continued(each.turn)), "i2")
     return {
         "name": _text(name),
         "mesh": mesh,

@@ -22,7 +22,7 @@ from kreisel.errors import InputError
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.runs.geometry import fixed_vector, orientation_of, to_third_axis
+from kreisel.runs.geometry import attitude_of, axes_of_state, fixed_vector, to_third_axis
 from kreisel.runs.run_record import RunRecord
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
@@ -49,6 +49,9 @@ class Shown:
         self.letter, self.kinds = record.carried, record.kinds
         self.space = run.attrs.get("frame") == Frame.REST.value
         self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
+        self.axes = axes_of_state(run)  # everything here is along the axes of the body that were given
+        if not self.space and self.carried.shape[1] == 3:
+            self.carried = self.carried @ self.axes.T
         self.turn: Array | None = None
         self.axis: Array | None = None
         self.body: Body | None = None
@@ -77,10 +80,16 @@ class Shown:
     def _fixed(self, where: str) -> Array | None:
         """A parameter fixed in space or body, unless it is 0."""
         v = None if self.model is None else fixed_vector(self.model, where)
-        return v if v is not None and v.any() else None
+        if v is None or not v.any():
+            return None
+        return v @ self.axes.T if where == "body" and len(v) == 3 else v
 
     def _inertia(self) -> Array | None:
-        return None if self.model is None or self.space else bodies.gyration(self.model, self.carried[0])
+        """The gyration tensor along the axes of the body that were given."""
+        if self.model is None or self.space:
+            return None
+        tensor = bodies.gyration(self.model, self.carried[0] @ self.axes)
+        return None if tensor is None else self.axes @ tensor @ self.axes.T
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
         """The body that was asked for, or the usual one."""
@@ -108,14 +117,14 @@ class Shown:
 
     def _on_its_path(self, x: Array) -> None:
         assert self.model is not None
-        q = orientation_of(self.run)
+        q = attitude_of(self.run)
         free = self.model.system.perturbation is None
         up = algebra.rotation_matrix(q[0]) @ self.carried[0]  # the momentum
         S = to_third_axis(up / np.linalg.norm(up)) if free and up.any() else np.eye(3)
         x = x @ S.T
         self.tip = x - (x.max(0) + x.min(0)) / 2
         size = ON_ITS_PATH * (float(np.linalg.norm(self.tip, axis=-1).max()) or 1.0)
-        tensor = bodies.gyration(self.model, self.carried[0])
+        tensor = self._inertia()
         axis = bodies.longest(tensor)
         self.body = self._made("ellipsoid", axis, tensor, size)
         self.kind, self.nose, self.frame = "path", 1.4 * size * axis, S
@@ -125,7 +134,7 @@ class Shown:
         self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
 
     def _in_space(self) -> None:
-        q = orientation_of(self.run)
+        q = attitude_of(self.run)
         g = algebra.rotation_matrix(q[0])
         self.kind = "body"
         orbits = self.record.system in SATELLITES

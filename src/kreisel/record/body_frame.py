@@ -1,0 +1,80 @@
+"""Axes and units of a body that a model was made from, so that a run of the model can be shown in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+
+ORTHOGONAL = 1e-9
+AXES, STATE, BODY = "axes", "state", "body"  # the attribute of variables with components in the body, its values
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFrame:
+    """Axes and units of a body.
+
+    axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the axes that were given
+    units   name -> (unit, size): the unit of the time and of variables of a run is `size` times this unit of SI
+    along   letters of the state whose components are along the axes of the state: axial or polar vectors
+    """
+
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    units: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    along: Sequence[str] = ()
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
+        """The frame that `table` describes.  Raises `InputError` for a damaged description."""
+        try:
+            axes = np.array(table["axes"], dtype=np.float64)
+            units = {str(k): (str(unit), float(size)) for k, (unit, size) in table["units"].items()}
+            along = [str(k) for k in table["along"]]
+            good = axes.shape == (3, 3) and abs(axes.T @ axes - np.eye(3)).max() < ORTHOGONAL
+        except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
+            good = False
+        if not good or not np.linalg.det(axes) > 0 or not all(0 < size < np.inf for _, size in units.values()):
+            raise InputError(f"The attribute body is damaged: expected axes, units and along, got {shown(table)}.")
+        return cls(axes, units, along)
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The frame as plain data."""
+        units = {k: [unit, size] for k, (unit, size) in self.units.items()}
+        return {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
+
+    @property
+    def turned(self) -> bool:
+        """Whether the axes of the state are others than those that were given."""
+        return not np.array_equal(self.axes, np.eye(3))
+
+    @cached_property
+    def quaternion(self) -> Array:
+        """The axes as a unit quaternion (4,) = (w, x, y, z)."""
+        return algebra.unit_quaternion(self.axes)
+
+    def attributes(self, name: str) -> dict[str, str]:
+        """The attributes `units` and `axes` of a variable of a run: the latter if it has components in the body."""
+        unit, size = self.units.get(name, ("1", 1.0))
+        inside = {AXES: STATE if self.turned else BODY} if name in (*self.along, "g") else {}
+        return {"units": unit if size == 1 else "1", **inside}
+
+    @property
+    def time_unit(self) -> float:
+        """The unit of time of a run, s."""
+        return self.units.get("time", ("s", 1.0))[1]
+
+    def vectors(self, v: Array) -> Array:
+        """Vectors (..., 3) along the axes of the state, along those that were given."""
+        return np.asarray(v @ self.axes.T) if self.turned else v
+
+    def attitude(self, g: Array) -> Array:
+        """Orientations (..., 4) of the axes of the state, as those of the axes that were given."""
+        return algebra.quaternion_product(g, algebra.inverse_turn(self.quaternion)) if self.turned else g
