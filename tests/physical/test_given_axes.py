@@ -274,7 +274,12 @@ def test_the_axes_survive(tmp_path: Path) -> None:
     kr.resume(path, extend=8)
     many = kr.simulate(model, body.state([RATE, 2 * RATE]), steps=3, **first)
     held = kr.perturbed(model, torque=lambda M, *, k: -k * M, params={"k": 1e-3})
-    damped = kr.simulate(held, body.state(RATE), steps=3, **first)
+    own = tmp_path / "own.zarr"
+    damped = kr.simulate(held, body.state(RATE), steps=3, path=own, **first)
+    other = kr.perturbed(FreeBody(TENSOR).model(), torque=lambda M, *, k: -k * M, params={"k": 1e-3})
+    with pytest.raises(kr.InputError, match="body of the run"):
+        kr.resume(own, system=other, extend=5)
+    damped = kr.resume(own, system=held, extend=5)
     runs = {
         "archive": kr.open_run(path),
         "rows": kr.open_run(path).isel(time=slice(0, 3)),

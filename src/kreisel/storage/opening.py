@@ -14,7 +14,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.record.model import Model
-from kreisel.runs.describing import in_memory, parameters_of, saved_times
+from kreisel.runs.describing import body_of, in_memory, parameters_of, saved_times
 from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.operations import require_operations
 from kreisel.runs.plan import TIMES, Plan
@@ -255,6 +255,11 @@ def _same(model: Model, record: RunRecord) -> Model:
     if model.system.name != record.system or parameters_of(model) != record.parameters:
         raise InputError(
             f"system: expected {record.system} with the parameters {record.parameters} of the run, got {model!r}."
+        )
+    if body_of(model) != record.body:
+        raise InputError(
+            f"system: expected the body of the run, with the axes and units {record.body}, got {body_of(model)}. Usual "
+            "cause: a model of another body, or one by its parameters alone."
         )
     require_operations(model, record.system_sha256)
     return model
