@@ -112,7 +112,7 @@ def test_order_conditions(order: int) -> None:
 
 @pytest.mark.parametrize(
     ("name", "n", "order"),
-    [(name, 3, 4) for name in SYSTEMS] + [("heavy-top", 4, 2), ("heavy-top", 9, 2)],
+    [(name, 3, 4) for name in SYSTEMS] + [("heavy-top", 4, 2), *[("heavy-top", 9, 2)] * FULL],
 )
 def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
     model, x0 = random_start(name, n)
