@@ -6,6 +6,7 @@ from typing import Any
 
 from arguments import Around, Call, Function, value
 from calls import ignored
+from surface import calls_of_surface
 
 
 def _of(path: str) -> Function:
@@ -188,6 +189,7 @@ def calls() -> list[Call]:
     """Every function that is called."""
     cut = {"value": "level", "rising": "rising", "system": "system"}
     return [
+        *calls_of_surface(),
         call("model", "system name", "parameters", function_=_made, then_=ignored, weight_=14),
         call("model.state", "model", "parts", function_=_state_of, weight_=14),
         call("model.flow", "model", "parts", function_=_flow, weight_=4, infinite_=True),

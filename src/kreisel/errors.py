@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import builtins
 import contextlib
 import difflib
 import errno
 import functools
+import re
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import FunctionType
 from typing import Any, TypeVar
 
 LONGEST = 1500  # characters of a message: what was expected stands at its head, the fix at its end
 SHOWN = 100  # characters of a value in it
 MEANT = 4  # names that a part of a name may mean
 BRIEF = 40  # of one in a call
+UNLOADED = ("Dataset", "DataArray", "Model")  # classes that signatures name and modules import for type checkers only
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -122,26 +126,73 @@ def hint(word: object, known: Iterable[str]) -> str:
 def explained(call: F) -> F:
     """The same function or class, whose misfitting arguments are an `InputError` that says how to call it.
 
-    An error that is raised inside of it stays as it is.
+    Misfitting are missing, superfluous and unknown arguments; and arguments of another type than in the signature, if
+    the call ends in an exception that is not Kreisel's.  Any other exception is unchanged.  For a class: its public
+    methods too.
     """
     if isinstance(call, type):
         made = "__new__" if issubclass(call, tuple) else "__init__"
         setattr(call, made, explained(getattr(call, made)))
         for name, value in list(vars(call).items()):
-            if isinstance(value, classmethod) and not name.startswith("_"):
-                setattr(call, name, classmethod(explained(value.__func__)))
+            if isinstance(value, classmethod | staticmethod) and not name.startswith("_"):
+                setattr(call, name, type(value)(explained(value.__func__)))
+            elif isinstance(value, FunctionType) and not name.startswith("_"):
+                setattr(call, name, explained(value))
         return call
 
     @functools.wraps(call)
     def checked(*given: Any, **named: Any) -> Any:
         try:
             return call(*given, **named)
-        except TypeError as error:
-            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
-                raise
-            raise InputError(_misfit(call, given, named)) from None
+        except (InputError, RunError):
+            raise
+        except Exception as error:
+            if isinstance(error, TypeError) and error.__traceback__ and error.__traceback__.tb_next is None:
+                raise InputError(_misfit(call, given, named)) from None
+            if fault := _mistyped(call, given, named):
+                raise InputError(fault) from error
+            raise
 
     return checked  # type: ignore[return-value]
+
+
+def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
+    """The first argument of another type than in the signature, as a message; "" if there is none."""
+    import inspect
+
+    bound = inspect.signature(call).bind(*given, **named).arguments
+    for name, kind in call.__annotations__.items():
+        if name in bound and isinstance(kind, str) and not any(_is_of(bound[name], k, call) for k in _union(kind)):
+            return f"{_title(call)}: expected {name} of the type {kind}, got {shown(bound[name])}."
+    return ""
+
+
+def _union(kind: str) -> list[str]:
+    """The types of a union without their brackets: ["str", "Sequence"] for "str | Sequence[int | str]"."""
+    while "[" in kind:
+        kind = re.sub(r"\[[^\[\]]*\]", "", kind)
+    return kind.split(" | ")
+
+
+def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:
+    """Whether a value is of a type, named as in the module of the function; true for names that are not of a class."""
+    if kind in ("int", "float"):
+        quantity = isinstance(value, str) or hasattr(value, "magnitude")
+        return (hasattr(value, "__float__") and not getattr(value, "ndim", 0)) or (kind == "float" and quantity)
+    first, *rest = kind.split(".")
+    found = call.__globals__.get(first, getattr(builtins, first, None))
+    for part in rest:
+        found = getattr(found, part, None)
+    if isinstance(found, type) and found is not Any:
+        return isinstance(value, (list, tuple) if found is tuple else found)
+    if kind.split(".")[-1] in UNLOADED:
+        return any(kind.split(".")[-1] == base.__name__ for base in type(value).__mro__)
+    return kind != "None" or value is None
+
+
+def _title(call: Callable[..., Any]) -> str:
+    """The name of a function or class as in a message."""
+    return call.__qualname__.removesuffix(".__init__").removesuffix(".__new__").split("<locals>.")[-1]
 
 
 def _misfit(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
@@ -151,11 +202,12 @@ def _misfit(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str
     known = list(inspect.signature(call).parameters.values())
     if known and known[0].name in ("self", "cls", "_cls"):
         known, given = known[1:], given[1:]
-    what = call.__qualname__.removesuffix(".__init__").removesuffix(".__new__").split("<locals>.")[-1]
+    what = _title(call)
     names, first = [p.name for p in known], [p.name for p in known if p.kind is p.POSITIONAL_OR_KEYWORD]
     needed = [p.name for p in known if p.default is p.empty and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     filled = dict(zip(names, given, strict=False))
-    if unknown := next((name for name in named if name not in names), None):
+    any_name = any(p.kind is p.VAR_KEYWORD for p in known)
+    if unknown := next((name for name in named if name not in names and not any_name), None):
         there = ", ".join(names) or "none"
         return f"{what} has no argument {shown(unknown)}.{hint(unknown, names)} Its arguments are: {there}."
     if twice := next((name for name in first[: len(given)] if name in named), None):

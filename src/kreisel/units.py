@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.errors import InputError, shown
+from kreisel.algebra import floats
+from kreisel.errors import InputError, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import Frame
 from kreisel.runs.geometry import in_body_axes, model_for, velocity_of
@@ -43,6 +44,7 @@ KEPT = (
 RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
 
 
+@explained
 @dataclass(frozen=True)
 class Scale:
     """The unit of one variable of a scaled system: `size` of the SI unit `unit`."""
@@ -52,7 +54,10 @@ class Scale:
 
     def scaled(self, value: Any, name: str = "the value") -> Any:
         """A measured value, with units or in SI, as the scaled system has it.  Raises `InputError`."""
-        return si(value, self.unit, name) / self.size
+        array = floats(si(value, self.unit, name))
+        if not np.isfinite(array).all():
+            raise InputError(f"{name}: expected numbers in {self.unit}, or a quantity, got {shown(value)}.")
+        return array / self.size
 
 
 Scales = Mapping[str, Scale]
@@ -70,6 +75,7 @@ def registry() -> pint.UnitRegistry[Any]:
     return pint.get_application_registry()  # type: ignore[no-untyped-call]
 
 
+@explained
 def si(value: Any, unit: str, name: str) -> Any:
     """A quantity in the SI unit named: a string, a pint quantity, or lists of them; plain numbers are SI already.
 
@@ -87,6 +93,7 @@ def si(value: Any, unit: str, name: str) -> Any:
         raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
 
 
+@explained
 def quantity(variable: xr.DataArray) -> Any:
     """A variable of `measured` as a pint quantity.  Raises `InputError` where it has no units."""
     if "units" not in getattr(variable, "attrs", ()):
@@ -95,6 +102,7 @@ def quantity(variable: xr.DataArray) -> Any:
     return registry().Quantity(variable.values, _parsed_unit(variable.attrs["units"], str(variable.name)))
 
 
+@explained
 def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr.Dataset:
     """A run of a scaled system in SI units, or in those wanted for a variable: `measured(run, time="ms")`.
 
@@ -110,7 +118,8 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
     frame = RunRecord.from_attrs(getattr(run, "attrs", {})).body_frame
     if scales is None and frame is not None:
         scales = {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
-    if not hasattr(run, "data_vars") or not isinstance(scales, Mapping):
+    scaled = isinstance(scales, Mapping) and all(isinstance(scale, Scale) for scale in scales.values())
+    if not hasattr(run, "data_vars") or not isinstance(scales, Mapping) or not scaled:
         raise InputError(
             f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}. A run of a body of "
             "kr.physical knows them; for another system say which units its variables have."

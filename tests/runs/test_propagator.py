@@ -158,6 +158,70 @@ def test_what_cannot_be_used_is_refused(use: Any, message: str, top: Any) -> Non
         use(top, kr.propagator(top, method="suris", dt=0.05))
 
 
+X = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8])
+NOT_STATES = {
+    "masked": np.ma.masked_array(X, [1, 0, 0, 0, 0, 0]),
+    "dates": np.array(["2020-01-01"] * 6, "M8[D]"),
+    "times that are none": np.array(["NaT"] * 6, "m8[s]"),
+    "complex": X + 0j,
+    "text": X.astype(str),
+    "truth values": X > 0,
+    "no lanes": np.empty((0, 6)),
+    "nan": np.where(X == 1.5, np.nan, X),
+    "infinity": np.where(X == 1.5, np.inf, X),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_STATES)
+def test_arrays_that_are_no_states_are_refused_by_every_method(kind: str, top: Any) -> None:
+    """`exact` and `dop853` too, which set themselves up from the state; steps by one lane, rows, and times."""
+    state = NOT_STATES[kind]
+    exact, paced = kr.propagator(top, method="exact"), kr.propagator(top, method="exact", dt=0.1)
+    calls = [
+        lambda: kr.propagator(top, method="suris", dt=0.05).steps(state, 2),
+        lambda: kr.propagator(top, method="dop853", dt=0.05).steps(state, 2, every=1),
+        lambda: exact.at(state, 2.0),
+        lambda: exact.at(state, np.linspace(0, 9, 30)),
+        lambda: paced.steps(state, 2),
+        lambda: paced.to(state, [0.2, 0.9]),
+    ]
+    for call in calls:
+        with pytest.raises(kr.InputError):
+            call()
+
+
+def test_states_off_the_phase_space_and_other_numbers_of_lanes_are_refused(top: Any) -> None:
+    exact, lanes = kr.propagator(top, method="exact"), kr.propagator(kr.LagrangeTop(p=[(0, 0, 1)] * 3), dt=0.05)
+    for call, words in (
+        (lambda: exact.at(np.zeros(6), 2.0), "a must not be the zero vector"),
+        (lambda: exact.steps(np.zeros(6), 3), "a must not be the zero vector"),
+        (lambda: lanes.steps(np.array([X, X]), 2), "expected one, or 3"),
+    ):
+        with pytest.raises(kr.InputError, match=words):
+            call()
+
+
+def test_a_state_is_the_same_however_it_lies_in_memory(top: Any) -> None:
+    shifted = np.zeros(6 * 8 + 1, np.uint8)[1:].view(np.float64)
+    shifted[:] = X
+    assert not shifted.flags.aligned
+    read_only = X.copy()
+    read_only.flags.writeable = False
+    p, exact = kr.propagator(top, method="suris", dt=0.05), kr.propagator(top, method="exact")
+    for state in (shifted, read_only, X.astype(">f8"), X.tolist(), X.astype(object), np.ma.masked_array(X)):
+        assert (np.asarray(p.steps(state, 5)) == p.steps(X, 5)).all()
+        assert (np.asarray(exact.at(state, 2.0)) == exact.at(X, 2.0)).all()
+
+
+def test_the_largest_times_that_doubles_have(top: Any) -> None:
+    """The length of m - <m, p> p does not change: m of 10^308 is as long as at the start."""
+    exact = kr.propagator(top, method="exact")
+    found = exact.at(X, [1e308, -1e308])
+    assert np.isfinite(found).all()
+    assert abs(np.linalg.norm(found[:, 3:], axis=1) - 1).max() < 1e-15
+    assert abs(found[:, 2] - X[2]).max() < 1e-15
+
+
 def test_what_overflows_is_no_silent_nan(top: Any) -> None:
     with pytest.raises(kr.RunError, match="no longer finite"):
         kr.propagator(top, method="suris", dt=0.05).steps(np.full(6, 1e200), 10)

@@ -47,6 +47,7 @@ from kreisel.algebra.cayley import (
     shifted_resolvent,
     turned,
 )
+from kreisel.algebra.floats import floats, is_number, loses
 from kreisel.algebra.orientation import (
     double_turn,
     inverse_turn,
@@ -98,12 +99,15 @@ __all__ = [
     "diagonal_resolvent",
     "dot",
     "double_turn",
+    "floats",
     "hat",
     "holds_objects",
     "identity",
     "inverse_turn",
     "is_exact",
+    "is_number",
     "log",
+    "loses",
     "magnitude",
     "mat",
     "maximum",

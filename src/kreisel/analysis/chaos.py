@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import OrientationLike, StateLike
 
 APART = 1e-8  # of the neighbour, relative
-MOST = 10**9
+MOST, MOST_SEED = 10**9, 2**63
 TINY = 1e-300
 
 
@@ -67,7 +67,7 @@ def megno(
     scale = np.ones_like(first)
     scale[:, :3] = np.maximum(_length(first[:, :3]), TINY)
     change = np.zeros_like(first)
-    change[:, :3] = np.random.default_rng(seed).normal(size=(lanes, 3))
+    change[:, :3] = np.random.default_rng(within(seed, "seed", 0, MOST_SEED)).normal(size=(lanes, 3))
     neighbour = first + APART * scale * change / _length(change)
     growth = np.empty((rows, lanes))
     for row in range(rows):

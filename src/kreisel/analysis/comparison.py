@@ -12,6 +12,7 @@ from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import drift
 from kreisel.runs.run_record import RunRecord
+from kreisel.runs.settings import finite_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@explained
 @dataclass(frozen=True)
 class Comparison:
     """What `compare` returns.
@@ -35,6 +37,7 @@ class Comparison:
 
     def apart(self, tolerance: float) -> float:
         """The first common time at which a component is farther apart than the tolerance; infinite if none is."""
+        tolerance = finite_number(tolerance, "tolerance")
         beyond = np.zeros(self.distance.sizes["time"], dtype=bool)
         for name in self.distance.data_vars:
             beyond |= (self.distance[name].values.reshape(len(beyond), -1) > tolerance).any(-1)

@@ -18,7 +18,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.analysis.observations import Observations, Unknown, observed, unknowns
-from kreisel.errors import AccuracyWarning, InputError, RunError
+from kreisel.errors import AccuracyWarning, InputError, RunError, explained
 from kreisel.record.body_frame import AXES
 from kreisel.record.model import Model, State
 from kreisel.runs.differentiable import constants_of, differentiable
@@ -104,6 +104,7 @@ class Fit:
         return f"<div><strong>{title}</strong><p>{escape(self._summary)}</p>{self.table.to_html()}</div>"
 
 
+@explained
 def fit(
     system: Model,
     observations: xr.Dataset,

@@ -28,6 +28,7 @@ FEWEST = 16  # samples
 SWEEPS = 40
 
 
+@explained
 @dataclass(frozen=True)
 class Lines:
     """f(t) = sum of amplitude_j exp(i frequency_j t) + a rest, the largest |amplitude| first.

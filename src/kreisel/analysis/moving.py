@@ -129,8 +129,8 @@ def _matrices(run: xr.Dataset, model: Model) -> Array:
 
 def _start(value: Any, shape: tuple[int, ...]) -> Array:
     try:
-        start = np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
-    except (TypeError, ValueError):
+        start = np.broadcast_to(algebra.floats(value), shape)
+    except ValueError:
         raise InputError(f"start: expected {shape[-1]} numbers, got {shown(value)}.") from None
     if not np.isfinite(start).all():
         raise InputError(f"start: expected finite numbers, got {shown(value)}.")

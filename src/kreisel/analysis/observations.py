@@ -94,7 +94,7 @@ def _by_name(free: Any) -> dict[str, Any]:
     if isinstance(free, Mapping):
         found = dict(free)
     elif isinstance(free, Sequence) and not isinstance(free, str):
-        found = dict.fromkeys(free)
+        found = dict.fromkeys(name if isinstance(name, str) else None for name in free)
     else:
         found = {None: None}
     if not all(isinstance(name, str) for name in found):
@@ -126,10 +126,7 @@ def _named(letter: str, index: tuple[int, ...]) -> str:
 
 
 def _array(value: Any, name: str) -> Array:
-    try:
-        found = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        found = np.full(1, np.nan)
+    found = algebra.floats(value)
     if not np.isfinite(found).all():
         raise InputError(f"free: expected finite numbers to begin {name} with, got {shown(value)}.")
     return found

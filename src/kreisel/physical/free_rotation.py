@@ -27,7 +27,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.physical.elliptic import (
     LEAST,
     amplitude,
@@ -39,9 +39,9 @@ from kreisel.physical.elliptic import (
     third_over_first,
 )
 from kreisel.physical.inertia import Principal
-from kreisel.physical.measures import in_range, si_number
-from kreisel.units import si
+from kreisel.physical.measures import finite_floats, in_range, si_number
 
+MOST_FLIPS = 10**7
 LEAST_POINTS = 2
 SHORT = 0.5  # u - u0 below which psi is a quadrature of its rate: differences of elliptic integrals lose digits
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -63,6 +63,7 @@ class Relabelled(NamedTuple):
     steady: bool
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class FreeRotation:
     """The motion of a free body that begins with the angular velocity `spin`; `FreeBody.rotation` makes it.
@@ -189,6 +190,10 @@ class FreeRotation:
             return np.array([begin]) if 0 < begin <= reach else np.empty(0)
         begin %= step
         count = in_range("The number of flips", lambda: math.floor((reach - begin) / step) + 1)
+        if count > MOST_FLIPS:
+            raise InputError(
+                f"duration: expected at most {MOST_FLIPS:,} flips, got {shown(duration)}, {count:,} flips."
+            )
         return begin + step * np.arange(max(0, count))
 
     @cached_property
@@ -206,7 +211,7 @@ class FreeRotation:
         The attitude is a unit quaternion (w, x, y, z), body to space, at time 0 the one given.  Digits are lost in
         proportion to the number of periods.  Raises `InputError`.
         """
-        times, g0 = _finite_floats(si(seconds, "s", "seconds"), "seconds"), _finite_floats(attitude, "attitude")
+        times, g0 = finite_floats(seconds, "s", "seconds"), finite_floats(attitude, "1", "attitude")
         if g0.shape != (4,) or not abs(g0 @ g0 - 1) < 1e-6:
             raise InputError(f"attitude: expected a unit quaternion (w, x, y, z), got {shown(attitude)}.")
         M, psi = in_range("The motion at these times", lambda: self._motion(times))
@@ -329,15 +334,3 @@ def _points(points: int) -> int:
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not LEAST_POINTS <= points <= 10**7:
         raise InputError(f"points: expected a whole number from {LEAST_POINTS} to 10,000,000, got {shown(points)}.")
     return int(points)
-
-
-def _finite_floats(value: Any, name: str) -> Array:
-    """Finite floats of any shape.  Raises `InputError`."""
-    try:
-        array = np.asarray(value)
-        array = array.astype(np.float64) if array.dtype.kind in "iufO" else np.array(np.nan)
-    except (TypeError, ValueError, OverflowError):
-        array = np.array(np.nan)
-    if not np.isfinite(array).all():
-        raise InputError(f"{name}: expected finite numbers, got {shown(value)}.")
-    return array

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array
+from kreisel.algebra import Array, floats
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.units import Scale, Scales, si
@@ -20,7 +19,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
 def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
     """A finite number in SI, positive if asked, or a quantity with units.  Raises `InputError`."""
-    array = _floats(si(value, unit, name))
+    array = floats(si(value, unit, name))
     if array.shape != () or not np.isfinite(array) or (positive and array <= 0):
         raise InputError(
             f"{name} must be a finite number{' > 0' * positive} in SI units ({unit}), or a quantity such as "
@@ -31,7 +30,7 @@ def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> fl
 
 def si_numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:
     """Finite floats of one of the shapes, or (..., 3), in SI or with units.  Raises `InputError`."""
-    array = _floats(si(value, unit, name))
+    array = floats(si(value, unit, name))
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
         expected = " or ".join(map(str, shapes)) or "(..., 3)"
@@ -41,22 +40,19 @@ def si_numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], 
 
 def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
     """Three real numbers, in SI or with units.  Raises `InputError`."""
-    array = _floats(si(value, unit, name))
+    array = floats(si(value, unit, name))
     if array.shape != (3,):
         raise InputError(f"{name} must be three numbers in SI units ({unit}), got {shown(value)}.")
     a, b, c = array.tolist()
     return a, b, c
 
 
-def _floats(value: Any) -> Array:
-    """Real numbers as floats; NaN for what is none."""
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind in "iufO":
-            return array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    return np.asarray(np.nan)
+def finite_floats(value: Any, unit: str, name: str) -> Array:
+    """Finite floats of any shape, in SI or with units.  Raises `InputError`."""
+    array = floats(si(value, unit, name))
+    if not np.isfinite(array).all():
+        raise InputError(f"{name}: expected finite numbers, got {shown(value)}.")
+    return array
 
 
 def convert_fields(body: Any, *, positive: bool = False, **units: str) -> None:
@@ -70,9 +66,10 @@ def in_range(what: str, value: Callable[[], Any]) -> Any:
     try:
         with np.errstate(all="ignore"):
             got = value()
+            parts = [np.asarray(part, dtype=np.float64) for part in (got if isinstance(got, tuple) else (got,))]
     except (OverflowError, ZeroDivisionError):
-        got = math.nan
-    if not all(np.isfinite(part).all() for part in (got if isinstance(got, tuple) else (got,))):
+        parts = [np.asarray(np.nan)]
+    if not all(np.isfinite(part).all() for part in parts):
         raise InputError(
             f"{what} leaves the range of doubles: expected data whose products lie between 1e-300 and 1e300 in SI "
             "units, got smaller or larger ones. Usual cause: a wrong unit."
@@ -123,10 +120,7 @@ def attitude_in_space(g: Any, frame: BodyFrame) -> Array:
 
 def attitude_quaternion(value: Any, name: str) -> Array:
     """Unit quaternions (..., 4).  Raises `InputError`."""
-    try:
-        q = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        q = np.full(0, np.nan)
+    q = floats(value)
     if q.shape[-1:] != (4,) or not (abs((q * q).sum(-1) - 1) < 1e-6).all():
         raise InputError(f"{name}: expected unit quaternions (..., 4) = (w, x, y, z), got {shown(value)}.")
     return algebra.unit(q)

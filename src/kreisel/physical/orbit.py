@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.bodies import satellite
 from kreisel.errors import InputError, explained, shown
-from kreisel.physical.measures import convert_fields, in_range, si_number
+from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number
 
 
 @explained
@@ -60,13 +60,16 @@ class Orbit:
         convert_fields(self, inclination="rad", node="rad", perigee="rad")
         if not isinstance(self.primary, Primary):
             raise InputError(f"primary: expected kr.physical.EARTH or another Primary, got {shown(self.primary)}.")
+        mu, radius, _ = finite_floats(self.primary[1:], "1", "primary: mu, radius, field")
+        if not mu > 0 or radius < 0:
+            raise InputError(f"primary: expected mu > 0 and a radius of at least 0, got {shown(self.primary)}.")
         e = si_number(self.eccentricity, "1", "eccentricity")
         if not 0 <= e < 1:
             raise InputError(f"eccentricity: expected an ellipse, 0 <= e < 1, got {e:g}.")
         object.__setattr__(self, "eccentricity", e)
         formulas = cast("Any", satellite)  # of a page, without types
         formulas.check_pericentre(np.asarray(self.pericentre), self.primary.radius, self.primary.name)
-        in_range("The orbit", lambda: self.mean_motion)
+        in_range("The orbit", lambda: self.period)
 
     @classmethod
     def circular(cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH) -> Orbit:
@@ -96,7 +99,7 @@ class Orbit:
 
     def at(self, time: Any) -> tuple[Array, Array]:
         """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space."""
-        t = np.asarray(time, dtype=np.float64)[..., None]
+        t = finite_floats(time, "s", "time")[..., None]
         known = {name: np.asarray(value) for name, value in self.elements.items()}
         formulas = cast("Any", satellite)  # of a page, without types
         r, v = formulas.place(t, **formulas.half_axes(**known), eccentricity=self.eccentricity)

@@ -18,6 +18,7 @@ from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import body_frame, convert_fields, in_range, scales_of, si_number, si_numbers, three
 from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
+from kreisel.runs.geometry import orientation_of
 from kreisel.units import Scales
 
 if TYPE_CHECKING:
@@ -120,6 +121,8 @@ class Satellite:
                 raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name):g}.")
         if self.mirror + self.diffuse > 1:
             raise InputError(f"mirror + diffuse: expected at most 1, got {self.mirror + self.diffuse:g}.")
+        if not isinstance(self.plates, list | tuple):
+            raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
         object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
         self.model()
 
@@ -226,7 +229,7 @@ class Satellite:
 
     def angles(self, run: xr.Dataset) -> Angles:
         """Pitch, roll and yaw (...) of a run against the frame of the orbit, from -pi to pi."""
-        g = algebra.rotation_matrix(np.asarray(run.g))
+        g = algebra.rotation_matrix(orientation_of(run))
         frame = self.orbit.frame(np.asarray(run.time))
         lanes = g.ndim - frame.ndim
         frame = frame.reshape(*frame.shape[:-2], *(1,) * lanes, 3, 3)
@@ -239,7 +242,7 @@ class Satellite:
 
     def _axis(self, run: xr.Dataset, which: int) -> Array:
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""
-        g = algebra.rotation_matrix(np.asarray(run.g))
+        g = algebra.rotation_matrix(orientation_of(run))
         return np.asarray(g @ (self._principal_axes.T @ self._axes_of_orbit[:, which]))
 
     def obliquity(self, run: xr.Dataset) -> Array:
@@ -256,6 +259,7 @@ class Satellite:
         along, across = self.orbit.frame(0.0)[:, :2].T
         axis = self._axis(run, 0)
         time = np.asarray(run.time).reshape(-1, *[1] * (axis.ndim - 2))
+        ratio = si_number(ratio, "1", "ratio")
         angle = np.arctan2(axis @ across, axis @ along) - ratio * self.orbit.mean_motion * time
         return np.asarray(np.angle(np.exp(1j * angle)))
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,12 +23,15 @@ from kreisel.physical.measures import (
     attitude_quaternion,
     body_frame,
     convert_fields,
+    in_range,
     scales_of,
     si_number,
     si_numbers,
     three,
 )
 from kreisel.record.model import Model, State
+from kreisel.runs.geometry import orientation_of
+from kreisel.storage.reading import place
 from kreisel.units import Scales
 
 if TYPE_CHECKING:
@@ -168,7 +171,7 @@ class SubmergedBody:
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """Where O is in space at each row of a run, from `start`, and how it moves."""
         turn, shift = self._place
-        g = algebra.rotation_matrix(np.asarray(run.g)) @ turn.T  # of the body axes
+        g = algebra.rotation_matrix(orientation_of(run)) @ turn.T  # of the body axes
         arm = algebra.act(g, shift)
         time = np.asarray(run.time).reshape(-1, *[1] * (arm.ndim - 1))
         x = path(run).values - (arm - arm[0]) + self.current * (time - time[0])
@@ -190,10 +193,18 @@ class SubmergedBody:
 
 def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
     """Numbers in SI, or three quantities of the velocity and three of the angular velocity.  Raises `InputError`."""
-    if np.shape(value) == (6,) and isinstance(value, list | tuple):
+    if isinstance(value, list | tuple) and len(value) == 6 and not any(isinstance(v, list | tuple) for v in value):
         halves = zip((value[:3], value[3:]), HALVES[name], strict=True)
         return np.concatenate([si_numbers(half, unit, name, ((3,),)) for half, unit in halves])
     return si_numbers(value, "1", name, shapes)
+
+
+def _finite(word: str) -> float:
+    """A number of C or of Fortran.  Raises `ValueError`."""
+    value = float(word.replace("D", "E"))
+    if not math.isfinite(value):
+        raise ValueError(f"not a finite number: {word!r}")
+    return value
 
 
 @explained
@@ -206,16 +217,17 @@ def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: An
 
     Raises `InputError` for what is neither.
     """
-    source = Path(path)
+    source = place(path, "read_added_mass needs the name of a text file")
     try:
         rows = [line.split() for line in source.read_text(encoding="utf-8").splitlines()]
         rows = [row for row in rows if row and row[0][0] not in "#%!"]
-        numbers = [[float(v.replace("D", "E")) for v in row] for row in rows]
+        numbers = [[_finite(v) for v in row] for row in rows]
     except (OSError, ValueError) as error:
         raise InputError(f"{source}: expected a text file of numbers, got {error}.") from None
     if [len(row) for row in numbers] == [6] * 6:
         return np.array(numbers)
     rho, L = si_number(density, "kg/m^3", "density"), si_number(length, "m", "length", positive=True)
+    units = in_range("density x length^k", lambda: tuple(rho * L**k for k in (3, 4, 5)))
     out = np.full((6, 6), np.nan)
     for row in numbers:
         if len(row) < 4 or row[1] not in range(1, 7) or row[2] not in range(1, 7):
@@ -225,7 +237,7 @@ def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: An
             )
         if row[0] == period or (period < 0 and row[0] < 0):
             i, j = int(row[1]) - 1, int(row[2]) - 1
-            out[i, j] = row[3] * rho * L ** (3 + (i > 2) + (j > 2))
+            out[i, j] = row[3] * units[(i > 2) + (j > 2)]
     if np.isnan(out).all():
         raise InputError(f"{source}: expected rows of the period {period:g}, got none.")
     return np.nan_to_num(out)  # WAMIT leaves out entries that vanish by symmetry

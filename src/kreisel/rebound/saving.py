@@ -15,14 +15,16 @@ import numpy as np
 from kreisel.errors import InputError, RunError, on_disk, shown
 from kreisel.rebound.compiled import COLUMNS
 from kreisel.rebound.library import rebound
+from kreisel.storage.reading import place
 
 FORMAT = 1
+NEEDED = "The simulation and its bodies need a file name such as spins.npz"
 SHAPES = {"z": 7, "c": COLUMNS}
 
 
 def write(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
     """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
-    target = Path(path)
+    target = place(path, NEEDED)
     with (
         on_disk(path, "be written"),
         tempfile.TemporaryDirectory(dir=target.parent, prefix=".kreisel-") as folder,
@@ -42,8 +44,9 @@ def read(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
 
     Raises `InputError` for a file that is no such file, `RunError` where it cannot be read.
     """
+    source = place(path, NEEDED)
     try:
-        with on_disk(path, "be read"), Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error

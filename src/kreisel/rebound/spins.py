@@ -22,6 +22,7 @@ from kreisel.rebound import compiled, saving
 from kreisel.rebound.body import Body
 from kreisel.rebound.interaction import potential
 from kreisel.rebound.library import rebound
+from kreisel.runs.settings import MOST_STEPS
 
 FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
 ADAPTIVE = ("ias15", "bs")
@@ -29,6 +30,7 @@ CHUNK = 50_000  # steps between two looks at what happened
 LATE = 1e-9  # of a step: rounding of the time
 
 
+@explained
 class Spins:
     """The bodies of a simulation `sim`; `attach` makes it.
 
@@ -37,7 +39,15 @@ class Spins:
     """
 
     def __init__(self, sim: Any, names: Iterable[int | str], z: Array, c: Array, kick: float | None):
+        check_simulation(sim)
         self.sim, self.names = sim, list(names)
+        z, c = algebra.floats(z), algebra.floats(c)
+        shapes = (len(self.names), 7), (len(self.names), compiled.COLUMNS)
+        if (z.shape, c.shape) != shapes or not (np.isfinite(z).all() and np.isfinite(c).all()):
+            raise InputError(
+                f"Spins: expected finite rows z {shapes[0]} and c {shapes[1]} of the bodies, got {shown(z)}, "
+                f"{shown(c)}. kreisel.rebound.attach(sim, bodies) makes them."
+            )
         self._index = np.array([index_of(sim, name) for name in self.names], dtype=np.int64)
         self._z, self._c, self._kick = z, c, kick
         self._count = int(sim.N)
@@ -61,7 +71,6 @@ class Spins:
             raise InputError(f"dt: expected a finite number that is not 0, got {shown(dt)}.")
         return float(dt)
 
-    @explained
     def integrate(self, t: float) -> None:
         """Go on in steps of dt until the time is t or later, by less than a step.
 
@@ -77,12 +86,11 @@ class Spins:
             )
         self.steps(max(0, int(np.ceil(ahead - LATE))))
 
-    @explained
     def steps(self, count: int) -> None:
         """Make `count` steps.  Raises what `integrate` does."""
         dt = self.dt
-        if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
-            raise InputError(f"count: expected a whole number of steps >= 0, got {shown(count)}.")
+        if not isinstance(count, int | np.integer) or isinstance(count, bool) or not 0 <= count <= MOST_STEPS:
+            raise InputError(f"count: expected a whole number of steps from 0 to {MOST_STEPS:,}, got {shown(count)}.")
         self._check()
         advance = self._by_calls if self._kick is not None else self._compiled
         for first in range(0, count, CHUNK):
@@ -125,29 +133,24 @@ class Spins:
             self._check_count()
             compiled.act_on_all(*self._arguments(), self._dv, dt / 2, G, True)
 
-    @explained
     def spin(self, which: int | str) -> Array:
         """The angular velocity (3,) of a body in the frame of the simulation.  Raises `InputError`."""
         k = self._number(which)
         R = algebra.rotation_matrix(self._z[k, 3:])
         return R @ ((self._z[k, :3] @ R) * self._c[k, :3])
 
-    @explained
     def orientation(self, which: int | str) -> Array:
         """The unit quaternion (4,) of the principal axes of a body, body to the frame of the simulation."""
         return self._z[self._number(which), 3:].copy()
 
-    @explained
     def spin_angular_momentum(self, which: int | str) -> Array:
         """Of a body, (3,)."""
         return self._z[self._number(which), :3].copy()
 
-    @explained
     def angular_momentum(self) -> Array:
         """Of all orbits and spins, (3,)."""
         return np.array([*self.sim.angular_momentum()]) + self._z[:, :3].sum(0)
 
-    @explained
     def energy(self) -> float:
         """Of the particles, of the rotation of the bodies, and of their interaction; tides that lag take it away."""
         p, masses, index, z, c = self._arguments()
@@ -163,7 +166,6 @@ class Spins:
                     total += masses[j] * potential(b, M * known[:3], **given)
         return float(total)
 
-    @explained
     def save(self, path: str | os.PathLike[str]) -> None:
         """One file with the simulation, as REBOUND's own data, and the bodies; `kreisel.rebound.load` reads it."""
         names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
@@ -339,6 +341,6 @@ def load(path: str | os.PathLike[str]) -> Spins:
     sim, found = saving.read(path)
     names = [name[1:] if name.startswith("#") else int(name) for name in found["names"].tolist()]
     kick = None if np.isnan(found["dt"]) else float(found["dt"])
-    spins = Spins(sim, names, found["z"].astype(np.float64), found["c"].astype(np.float64), kick)
+    spins = Spins(sim, names, found["z"], found["c"], kick)
     spins._seen = found["seen"]
     return spins

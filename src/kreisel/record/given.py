@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import timedelta
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +35,8 @@ def whole_dimension(value: Array, letter: str, system: str) -> int:
 
 def numbers(value: Any, name: str) -> Array:
     """An array of finite real numbers, or of others that can be multiplied.  Raises `InputError`."""
+    if algebra.loses(value):
+        raise InputError(f"{name} must be plain numbers, got a masked entry or a unit: {shown(value)}.")
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
@@ -45,9 +46,7 @@ def numbers(value: Any, name: str) -> Array:
             array = array.astype(np.float64)
         except OverflowError:
             raise InputError(f"{name} must be numbers that a double can hold, got {shown(value)}.") from None
-    if array.dtype == object and all(
-        hasattr(v, "__mul__") and not isinstance(v, str | list | timedelta) for v in array.flat
-    ):
+    if array.dtype == object and all(map(algebra.is_number, array.flat)):
         return array
     if array.dtype.kind not in "iuf":
         hint = (

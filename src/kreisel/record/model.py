@@ -131,8 +131,11 @@ class Model:
 
     def _derived(self, spread: Mapping[str, Array]) -> dict[str, Array]:
         """Further constants, computed once.  Raises `InputError` where they leave the range of doubles."""
-        with np.errstate(all="ignore"):
-            found = dict(call(self.system.derive, (), spread))
+        try:
+            with np.errstate(all="ignore"):
+                found = dict(call(self.system.derive, (), spread))
+        except np.linalg.LinAlgError:  # of a matrix that rounding makes singular
+            found = {"an inverse matrix": np.asarray(np.nan)}
         lost = [k for k, v in found.items() if np.asarray(v).dtype.kind == "f" and not np.isfinite(v).all()]
         if lost and not self.batch:  # of an ensemble the lanes fail that do
             raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -120,6 +121,8 @@ class Propagator(StateForms):
         if self.model.n >= LARGE:
             found = self._by_a_plan(x, count, between)
         else:
+            if isinstance(self._scheme.motion, Flow | Orbits):  # their set-up depends on the state
+                self._require_state(x)
             into, out_of = self._conversions(len(x))
             z = self._back(self._at_time(into(x[None])[0], time)[None])[0]
             engine = self._begun(z, count, between)
@@ -224,7 +227,7 @@ class Propagator(StateForms):
     def stepped(self, x: Floats, z: Floats, time: float, h: float, count: int, every: int) -> Floats:
         """Rows 0, every, ... of so many steps of length h from z, (rows, lanes, d); x: where the walk began."""
         if self._is_flow:
-            return self._states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
+            return self._states(x, z, h * np.arange(0, count + 1, every, dtype=np.float64))
         made = self._scheme
         if h != self.dt:
             order = made.options.get("order")
@@ -263,7 +266,12 @@ class Propagator(StateForms):
         z[:, self._column_of(TIME if flow else COUNT)] = finite_number(time, "time") / (1 if flow else self.dt)
         return z
 
-    def _states(self, z: Floats, when: Floats) -> Floats:
+    def _require_state(self, x: Floats) -> None:
+        """Raises `InputError` for states that are not finite or off the phase space: arrays are checked only here."""
+        _require_finite(x)
+        self.model.state(**dict(zip(self.model.system.space.letters, self._system(x), strict=False)))
+
+    def _states(self, x: Floats, z: Floats, when: Floats) -> Floats:
         """By compiled jumps where all of them are right, else by orbits that are set up for this state."""
         if self._jumping and len(when) <= FEW:
             jumps = self._jumps.get(len(z))
@@ -274,9 +282,11 @@ class Propagator(StateForms):
                 return out
         from kreisel.kernels.exact.engine import ClosedForm
 
-        reach = 2.0 ** np.ceil(np.log2(max(float(abs(when).max()), self.settings.dt)))
+        with np.errstate(over="ignore"):
+            reach = min(2.0 ** np.ceil(np.log2(max(float(abs(when).max()), self.settings.dt))), sys.float_info.max)
         known = self._orbits
         if known is None or known[0] != (z.tobytes(), reach):
+            self._require_state(x)
             known = (z.tobytes(), reach), ClosedForm(self._scheme, z, self.settings.dt, reach)
         with np.errstate(all="ignore"):
             out = known[1].at(when)
@@ -302,7 +312,8 @@ class Propagator(StateForms):
 
     def _system(self, x: Array) -> tuple[Array, ...]:
         """The components of states as the system has them."""
-        parts = layout.restore(x, self._kinds, self.model.n)
+        with np.errstate(invalid="ignore"):
+            parts = layout.restore(x, self._kinds, self.model.n)
         return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
 
     @explained
@@ -320,7 +331,7 @@ class Propagator(StateForms):
         when = wanted if wanted.ndim else wanted[None]
         x, batch = self._given(state)
         into, out_of = self._conversions(len(x))
-        out = self._states(into(x[None])[0], when)
+        out = self._states(x, into(x[None])[0], when)
         if not _finite(out):
             _require_finite(x)
             raise RunError("The state is not finite: its powers leave the range of doubles. Use other units.")

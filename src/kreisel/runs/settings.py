@@ -129,10 +129,7 @@ def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:
 
 def in_order(times: Any) -> tuple[float, ...]:
     """Times of rows.  Raises `InputError` where they are not numbers from 0 on, each after the one before."""
-    try:
-        found = np.array(times, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        found = np.full(1, np.nan)
+    found = algebra.floats(times)
     if found.ndim != 1 or not found.size or not np.isfinite(found).all() or found[0] < 0 or (np.diff(found) <= 0).any():
         raise InputError(f"times: expected a list of times from 0 on, each after the one before, got {shown(times)}.")
     if found[-1] == 0:
@@ -154,10 +151,10 @@ def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
             )
         numbers = {}
         for letter, value in impulse.items():
-            try:
-                numbers[letter] = np.asarray(value, dtype=np.float64).tolist()
-            except (TypeError, ValueError, OverflowError):
-                raise InputError(f"impulses: expected numbers for {letter}, got {shown(value)}.") from None
+            array = algebra.floats(value)
+            if not np.isfinite(array).all():
+                raise InputError(f"impulses: expected finite numbers for {letter}, got {shown(value)}.")
+            numbers[letter] = array.tolist()
         time = finite_number(impulse["time"], "impulses: the time")
         if not 0 < time <= end * (1 + WHOLE):
             raise InputError(
@@ -228,7 +225,7 @@ def checked_state(model: Model, x0: Any) -> State:
             raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
         x0 = {letter: x0[letter] for letter in model.system.space.letters}
         _require_units_of_state(model, x0)
-    return model.state(**x0)
+    return model.state(**{str(letter): value for letter, value in x0.items()})
 
 
 def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
@@ -246,12 +243,10 @@ def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
 
 def positive_number(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
-    if isinstance(value, str | bytes | bool):
+    array = algebra.floats(value)
+    if array.ndim or np.isnan(array):
         raise InputError(f"{name} must be a positive number, got {shown(value)}.")
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be a positive number, got {shown(value)}.") from None
+    number = float(array)
     if not math.isfinite(number) or number < SHORTEST_STEP:
         raise InputError(
             f"{name} must be positive and finite, at least {SHORTEST_STEP:g}, got {shown(value)}. "
@@ -319,13 +314,10 @@ def within(value: Any, name: str, least: int, most: int) -> int:
 
 def finite_number(value: Any, name: str) -> float:
     """A finite number.  Raises `InputError`."""
-    try:
-        found = float(value) if np.ndim(value) == 0 and not isinstance(value, str | bytes) else math.nan
-    except (TypeError, ValueError, OverflowError):
-        found = math.nan
-    if not math.isfinite(found):
+    found = algebra.floats(value)
+    if found.ndim or not np.isfinite(found):
         raise InputError(f"{name}: expected a finite number, got {shown(value)}.")
-    return found
+    return float(found)
 
 
 def of_forces(model: Model) -> str:
@@ -354,10 +346,7 @@ def initial_orientation(value: Any, model: Model) -> Array:
     n = model.n
     if hasattr(value, "as_quat"):  # scipy.spatial.transform.Rotation
         value = value.as_quat(scalar_first=True)
-    try:
-        g = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        g = np.full(0, np.nan)
+    g = algebra.floats(value)
     if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
         length = np.sqrt((g * g).sum(-1, keepdims=True))
         if not (abs(length - 1) < ORTHOGONAL_TOLERANCE).all():
@@ -378,10 +367,7 @@ def wanted_times(times: Any) -> np.ndarray:
     """A time, or times (times,), that were asked for.  Raises `InputError`."""
     if type(times) is float and math.isfinite(times):
         return np.array(times)
-    try:
-        wanted = np.array(times, dtype=np.float64)  # a copy: kernels take no arrays that may only be read
-    except (TypeError, ValueError, OverflowError):
-        wanted = np.full(1, np.nan)
+    wanted = np.array(algebra.floats(times))  # a copy: kernels take no arrays that may only be read
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
         raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
     return wanted

@@ -53,15 +53,19 @@ class StateForms:
         if type(state) is np.ndarray and state.shape == self._alone and state.dtype is DOUBLE and state.flags.carray:
             return state[None], False
         plain = type(state) is np.ndarray and state.dtype == np.float64
-        if not plain or state.ndim > 2 or state.shape[-1:] != (self.size,):
+        if not plain or state.ndim > 2 or state.shape[-1:] != (self.size,) or not state.size:
             state = _numbers(self._flat(state) if isinstance(state, Mapping) else state, self)
         x = state if state.ndim > 1 else state[None]
         if self.model.batch and len(x) != self.model.batch[0]:
+            if len(x) > 1:
+                raise InputError(
+                    f"The state of {self.model.system.name}: expected one, or {self.model.batch[0]} as the parameters "
+                    f"have lanes, got {len(x)}."
+                )
             x = np.broadcast_to(x, (self.model.batch[0], self.size))
         batched = state.ndim > 1 or bool(self.model.batch)
         require_bodies(self.model, (len(x),) if batched else ())
-        x = np.ascontiguousarray(x)
-        return x if x.flags.writeable else x.copy(), batched  # kernels take no arrays that may only be read
+        return np.require(x, requirements=["C", "A", "W"]), batched  # kernels accept no others
 
     def _flat(self, state: Mapping[str, Any]) -> Floats:
         """A mapping as one array, checked as the start of a run is."""
@@ -73,7 +77,7 @@ class StateForms:
                 f"g: expected {'an' if self._oriented else 'no'} orientation in the state, got {had}. "
                 "kr.propagator(..., orientation=True) carries one along."
             )
-        own = self.model.state(**given)
+        own = self.model.state(**{str(letter): value for letter, value in given.items()})
         parts = [own[letter] for letter in self.model.system.space.letters]
         parts += [] if g is None else [initial_orientation(g, self.model)]
         natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
@@ -100,7 +104,9 @@ class StateForms:
         into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
         out_of = compiled_rows(made, returned, lanes, ("return", self.settings.observe))
         found = (
-            into[0] if into else lambda x: np.ascontiguousarray(prepared(layout.restore(x, self._kinds, n))["z"]),
+            into[0]
+            if into
+            else _quiet(lambda x: np.ascontiguousarray(prepared(layout.restore(x, self._kinds, n))["z"])),
             out_of[0]
             if out_of
             else lambda z: np.concatenate(
@@ -154,16 +160,23 @@ class StateForms:
         return out
 
 
+def _quiet(convert: Rows) -> Rows:
+    """Without NumPy's warnings of states that are not finite, which are refused afterwards."""
+
+    def converted(x: Floats) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return convert(x)
+
+    return converted
+
+
 def _slices(kinds: Sequence[str], n: int) -> list[slice]:
     ends = np.cumsum([layout.coordinate_count(kind, n) for kind in kinds]).tolist()
     return [slice(end - layout.coordinate_count(kind, n), end) for end, kind in zip(ends, kinds, strict=True)]
 
 
 def _numbers(state: Any, of: StateForms) -> Floats:
-    try:
-        x = np.asarray(state, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        x = np.full(0, np.nan)
+    x = algebra.floats(state)
     if not 1 <= x.ndim <= 2 or x.shape[-1] != of.size or not x.size:
         raise InputError(
             f"The state of {of.model.system.name}: expected a mapping of {', '.join(of.letters)}, or an array of these "

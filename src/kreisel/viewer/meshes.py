@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.storage.reading import place
 from kreisel.viewer.bodies import FIRST, SECOND, Body
 
 MOST_FACES = 200_000
@@ -20,7 +20,7 @@ RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("extra", "
 
 def read_mesh(path: str | os.PathLike[str]) -> Body:
     """The triangles of a file.  Raises `InputError` for another format, a damaged file or too many triangles."""
-    file = Path(path).expanduser()
+    file = place(path, "mesh: expected the name of a file")
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(
             f"mesh: expected a file that ends in {' or '.join(SUFFIXES)}, got {file.name!r}. Programs that draw "

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@explained
 class View:
     """The page of a run.  In a notebook it shows itself; `save` writes the file; `html` is its text."""
 
