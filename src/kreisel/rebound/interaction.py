@@ -56,15 +56,23 @@ def friction(
 ) -> Array:
     """The change of the velocity of the mass by the lag of the tide in the time h: midpoint rule.
 
-    v (3,) is its velocity against the body, whose mass is `own`.
+    v (3,) is its velocity against the body, whose mass is `own`.  The mean s of the slip v_t - Omega x r solves
+
+        (1 + q (1 + m/own)) s - q m r x (I^-1 (r x s)) = slip      q = 3 G m tide tau h/(2 r^8)
+
+    which is, along the principal axes, a diagonal system and a term of rank 1 for y = r x s.
     """
     R = algebra.rotation_matrix(g)
-    square, spin = dot(r, r), R @ ((L @ R) / I)
+    b, square = r @ R, dot(r, r)
     rate = 3 * G * m * tide * lag * h / (square * square) ** 2
     along = dot(v, r) / square * r
-    slip, ratio = v - along - cross(spin, r), 1 + m / own
-    of_slip = ratio + 3 * m * square / I.sum()
-    return -rate * (3 / (1 + 1.5 * rate * ratio) * along + 1 / (1 + rate / 2 * of_slip) * slip)
+    ratio = 1 + m / own
+    slip = (v - along) @ R - cross((L @ R) / I, b)
+    loss, weight = 1 + rate / 2 * ratio, rate / 2 * m / I
+    divisor = loss + weight * square
+    y = cross(b, slip) / divisor
+    y = y + dot(weight * b, y) * square / (loss * dot(b, b / divisor)) * b / divisor
+    return -rate * (3 / (1 + 1.5 * rate * ratio) * along + R @ cross(y, b) / square)
 
 
 def turn(L: Array, g: Array, h: Any, **known: Array) -> Array:
