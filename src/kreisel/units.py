@@ -79,11 +79,19 @@ def registry() -> pint.UnitRegistry[Any]:
 def si(value: Any, unit: str, name: str) -> Any:
     """A quantity in the SI unit named: a string, a pint quantity, or lists of them; plain numbers are SI already.
 
-    Returns a float or an array (...).  Raises `InputError` for other dimensions and unknown units.
+    Quantities of astropy and unyt are read too.  Returns a float or an array (...).  Raises `InputError` for other
+    dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
     """
+    if hasattr(value, "to_value"):
+        try:
+            return value.to_value(unit)
+        except Exception as error:  # of its package
+            raise InputError(f"{name} must have the dimension of {unit}, got {shown(value)}: {error}.") from None
     if isinstance(value, str):
         value = _parsed(value, unit, name)
-    elif isinstance(value, list | tuple) and any(isinstance(v, str) or _is_quantity(v) for v in value):
+    elif isinstance(value, list | tuple) and any(
+        isinstance(v, str) or _is_quantity(v) or hasattr(v, "to_value") for v in value
+    ):
         return np.array([si(v, unit, name) for v in value])
     if not _is_quantity(value):
         return value
@@ -174,6 +182,11 @@ def _is_quantity(value: Any) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
+def _turns(value: Any) -> bool:
+    """Whether a unit counts angles: rpm and deg/s do, Hz and 1/s do not, which pint takes for rad/s."""
+    return "radian" in dict((1 * value).to_root_units().unit_items())
+
+
 def _parsed(text: str, unit: str, name: str) -> Any:
     try:
         return registry().Quantity(text)
@@ -194,6 +207,12 @@ def _converted(value: Any, unit: str, name: str) -> Any:
     import pint
 
     target = _parsed_unit(unit, name)
+    if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and _turns(value) != _turns(target):
+        raise InputError(
+            f"{name} must be in {unit}, got {value:~}, which may count turns or radians. Usual cause: a frequency for an "
+            f"angular velocity. Three turns a second are '3 turn/s' or '180 rpm', 3 * 2 pi rad/s = 18.85 rad/s; three "
+            "radians a second are '3 rad/s'."
+        )
     try:
         return value.to(target)
     except pint.DimensionalityError:

@@ -10,7 +10,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import units
-from kreisel.physical import Ellipsoid, Gyroscope, HeavyBody, Units
+from kreisel.physical import Ellipsoid, FreeBody, Gyroscope, HeavyBody, Units
 
 pint = pytest.importorskip("pint")
 
@@ -65,6 +65,52 @@ def test_an_ellipsoid_with_units() -> None:
     x, y = body.state(("0.1 m/s", "1 mm/s", 0.0), ("0 rpm", "1 rpm", 0.01)), plain.state((0.1, 1e-3, 0), (0, RPM, 0.01))
     assert np.allclose(x.axial.M, y.axial.M, rtol=1e-13) and np.allclose(x.P, y.P, rtol=1e-13)
     assert Units(mass="1 g", length="1 cm") == Units(1e-3, 1e-2)
+
+
+@pytest.mark.parametrize("rate", ["3 Hz", "0.003 kHz", "3 1/s", "180 1/min", "3 cps"])
+def test_a_frequency_is_no_angular_velocity(rate: str) -> None:
+    """Pint takes a hertz for a radian a second, though three turns are 18.85 rad; 1/s and 1/min may count either."""
+    ureg = pint.get_application_registry()
+    assert ureg.Quantity(rate).to("rad/s").magnitude == pytest.approx(3.0)
+    calls = (
+        lambda: PLAIN.slow_precession(rate),
+        lambda: PLAIN.nutation_rate(ureg.Quantity(rate)),
+        lambda: PLAIN.state(1.0, rate),
+        lambda: PLAIN.state(1.0, 1.0, precession=rate),
+        lambda: FreeBody((1, 2, 3)).state((0, 0, rate)),
+        lambda: FreeBody((1, 2, 3)).rotation(rate, (1, 1, 1)),
+        lambda: FreeBody((1, 2, 3)).stability(rate),
+        lambda: BODY.state((0, rate, 0)),
+        lambda: Ellipsoid.of_density((0.15, 0.1, 0.05), 998.2, 998.2).state((0, 0, 0), (0, 0, rate)),
+    )
+    for call in calls:
+        with pytest.raises(kr.InputError, match="'3 turn/s' or '180 rpm'"):
+            call()
+
+
+def test_rates_of_turns_and_of_radians() -> None:
+    """By hand, pint and astropy: three turns a second are 18.85 rad/s."""
+    from astropy import units as u
+
+    turns = ("3 turn/s", "180 rpm", "3 rps", "3 cycle/s", "3 revolution/s", "1080 deg/s", "18.84955592153876 rad/s")
+    for rate in (*turns, 3 * u.cycle / u.s, 1080 * u.deg / u.s):
+        assert PLAIN.nutation_rate(rate) == pytest.approx(PLAIN.nutation_rate(3 * 2 * math.pi), rel=1e-14)
+    with pytest.raises(u.UnitConversionError):
+        (3 * u.Hz).to("rad/s")
+    with pytest.raises(kr.InputError, match="not convertible"):
+        PLAIN.nutation_rate(3 * u.Hz)
+
+
+def test_quantities_of_astropy_have_their_units() -> None:
+    from astropy import units as u
+
+    body = gyroscope(mass=3000 * u.g, axial_moment=1700 * u.kg * u.cm**2, lever=15 * u.cm)
+    assert body.mass == pytest.approx(3.0) and body.axial_moment == pytest.approx(0.17)
+    assert body.lever == pytest.approx(0.15)
+    assert HeavyBody("2 kg", [0.11, 0.13, 0.15], [2, 5, 12] * u.cm).arm == pytest.approx((0.02, 0.05, 0.12))
+    assert HeavyBody("2 kg", [0.11, 0.13, 0.15], (2 * u.cm, "5 cm", 0.12)).arm == pytest.approx((0.02, 0.05, 0.12))
+    with pytest.raises(kr.InputError, match="mass must have the dimension of kg"):
+        gyroscope(mass=3 * u.m)
 
 
 @pytest.mark.parametrize(
