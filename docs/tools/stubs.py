@@ -16,8 +16,10 @@ STUB = Path(kr.__file__).with_suffix(".pyi")
 HEAD = """# Made by `make stubs` from the records; not to be edited.
 from numpy.typing import ArrayLike
 
+from kreisel.errors import AccuracyWarning as AccuracyWarning
 from kreisel.errors import ConservationWarning as ConservationWarning
 from kreisel.errors import InputError as InputError
+from kreisel.errors import InputWarning as InputWarning
 from kreisel.errors import RunError as RunError
 from kreisel.method import Method
 from kreisel.record.contract import System

@@ -17,7 +17,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from kreisel.display import SHOWN
-from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, RunError, explained, hint
+from kreisel.errors import (
+    AccuracyWarning,
+    ConservationWarning,
+    InputError,
+    InputWarning,
+    RunError,
+    explained,
+    hint,
+)
 from kreisel.system import NAMED, REGISTRY
 
 if TYPE_CHECKING:
@@ -53,7 +61,7 @@ _PARTS = ("analysis", "lab", "physical", "rebound", "reduction", "units")
 _EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX
 
 globals().update(NAMED)  # __init__.pyi tells them to editors and type checkers
-__all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "RunError", "methods", "systems"]
+__all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "InputWarning", "RunError", "methods", "systems"]
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
 
 

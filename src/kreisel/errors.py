@@ -9,6 +9,8 @@ import errno
 import functools
 import re
 import signal
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import FunctionType
 from typing import Any, TypeVar
@@ -62,6 +64,18 @@ class ConservationWarning(UserWarning):
 
 class AccuracyWarning(UserWarning):
     """A run whose error is probably larger than it should be: a step too long for the forces, a chaotic motion."""
+
+
+class InputWarning(UserWarning):
+    """Input that is possible and seldom meant: degrees for radians, km for m."""
+
+
+def doubt(sentence: str) -> None:
+    """Warns with `InputWarning` at the line that called Kreisel."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "kreisel":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(sentence, InputWarning, stacklevel=level)
 
 
 class Stopped(RunError):

@@ -209,8 +209,8 @@ def _converted(value: Any, unit: str, name: str) -> Any:
     target = _parsed_unit(unit, name)
     if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and _turns(value) != _turns(target):
         raise InputError(
-            f"{name} must be in {unit}, got {value:~}, which may count turns or radians. Usual cause: a frequency for an "
-            f"angular velocity. Three turns a second are '3 turn/s' or '180 rpm', 3 * 2 pi rad/s = 18.85 rad/s; three "
+            f"{name} must be in {unit}, got {value:~}, which may count turns or radians. Usual cause: a frequency for "
+            f"an angular velocity. Three turns a second are '3 turn/s' or '180 rpm', 3 * 2 pi = 18.85 rad/s; three "
             "radians a second are '3 rad/s'."
         )
     try:

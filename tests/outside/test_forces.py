@@ -46,9 +46,10 @@ def test_the_field_is_the_axial_dipole_of_igrf_14(t: float) -> None:
 
 def test_the_field_points_north_over_the_equator() -> None:
     """About 30 uT at the ground there, downwards at the northern pole and upwards at the southern."""
-    ground = Orbit(6_378_200.0)
+    earth = EARTH._replace(radius=6.2e6)  # orbits at the ground
+    ground = Orbit(6_378_200.0, primary=earth)
     assert felt(ground, 1000.0) == pytest.approx((0, 0, 3e-5), abs=1e-6)
-    polar = Orbit(6_378_200.0, inclination="90 deg")
+    polar = Orbit(6_378_200.0, inclination="90 deg", primary=earth)
     assert felt(polar, polar.period / 4) == pytest.approx((0, 0, -6e-5), abs=2e-6)
     assert felt(polar, 3 * polar.period / 4) == pytest.approx((0, 0, -6e-5), abs=2e-6)
 
@@ -73,5 +74,6 @@ def test_a_compass_points_north() -> None:
 
 
 def test_a_field_of_the_other_sign_turns_the_needle_over() -> None:
-    """The mutant."""
-    assert abs(swing(EARTH._replace(field=-EARTH.field))[1]).max() > np.radians(170)
+    """The mutant, of which the user is warned."""
+    with pytest.warns(kr.InputWarning, match="points south over the equator"):
+        assert abs(swing(EARTH._replace(field=-EARTH.field))[1]).max() > np.radians(170)

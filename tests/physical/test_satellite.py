@@ -19,7 +19,18 @@ from kreisel import algebra
 from kreisel.algebra.gradient import value_and_gradient
 from kreisel.analysis.frequencies import lines_of
 from kreisel.bodies import BODIES, kepler, satellite
-from kreisel.physical import EARTH, SOLAR_PRESSURE, SUN, Asteroid, Harmonics, Orbit, Plate, Primary, Satellite
+from kreisel.physical import (
+    EARTH,
+    SOLAR_PRESSURE,
+    SUN,
+    Asteroid,
+    Gyroscope,
+    Harmonics,
+    Orbit,
+    Plate,
+    Primary,
+    Satellite,
+)
 from kreisel.storage.checking import check_archive
 from kreisel.storage.recomputing import steps_again
 from torques import torque_on
@@ -380,6 +391,54 @@ def test_bad_input(name: str) -> None:
 def test_a_primary_of_your_own() -> None:
     moon = Primary("Moon", 4.9028e12, 1.7374e6)
     assert Orbit.circular("100 km", primary=moon).period == pytest.approx(7067, abs=10)
+    named = Primary("Moon", "4902.8 km^3/s^2", "1737.4 km")
+    assert Orbit.circular("100 km", primary=named).period == pytest.approx(7067, abs=10)
+
+
+WHEEL = Gyroscope.flat(3.0, 0.17, 0.15)
+SLIPS: dict[str, tuple[Any, str]] = {
+    "altitude": (lambda: Orbit.circular(550), "within 550 m of the surface of the Earth.*'550 km'"),
+    "perigee in the air": (lambda: Orbit("7000 km", 0.08), "within 61863 m"),
+    "moon": (
+        lambda: Orbit.circular(100, primary=Primary("Moon", 4.9028e12, 1.7374e6)),
+        "100 m of the surface of the M",
+    ),
+    "inclination": (lambda: Orbit.circular("550 km", 97.5), "inclination = 97.5 rad is beyond pi.*'97.5 deg'.*1.7017"),
+    "text": (lambda: Orbit.circular("550 km", "97.5"), "inclination = 97.5 rad"),
+    "few degrees": (lambda: Orbit.circular("550 km", 5), "inclination = 5 rad"),
+    "node": (lambda: Orbit.circular("550 km", 1, node=-120), "node = 120 rad is beyond 2 pi"),
+    "perigee": (lambda: Orbit("7000 km", 0.01, perigee=70), "perigee = 70 rad"),
+    "pitch": (lambda: Satellite(TENSOR, LOW).pointing(pitch=10), "pitch = 10 rad"),
+    "tilt": (lambda: WHEEL.state(tilt=30, spin=1), "tilt = 30 rad is beyond pi.*'30 deg'"),
+    "tilt of the axis": (lambda: WHEEL.orientation(30), "tilt = 30 rad"),
+    "tilt of the precession": (lambda: WHEEL.steady_precession(30, 100), "tilt = 30 rad"),
+}
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_slips_of_units_are_warned_of(name: str) -> None:
+    make, words = SLIPS[name]
+    with pytest.warns(kr.InputWarning, match=words) as seen:
+        make()
+    assert seen[0].filename == __file__
+
+
+def test_what_is_meant_is_not_warned_of() -> None:
+    """Warnings are errors here."""
+    far = Orbit("7000 km", 0.01, np.pi, 2 * np.pi, -2 * np.pi)
+    assert far.inclination == np.pi
+    assert Orbit.circular("550 km", "400 deg").inclination == pytest.approx(np.radians(400))
+    assert Orbit.circular("81 km").pericentre == EARTH.radius + 81e3
+    assert WHEEL.state(tilt="30 deg", spin=1).a[0] == pytest.approx(0.5)
+
+
+def test_slips_by_name_are_warned_of_before_the_run() -> None:
+    """The constructor is silent: it reads archives too."""
+    model = BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=6_378_700.0, inclination=97.5, field=7.6e15)
+    with pytest.warns(kr.InputWarning) as seen:
+        kr.simulate(model, model.state(M=(0, 0, 3e-5)), dt=30, steps=2, orientation=(1, 0, 0, 0), progress=False)
+    words = " ".join(str(w.message) for w in seen)
+    assert "inclination = 97.5 rad" in words and "within 563 m" in words and "points south" in words
 
 
 def test_toutatis_has_its_published_periods() -> None:

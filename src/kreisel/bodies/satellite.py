@@ -31,6 +31,7 @@ from kreisel.bodies.kepler import TINY, eccentric_anomaly
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
+from kreisel.record.checks import doubtful_angle
 from kreisel.record.contract import Parameter
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.system import euler_top
@@ -108,6 +109,30 @@ def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee
     elements = {"inclination": inclination, "node": node, "perigee": perigee}
     orbit = half_axes(semi_major_axis=semi_major_axis, eccentricity=eccentricity, mu=mu, **elements)
     return {"J": J, **euler_top.sums(J=J), **orbit}
+
+
+LOWEST = 80e3 / 6_378_137.0  # height over radius of the primary: no orbit of the Earth lasts below 80 km
+
+
+def doubtful_orbit(*, pericentre, mu, radius, field, name="primary"):
+    """Sentences on orbits that touch the air, and on the sign of the Earth's field."""
+    height, least = np.min(pericentre - radius), LOWEST * np.max(radius)
+    if height < least:
+        yield (
+            f"The orbit comes within {height:g} m of the surface of the {name}: expected {least / 1e3:.3g} km or more. "
+            f"Usual cause: km for m. '{height:g} km', where units are read, is {1e3 * height:g}."
+        )
+    if np.all(abs(mu / EARTH - 1) < 1e-2) and np.any(field > 0):
+        yield (
+            f"field = {np.max(field):g} T m^3 points south over the equator, that of the Earth points north: expected "
+            "R^3 g_1^0, here -7.59e15. Usual cause: the strength of the dipole for its signed coefficient."
+        )
+
+
+def doubts(*, semi_major_axis, eccentricity, inclination, node, perigee, mu, radius, field):
+    for name, value in {"inclination": inclination, "node": node, "perigee": perigee}.items():
+        yield from doubtful_angle(value, name)
+    yield from doubtful_orbit(pericentre=semi_major_axis * (1 - eccentricity), mu=mu, radius=radius, field=field)
 
 
 def check_moments(value, name):
@@ -229,6 +254,7 @@ def body(name, title, tau, *more):
         integrals={},
         derive=derive,
         body_frame=body_frame,
+        doubts=doubts,
         scaling="SI units.",
         n=3,
     )

@@ -10,22 +10,37 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, floats
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.checks import doubtful_angle
 from kreisel.units import Scale, Scales, si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
 
 def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
-    """A finite number in SI, positive if asked, or a quantity with units.  Raises `InputError`."""
+    """A finite number in SI, positive if asked, or a quantity with units.  Raises `InputError`.
+
+    Warns with `InputWarning` of plain angles beyond their range.
+    """
     array = floats(si(value, unit, name))
     if array.shape != () or not np.isfinite(array) or (positive and array <= 0):
         raise InputError(
             f"{name} must be a finite number{' > 0' * positive} in SI units ({unit}), or a quantity such as "
             f"'1 {unit}', got {shown(value)}."
         )
+    if unit == "rad" and _unitless(value):
+        for sentence in doubtful_angle(array, name):
+            doubt(sentence)
     return float(array)
+
+
+def _unitless(value: Any) -> bool:
+    """Whether a value is a plain number, or the text of one."""
+    try:
+        return not hasattr(value, "units") and not hasattr(value, "to_value") and float(value) is not None
+    except (TypeError, ValueError):
+        return False
 
 
 def si_numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:

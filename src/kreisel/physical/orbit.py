@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.bodies import satellite
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number
 
 
@@ -35,6 +35,16 @@ SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
+def _checked(primary: Any) -> Primary:
+    """In SI.  Raises `InputError`."""
+    if not isinstance(primary, Primary):
+        raise InputError(f"primary: expected kr.physical.EARTH or another Primary, got {shown(primary)}.")
+    mu, radius = si_number(primary.mu, "m^3/s^2", "mu", positive=True), si_number(primary.radius, "m", "radius")
+    if radius < 0:
+        raise InputError(f"radius of the primary: expected a number >= 0, got {radius:g}.")
+    return Primary(primary.name, mu, radius, si_number(primary.field, "T m^3", "field"))
+
+
 @explained
 @dataclass(frozen=True, eq=False)
 class Orbit:
@@ -44,8 +54,8 @@ class Orbit:
     inclination, node, perigee   rad: to the equator of the primary; of the ascending node; from there to the pericentre
     primary           `kr.physical.EARTH`, `SATURN`, `SUN`, or a `Primary` of your own
 
-    Space is the frame of these angles: its third axis is that of the primary.  Raises `InputError` for what is no
-    ellipse, and for orbits that hit the primary.
+    Space is the frame of these angles: its third axis is that of the primary.  Raises `InputError` unless it is an
+    ellipse that misses the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.
     """
 
     semi_major_axis: float
@@ -58,22 +68,21 @@ class Orbit:
     def __post_init__(self) -> None:
         convert_fields(self, positive=True, semi_major_axis="m")
         convert_fields(self, inclination="rad", node="rad", perigee="rad")
-        if not isinstance(self.primary, Primary):
-            raise InputError(f"primary: expected kr.physical.EARTH or another Primary, got {shown(self.primary)}.")
-        mu, radius, _ = finite_floats(self.primary[1:], "1", "primary: mu, radius, field")
-        if not mu > 0 or radius < 0:
-            raise InputError(f"primary: expected mu > 0 and a radius of at least 0, got {shown(self.primary)}.")
+        object.__setattr__(self, "primary", _checked(self.primary))
         e = si_number(self.eccentricity, "1", "eccentricity")
         if not 0 <= e < 1:
             raise InputError(f"eccentricity: expected an ellipse, 0 <= e < 1, got {e:g}.")
         object.__setattr__(self, "eccentricity", e)
-        formulas = cast("Any", satellite)  # of a page, without types
-        formulas.check_pericentre(np.asarray(self.pericentre), self.primary.radius, self.primary.name)
+        pericentre, formulas = np.asarray(self.pericentre), cast("Any", satellite)  # of a page, without types
+        formulas.check_pericentre(pericentre, self.primary.radius, self.primary.name)
+        for sentence in formulas.doubtful_orbit(pericentre=pericentre, **self.primary._asdict()):
+            doubt(sentence)
         in_range("The orbit", lambda: self.period)
 
     @classmethod
     def circular(cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH) -> Orbit:
         """A circular orbit so high above the surface, m."""
+        primary = _checked(primary)
         return cls(si_number(altitude, "m", "altitude") + primary.radius, 0.0, inclination, node, 0.0, primary)
 
     @property

@@ -1,5 +1,9 @@
 """Valid ranges of parameters, shared by the records."""
 
+import math
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 
 from kreisel.algebra import dot, identity, magnitude
@@ -66,6 +70,17 @@ def moments(J, letter):
             f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values, got {d.tolist()}. "
             f"{letter} is the sum of mass x x^T over the body, not the classical inertia tensor I: "
             f"for n = 3, {letter} = tr(I)/2 - I."
+        )
+
+
+def doubtful_angle(value: Any, name: str) -> Iterator[str]:
+    """Sentences on angles, rad, that are beyond their range: pi for those between two axes, 2 pi for others."""
+    range_, words = (math.pi, "pi") if name in ("inclination", "tilt") else (2 * math.pi, "2 pi")
+    largest = float(np.max(np.abs(value), initial=0.0))
+    if largest > 1.001 * range_:
+        yield (
+            f"{name} = {largest:g} rad is beyond {words}. Usual cause: degrees for radians. "
+            f"'{largest:g} deg', where units are read, is {math.radians(largest):.6g}."
         )
 
 

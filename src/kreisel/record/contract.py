@@ -254,6 +254,7 @@ class System:
     derive(params)           further constants computed once from the parameters
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
     check_state(*state)      raises `InputError` for states without a meaning
+    doubts(params)           sentences on parameters that are possible and seldom meant, for `InputWarning`
     n                        the dimension, where the parameters do not tell it
     numbers                  "any": the functions take any kind of number; "real": any with square roots; "jax": floats
                              and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
@@ -289,6 +290,7 @@ class System:
     derive: Function | None = None
     body_frame: Function | None = None
     check_state: Function | None = None
+    doubts: Function | None = None
     notes: str = ""
     n: int | None = None
     numbers: str = "any"

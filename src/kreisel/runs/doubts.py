@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from kreisel.errors import AccuracyWarning
+from kreisel.errors import AccuracyWarning, doubt
+from kreisel.record.calling import call
 from kreisel.runs.plan import Plan
 
 CLOSED = ("exact", "dop853", "splitting")  # their steps may be long: the fast motion is solved within a step
@@ -16,9 +17,12 @@ GOOD = 0.1  # rad a step
 
 
 def warn_of(plan: Plan) -> None:
-    """Warns with `AccuracyWarning` of a step beyond half a turn of the body, and of moments that no body has."""
+    """Warns of steps beyond half a turn and of moments that no body has (`AccuracyWarning`), and of doubtful input."""
     for sentence in (*_long_step(plan), *_no_body(plan)):
         warnings.warn(sentence, AccuracyWarning, stacklevel=4)
+    if plan.model.system.doubts is not None:
+        for sentence in call(plan.model.system.doubts, (), plan.model.params):
+            doubt(sentence)
 
 
 def rate(plan: Plan) -> float:
