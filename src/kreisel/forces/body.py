@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -23,6 +24,7 @@ from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
+from kreisel.record.portable import Portable
 from kreisel.system import REGISTRY
 
 if TYPE_CHECKING:
@@ -89,7 +91,13 @@ def perturbed(
     own |= parameters_of_pairs(record, pairs, own)
     model = Model(_system(body, record, list(own.values()), name), {})
     _try(model)
-    return Model(_with_own_casimirs(model), {}, body.body_frame)
+    numbers = copy.deepcopy({**given, "pairs": pairs, "params": params, "inner": inner, "name": name})
+    portable = {what: Portable(function) for what, function in functions.items()}
+    return Model(_with_own_casimirs(model).remade_by(_system_again, body, portable, numbers), {}, body.body_frame)
+
+
+def _system_again(body: Model, functions: Mapping[str, Portable], numbers: Mapping[str, Any]) -> System:
+    return perturbed(body, **{what: each.function for what, each in functions.items()}, **numbers).system
 
 
 def _base(system: Any) -> Model:

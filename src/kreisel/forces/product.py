@@ -58,7 +58,11 @@ def product(models: Sequence[Any]) -> Model:
         count = len(m.system.space.letters)
         factors.append(Factor(m.system, slice(first, first + count), str(i), tuple(m.constants)))
         first += count
-    return Model(_record(models, factors), {})
+    return Model(_record(models, factors).remade_by(_system_again, list(models)), {})
+
+
+def _system_again(models: Sequence[Model]) -> System:
+    return product(models).system
 
 
 def _record(models: Sequence[Model], factors: list[Factor]) -> System:

@@ -12,9 +12,10 @@ import enum
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
-from kreisel.algebra import invariants
+from kreisel.algebra import Array, invariants
 from kreisel.display import show
 from kreisel.record.calling import Function, require_names
 from kreisel.record.model import Model
@@ -78,26 +79,38 @@ def semidirect(name: str, components: tuple[tuple[str, str], ...], casimirs: Fun
     return PhaseSpace(
         name=name,
         components=components,
-        tensor=lambda *state: sign * invariants.lie_poisson(kinds, *state),
+        tensor=partial(_tensor, sign, kinds),
         casimirs=casimirs,
-        momentum=lambda M, *carried: M,
+        momentum=_momentum,
         sign=sign,
         carried=tuple(range(1, len(components))),
     )
 
 
+def _tensor(sign: int, kinds: tuple[str, ...], *state: Array) -> Array:
+    return sign * invariants.lie_poisson(kinds, *state)
+
+
+def _momentum(M: Array, *carried: Array) -> Array:
+    return M
+
+
+def _power_traces(M: Array, P: Array) -> Array:
+    return invariants.power_traces(P)
+
+
+def _gram(M: Array, P: Array, Q: Array) -> Array:
+    return invariants.gram(P, Q)
+
+
 REST_SPACE = semidirect("e*(n)", (("m", "skew"), ("a", "vector")), invariants.casimirs, -1)
 MOVING_SPACE = semidirect("e*(n)", (("M", "skew"), ("P", "vector")), invariants.casimirs)
 FREE_SPACE = semidirect("so*(n)", (("M", "skew"),), invariants.casimirs_free)
-QUADRATIC_SPACE = semidirect(
-    "(so(n) <x Sym(n))*", (("M", "skew"), ("P", "symmetric")), lambda M, P: invariants.power_traces(P)
-)
+QUADRATIC_SPACE = semidirect("(so(n) <x Sym(n))*", (("M", "skew"), ("P", "symmetric")), _power_traces)
 ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
     semidirect("(so(n) <x so(n))*", (("M", "skew"), (letter, "skew")), invariants.casimirs_adjoint) for letter in "GP"
 )
-TWO_FIELDS_SPACE = semidirect(
-    "(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), lambda M, P, Q: invariants.gram(P, Q)
-)
+TWO_FIELDS_SPACE = semidirect("(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), _gram)
 
 
 @dataclass(frozen=True)
@@ -301,6 +314,14 @@ class System:
         """The system with these parameters, by name.  Raises `InputError` as `Model` does."""
         require_names(unnamed, self.name, [p.letter for p in self.parameters])
         return Model(self, params)
+
+    def remade_by(self, function: Function, *arguments: Any) -> System:
+        """System itself, of which pickle and copy keep the call that makes it again in place of its functions."""
+        object.__setattr__(self, "_origin", (function, arguments))
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        return self.__dict__.get("_origin") or object.__reduce_ex__(self, protocol)
 
     def __repr__(self) -> str:
         return f"<kreisel system {self.name!r}: {self.title}>"

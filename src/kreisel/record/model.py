@@ -45,9 +45,10 @@ class State(Mapping[str, Array]):
         return self._components[letter]
 
     def __getattr__(self, letter: str) -> Array:
-        if letter.startswith("_") or letter not in self._components:
-            raise AttributeError(f"this state has the components {', '.join(self._components)}, not {letter!r}")
-        return self._components[letter]
+        components = self.__dict__.get("_components", {})  # none yet in a copy that pickle makes
+        if letter not in components:
+            raise AttributeError(f"this state has the components {', '.join(components)}, not {letter!r}")
+        return components[letter]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._components)
@@ -154,6 +155,9 @@ class Model:
             f"{system.name} has no attribute {name!r}.{hint(name, dir(self))} Functions take it as their first "
             "argument: kr.simulate(system, x0, dt=..., steps=...)."
         )
+
+    def __reduce__(self) -> Any:
+        return Model, (self.system, self.params)
 
     @property
     def key(self) -> tuple[Any, ...]:

@@ -14,6 +14,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Function
 from kreisel.record.contract import Frame, Map, Parameter, PhaseSpace, System
 from kreisel.record.given import PARAMETER_AXES, component_axes
+from kreisel.record.portable import Portable
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, symmetric_rule
@@ -67,6 +68,10 @@ def system(
     Lagrangians are written with jax.numpy and must be real, scalar and differentiable.  Calling the record with
     parameters checks that.  Raises `InputError`.
     """
+    functions = {"lagrangian": Portable(lagrangian), "discrete": Portable(discrete)}
+    functions |= {f"integrals {k}": Portable(function) for k, function in dict(integrals or {}).items()}
+    stated = {"frame": frame, "parameters": parameters, "conserved": conserved, "order": order, "title": title}
+    stated |= {"group": group, "representation": representation, "source": source}
     if lagrangian is None and discrete is None:
         raise InputError("A system needs a Lagrangian: give lagrangian=L(Omega, P), discrete=Lambda(W, P), or both.")
     rep = standard(group) if representation is None else representation
@@ -76,7 +81,14 @@ def system(
             f"retraction is another. Make both from the same group: red.standard(G), red.trivial(G), group=G."
         )
     record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
-    return record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
+    made = record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
+    return made.remade_by(_again, name, functions, stated)
+
+
+def _again(name: str, functions: Mapping[str, Portable], stated: Mapping[str, Any]) -> System:
+    integrals = {k.removeprefix("integrals "): f.function for k, f in functions.items() if k.startswith("integrals ")}
+    lagrangians = functions["lagrangian"].function, functions["discrete"].function
+    return system(name, lagrangian=lagrangians[0], discrete=lagrangians[1], integrals=integrals, **stated)
 
 
 def _frame(frame: str | Frame) -> Frame:

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.record.portable import Portable
 from kreisel.reduction.double import double, jax
 from kreisel.reduction.groups import Group, Space, numbers, random_element
 
@@ -35,6 +37,9 @@ class Representation:
     space: Space
     act: Callable[[Array, Array], Array]
     phi: Array
+
+    def __reduce__(self) -> Any:
+        return _again, (self.name, self.group, self.space, Portable(self.act), self.phi)
 
     @property
     def dim(self) -> int:
@@ -73,6 +78,10 @@ class Representation:
     def isotropy(self, p: Array) -> np.ndarray:
         """A basis (k, d), in coordinates, of the isotropy algebra {xi: phi(xi) p = 0}."""
         return _null_space(np.einsum("iab,b->ai", self.phi, p))
+
+
+def _again(name: str, group: Group, space: Space, act: Portable, phi: Array) -> Representation:
+    return Representation(name, group, space, act.function, phi)  # type: ignore[arg-type]
 
 
 def _null_space(A: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from kreisel.errors import InputError, explained, shown
 from kreisel.kernels.layout import Floats
+from kreisel.record.portable import Portable
 from kreisel.runs.settings import flag
 
 
@@ -37,10 +38,17 @@ class Event:
         if self.rising is not None:
             flag(self.rising, "rising")
 
+    def __reduce__(self) -> Any:
+        return _event, (Portable(self.quantity), Portable(self.action), self.rising)
+
     @property
     def name(self) -> str:
         """That of its functions."""
         return " -> ".join(getattr(f, "__name__", "function") for f in (self.quantity, self.action) if f is not None)
+
+
+def _event(quantity: Portable, action: Portable, rising: bool | None) -> Event:
+    return Event(quantity.function, action.function, rising)  # type: ignore[arg-type]
 
 
 class Stop(NamedTuple):

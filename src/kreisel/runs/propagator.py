@@ -85,6 +85,11 @@ def propagator(
     return Propagator(system, made, settings.but(observe=observed(observe, made)), dt is not None)
 
 
+def _propagator_again(system: Model, settings: Settings, oriented: bool, paced: bool) -> Propagator:
+    made = scheme(system, named(settings.method, "method"), settings.dt, whole_order(settings.order), oriented)
+    return Propagator(system, made, settings, paced)
+
+
 class Propagator(StateForms):
     """Made by `kr.propagator`: the state `at` any times, or after `steps`.
 
@@ -102,6 +107,9 @@ class Propagator(StateForms):
         self._jumps: dict[int, Jumps] = {}
         self._jumping = made.orbits is not None and made.orbits.jump is not None
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
+
+    def __reduce__(self) -> Any:  # kernels stay where they are
+        return _propagator_again, (self.model, self.settings, self._oriented, self._paced)
 
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
