@@ -127,6 +127,18 @@ def test_the_time_is_said_apart(command: Commands) -> None:
     assert "kernels loaded or compiled" in out and "100 steps of 0.05 -> run.zarr" in out
 
 
+def test_a_step_that_does_not_divide_the_time_is_said(command: Commands) -> None:
+    text = (command.folder / "run.toml").read_text(encoding="utf-8")
+    assert "steps = 100" in text
+    (command.folder / "until.toml").write_text(text.replace("steps = 100", "t_end = 0.98"), encoding="utf-8")
+    _, out, _ = command("run", "until.toml", "--no-figure")
+    assert "20 steps of 0.049 (asked for: dt = 0.05, of which t_end is not a multiple) -> run.zarr" in out
+    _, out, _ = command("run", "until.toml", "--no-figure", "--overwrite", "--json")
+    assert (json.loads(out)["dt"], json.loads(out)["asked_dt"]) == (0.049, 0.05)
+    code, _, message = command("run", "until.toml", "--overwrite", "--set", "run.asked_dt=0.05")
+    assert code == 2 and "has the key 'asked_dt'" in message
+
+
 def test_the_size_of_an_archive_is_as_estimated(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"dt": 0.05, "steps": 40_000}
     likely, least = estimating.bytes_of(make_plan(TOP, X0, **settings))

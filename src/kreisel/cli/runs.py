@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
 import typer
 
 from kreisel.cli.output import (
@@ -82,7 +81,7 @@ def run(
     if figure:
         require_figure(asked.figure)
     begun = time.perf_counter()
-    settings = msgspec.structs.asdict(asked.run.but(project=asked.run.project and project))
+    settings = asked.run.but(project=asked.run.project and project).keywords()
     settings["orientation"], state = asked.orientation, model.state(**asked.state)
     SPENT.clear()
     _say_how_long(model, state, settings, asked)
@@ -97,6 +96,7 @@ def run(
         "method": record.method,
         "options": json.loads(record.options),
         "dt": record.dt,
+        "asked_dt": record.asked_dt,
         "steps": record.steps,
         "rows": int(result.sizes["time"]),
         "seconds": round(seconds, 3),
@@ -109,7 +109,7 @@ def run(
         print_json({**summary, "drift": records(table), "broken": broken(table)})
         return shout(broken(table))
     say(f"{record.title}: {model}")
-    _say_what_was_done(summary)
+    _say_what_was_done(summary, record.pace)
     print_drift(table)
     if figure:
         save_figure(result, asked.figure)
@@ -117,10 +117,10 @@ def run(
     return shout(broken(table))
 
 
-def _say_what_was_done(summary: dict[str, Any]) -> None:
+def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
     if summary["options"]:
         say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-    say(f"{summary['steps']:,} steps of {summary['dt']:g} -> {summary['archive']} ({summary['rows']:,} rows)")
+    say(f"{pace} -> {summary['archive']} ({summary['rows']:,} rows)")
     seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
     say(
         f"{seconds:.2f} s: kernels loaded or compiled {kernels:.2f}, steps {steps:.2f}, integrals and archive "

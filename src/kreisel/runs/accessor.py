@@ -54,7 +54,7 @@ class Kreisel:
 
     def __repr__(self) -> str:
         record, table = RunRecord.of(self._run, "title", "n", "steps", rows=False), self.drift()
-        head = f"<{record.title}, n = {record.n}, {record.steps:,} steps>"
+        head = f"<{record.title}, n = {record.n}, {record.pace if record.stepped else 'in closed form'}>"
         return "\n".join([head, table.to_string(), *broken(table)])
 
     def _repr_html_(self) -> str:

@@ -16,7 +16,7 @@ from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")
-SETTINGS = (*(field.name for field in msgspec.structs.fields(Settings)), "t_end")
+SETTINGS = tuple(field.name for field in msgspec.structs.fields(Settings) if field.name != "asked_dt")
 OUTPUT = ("path", "figure")
 LARGEST_FILE = 16 << 20
 FIGURES = (".png", ".pdf", ".svg")

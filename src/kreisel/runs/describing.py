@@ -76,6 +76,7 @@ def describe(plan: Plan) -> RunRecord:
         engine=plan.where,
         projection=plan.engine.projection.every if plan.engine.projection else 0,
         dt=plan.dt,
+        asked_dt=plan.settings.asked_dt,
         steps=plan.steps,
         every=plan.every,
         rows=None if plan.settings.times is None and plan.timetable.end is None else plan.rows,

@@ -48,6 +48,7 @@ class RunRecord:
     engine: str = "cpu"
     projection: int
     dt: float
+    asked_dt: float | None = None  # where t_end is not a multiple of it
     steps: int
     every: int
     rows: int | None = None  # where they are not those of every `every`-th step
@@ -96,6 +97,14 @@ class RunRecord:
     def stepped(self) -> bool:
         """Whether it says that steps were made, of which length; those of `kr.at` are states at given times."""
         return "dt" in self.__dict__
+
+    @property
+    def pace(self) -> str:
+        """The steps in words, and whether dt is that which was asked for."""
+        asked = self.asked_dt
+        return f"{self.steps:,} steps of {self.dt:g}" + (
+            "" if asked is None else f" (asked for: dt = {asked:g}, of which t_end is not a multiple)"
+        )
 
     @cached_property
     def _options(self) -> dict[str, Any]:

@@ -42,6 +42,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     observe: tuple[str, ...] | None = None
     times: tuple[float, ...] | None = None
     impulses: tuple[dict[str, Any], ...] = ()
+    asked_dt: float | None = None  # of which t_end is not a multiple; then dt is a little less
+    t_end: float | None = None  # with asked_dt
 
     @classmethod
     def checked(cls, **asked: Any) -> Settings:
@@ -85,12 +87,20 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             observe=_observed_names(wanted.get("observe")),
             times=wanted.get("times"),
             impulses=_checked_impulses(wanted.get("impulses", ()), steps * dt),
+            asked_dt=wanted.get("asked_dt"),
+            t_end=wanted.get("t_end"),
         )
 
     @property
     def time(self) -> float:
         """At the end of the run."""
         return self.steps * self.dt
+
+    def keywords(self) -> dict[str, Any]:
+        """The keywords of `kr.simulate` with which these settings were asked for."""
+        out = msgspec.structs.asdict(self)
+        dt = out.pop("asked_dt")
+        return out if dt is None else {**out, "dt": dt, "steps": None}
 
     def but(self, **changes: Any) -> Settings:
         """The same with changes, which are not checked."""
@@ -113,7 +123,9 @@ def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
     if end / dt > MOST_STEPS:
         raise InputError(f"t_end: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got t_end = {end:g}.")
     out["steps"] = max(1, math.ceil(end / dt * (1 - WHOLE)))
-    return {**out, "dt": end / out["steps"]}
+    shorter = end / out["steps"]
+    asked = {"asked_dt": dt, "t_end": end} if shorter < dt * (1 - WHOLE) else {}
+    return {**out, "dt": shorter, **asked}
 
 
 def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def simulate(
     x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
     dt           step in the system's unit of time, > 0
-    t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less
+    t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
     times        of the rows, in order, in place of `steps` and `every`; a row between two steps does not change them
     method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
                  bodies, n = 3, where neither an order nor an engine for maps is asked for

@@ -67,7 +67,7 @@ def run_html(run: xr.Dataset) -> str:
     needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
     record, found = RunRecord.of(run, *needed, rows=False), drift(run)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
-    steps = f"{record.steps:,} steps of {record.dt:g}, " if record.stepped else ""
+    steps = f"{record.pace}, " if record.stepped else ""
     rows = f"{run.sizes.get('time', 1):,} saved states"
     head = [
         ("equations", record.equations),
