@@ -97,7 +97,8 @@ def perturbed(
 
 
 def _system_again(body: Model, functions: Mapping[str, Portable], numbers: Mapping[str, Any]) -> System:
-    return perturbed(body, **{what: each.function for what, each in functions.items()}, **numbers).system
+    arguments: dict[str, Any] = {what: each.function for what, each in functions.items()}
+    return perturbed(body, **arguments, **numbers).system
 
 
 def _base(system: Any) -> Model:

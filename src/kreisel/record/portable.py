@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,7 @@ from kreisel.errors import InputError, shown
 class Portable:
     """A function; pickle takes lambdas and functions within functions too, where cloudpickle is installed."""
 
-    function: Callable[..., Any] | None
+    function: Any
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Portable:
         return self

@@ -70,7 +70,13 @@ def system(
     """
     functions = {"lagrangian": Portable(lagrangian), "discrete": Portable(discrete)}
     functions |= {f"integrals {k}": Portable(function) for k, function in dict(integrals or {}).items()}
-    stated = {"frame": frame, "parameters": parameters, "conserved": conserved, "order": order, "title": title}
+    stated: dict[str, Any] = {
+        "frame": frame,
+        "parameters": parameters,
+        "conserved": conserved,
+        "order": order,
+        "title": title,
+    }
     stated |= {"group": group, "representation": representation, "source": source}
     if lagrangian is None and discrete is None:
         raise InputError("A system needs a Lagrangian: give lagrangian=L(Omega, P), discrete=Lambda(W, P), or both.")

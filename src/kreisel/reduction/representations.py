@@ -81,7 +81,7 @@ class Representation:
 
 
 def _again(name: str, group: Group, space: Space, act: Portable, phi: Array) -> Representation:
-    return Representation(name, group, space, act.function, phi)  # type: ignore[arg-type]
+    return Representation(name, group, space, act.function, phi)
 
 
 def _null_space(A: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:

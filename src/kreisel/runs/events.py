@@ -48,7 +48,7 @@ class Event:
 
 
 def _event(quantity: Portable, action: Portable, rising: bool | None) -> Event:
-    return Event(quantity.function, action.function, rising)  # type: ignore[arg-type]
+    return Event(quantity.function, action.function, rising)
 
 
 class Stop(NamedTuple):
