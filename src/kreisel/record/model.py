@@ -157,7 +157,7 @@ class Model:
         )
 
     def __reduce__(self) -> Any:
-        return Model, (self.system, self.params)
+        return Model, (self.system, self.params, self.body_frame)
 
     @property
     def key(self) -> tuple[Any, ...]:

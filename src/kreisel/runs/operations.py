@@ -37,7 +37,18 @@ if TYPE_CHECKING:
 
 MOST_LINES = 5_000  # of a record; a longer function has the digest of its code
 NOT_RUN = {"lax", "relations", "conjugator", "lagrangian", "involution", "regularity", "darboux", "case", "pair_case"}
-NOT_RUN |= {"draw", "tensor", "momentum", "check_state", "parameters", "perturbation", "product", "defect", "notes"}
+NOT_RUN |= {
+    "draw",
+    "tensor",
+    "momentum",
+    "check_state",
+    "body_frame",
+    "parameters",
+    "perturbation",
+    "product",
+    "defect",
+    "notes",
+}
 
 
 def operations_of(model: Model) -> str | None:
