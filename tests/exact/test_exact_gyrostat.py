@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.exact import quadrics
+from kreisel import algebra
+from kreisel.exact import gyrostat_step, quadrics
 from kreisel.exact.nutation import rationals
 
 J, H, M0 = (0.7, 1.1, 1.6), (0.3, -0.5, 0.8), (0.9, -0.4, 1.3)
@@ -99,6 +100,72 @@ def simulated(J: Any, h: Any, M: Any, dt: float, steps: int, **more: Any) -> Any
     body = kr.ZhukovskyVolterra(J=J, h=h)
     options = {"dt": dt, "steps": steps, "every": steps, "method": "exact", "progress": False, **more}
     return kr.simulate(body, {"M": np.array(M, float)}, **options).isel(time=-1)
+
+
+def stepped(J: Any, h: Any, M: Any, time: float) -> tuple[float, float]:
+    """The errors of a step of `kreisel.exact.gyrostat_step`."""
+    w = kr.ZhukovskyVolterra(J=J, h=h).constants["w"]
+    N, q = gyrostat_step.step(np.array(M, float), np.array(UPRIGHT), h=np.float64(time), w=w, b=w * np.array(h, float))
+    want = truth(J, h, M, time)
+    size = np.linalg.norm(want[:3]) or 1.0
+    return float(abs(N - want[:3]).max() / size), float(min(abs(q - s * want[3:]).max() for s in (1, -1)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_step_against_taylor(seed: int) -> None:
+    """With a light and a heavy wheel, forwards and backwards, up to half of its reach and to all of it."""
+    draw = np.random.default_rng(seed)
+    J, h, M = draw.uniform(0.3, 2, 3), draw.normal(size=3) * 10 ** draw.uniform(-2, 1), draw.normal(size=3)
+    w, time = kr.ZhukovskyVolterra(J=J, h=h).constants["w"], np.float64(1e-2)
+    while gyrostat_step.reach(M, 1.05 * time, w=w, b=w * h) <= 1:
+        time = 1.05 * time
+    for length, bound in ((0.5, 1e-12), (-1.0, 1e-7)):
+        assert max(stepped(J, h, M, length * time)) < bound
+
+
+@pytest.mark.parametrize(
+    ("J", "h", "M"),
+    [
+        ((1, 1, 1), H, (1, 2, 0.5)),  # a sphere
+        (J, H, (0, 0, 0)),  # the body turns against its wheel
+        (J, (0, 0, 0), M0),
+        ((1, 2, 3), (0, 0, 0.7), (0, 0, 2.0)),  # both about an axis
+        ((1, 2, 3), (0, 0, 0.7), (0, 0, 0.7)),  # the body at rest
+        ((1, 2, 3), (0, 0, 0.7), (0, 1e-9, 0.7)),
+        ((1, 1 + 1e-12, 1), (1e-200, 0, 0), (0.3, -0.4, 1.2)),
+    ],
+)
+def test_a_step_without_special_cases(J: Any, h: Any, M: Any) -> None:
+    assert max(stepped(J, h, M, 0.6)) < 30 * EPS
+
+
+def test_a_step_of_a_gyrostat_keeps_its_integrals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """|M|^2, the energy and the momentum in space; the nodes of Gauss's rule and the restoring are needed."""
+    w, b = np.array([0.7, 0.9, 1.2]), np.array([0.3, -0.5, 0.8])
+    start = np.array(M0) * (1 + 1e-3 * np.random.default_rng(0).normal(size=(64, 1)))
+
+    def left() -> tuple[float, float]:
+        M, g = start, np.tile(UPRIGHT, (64, 1))
+        for _ in range(100):
+            M, g = gyrostat_step.step(M, g, h=np.full(64, 1.0), w=w, b=b)
+        energy = [(z * (w * z / 2 - b)).sum(-1) for z in (start, M)]
+        turned = algebra.act(algebra.rotation_matrix(g), M)
+        return float(abs((energy[1] - energy[0]).mean())), float(abs(turned - start).max())
+
+    assert left()[0] < 2e-15 and left()[1] < 1e-13
+    monkeypatch.setattr(gyrostat_step, "restored", lambda N, *_: N)
+    assert left()[0] > 2e-15
+
+
+@pytest.mark.parametrize("name", ["weights", "NODES"])
+def test_a_wrong_step_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mutants: a weight of the addition theorem off by 1e-9, and a third of the nodes."""
+    if name == "NODES":
+        monkeypatch.setattr(gyrostat_step, name, 4)
+    else:
+        right = gyrostat_step.weights
+        monkeypatch.setattr(gyrostat_step, name, lambda p, *s: (right(p * (1 + 1e-9), *s)[0], *right(p, *s)[1:]))
+    assert max(stepped(J, H, M0, 1.8)) > 1e-12
 
 
 @pytest.mark.parametrize("seed", range(8))

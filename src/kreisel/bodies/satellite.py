@@ -16,7 +16,8 @@ To orders 3 and 4 it has -(mu/r^(l+1)) Y_l(-u) beside, with the harmonics of the
     Y_l(w) = sum over m of m_body R^l P_lm(sin phi) (C_lm cos m lambda + S_lm sin m lambda)    phi, lambda those of w
 
 about its centre of mass, P_lm without the sign (-1)^m and not normalized.  A satellite with a wheel has
-h x Omega - wheel_torque beside, with h = wheel + wheel_torque t its momentum against the body.  Space is the frame of
+h x Omega - wheel_torque beside, with h = wheel + wheel_torque t its momentum against the body: its free motion is that
+of a gyrostat, and the torque of the motor a kick.  Space is the frame of
 the elements of the orbit, with z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9;
 W. M. Kaula, Theory of Satellite Geodesy, 1966, chapter 1]
 """
@@ -81,10 +82,6 @@ def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, 
         light = -pressure * ((1 - mirror) * s + 2 * (mirror * lit + diffuse / 3) * normal)
         torque = torque + cross(centre, area * (ramp(normal @ v) * air + ramp(lit) * light))
     return torque
-
-
-def torque_with_wheel(M, g, t, *, moments, wheel, wheel_torque, **known):
-    return torque(g, t, **known) + cross(wheel + wheel_torque * t, M / moments) - wheel_torque
 
 
 def ramp(x):
@@ -238,12 +235,14 @@ def body_frame():
     return BodyFrame(units={name: (unit, 1.0) for name, unit in units.items()}, along=("M",))
 
 
-def body(name, title, tau, *more):
-    parameters = (*PARAMETERS, *more)
+def body(name, title, *wheel):
+    parameters = (*PARAMETERS, *wheel)
     axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2}[p.kind] for p in parameters}
     gravity = Force(potential, ("g", "t"), ("J", *ORBIT, "mu", "field", "dipole", "degree_3", "degree_4"))
     return perturbed_record(
-        Perturbation(base=euler_top.SYSTEM, potential=gravity, torque=tau),
+        Perturbation(
+            base=euler_top.SYSTEM, potential=gravity, torque=Force(torque, ("g", "t"), LOADS), wheel=bool(wheel)
+        ),
         axes | DERIVED,
         name=name,
         title=title,
@@ -261,11 +260,6 @@ def body(name, title, tau, *more):
 
 
 BODIES = (
-    body("satellite", "Satellite on a Kepler orbit", Force(torque, ("g", "t"), LOADS)),
-    body(
-        "satellite-with-wheel",
-        "Satellite with a wheel, on a Kepler orbit",
-        Force(torque_with_wheel, ("M", "g", "t"), ("moments", "wheel", "wheel_torque", *LOADS)),
-        *WHEEL,
-    ),
+    body("satellite", "Satellite on a Kepler orbit"),
+    body("satellite-with-wheel", "Satellite with a wheel, on a Kepler orbit", *WHEEL),
 )

@@ -62,21 +62,10 @@ def invariants(s2: Array, s3: Array, s4: Array) -> tuple[Array, Array]:
 
 def addition(K: Array, p: Array) -> tuple[Array, Array]:
     """E and O (..., 4, 4, 4), one form for each component of X; K (..., 4, 4), p (...)."""
-    s2, s3, s4 = quartic(K)
-    g2, g3 = invariants(s2, s3, s4)
-    q, powers = -p, [np.eye(4, dtype=np.int64) + 0 * K, K]
+    powers = [np.eye(4, dtype=np.int64) + 0 * K, K]
     for _ in range(3):
         powers.append(powers[-1] @ K)
-    D, middle = 4 * q**3 - g2 * q + g3, q * q + g2 / 4
-    A = ((q * q - 3 * g2 / 2) * q * q + g3 * q + g2 * g2 / 16, (4 * q * q + g2) * q / 2 - g3, 6 * q * q - g2 / 2)
-    even = _in_powers(A, s2)
-    odd = _in_powers((middle, -2 * q, -2 + 0 * q), s2)
-    c = (
-        s3 * (12 * q + s2) / 64,
-        (36 * s4 - 576 * q * q - 84 * q * s2 - 7 * s2 * s2) / 288,
-        -s3 / 32,
-        -(6 * q + s2) / 24,
-    )
+    even, odd, c, last = weights(p, *quartic(K))
     E, O = 0 * K[..., None, :, :], 0 * K[..., None, :, :]  # noqa: E741
     pairs = LEVI_CIVITA * np.diag(METRIC)[:, None]  # P_ij = pairs_ijkl X_k (C K X)_l
     for order in (0, 1, 2):
@@ -88,13 +77,29 @@ def addition(K: Array, p: Array) -> tuple[Array, Array]:
             O = O + _cube(times * odd[order]) * rotated  # noqa: E741
     gamma = sum(algebra.mat(c[k]) * powers[k] for k in range(4))
     N, third = METRIC @ powers[2], METRIC @ powers[3]
-    last = np.array([0, 0, 0, 1])
     E = (
         E
         - (gamma @ K)[..., :, 3, None, None] * N[..., None, :, :]
         - gamma[..., :, 3, None, None] * third[..., None, :, :]
     )
-    return E - _cube(D / 4) * last[:, None, None] * N[..., None, :, :], O
+    return E - _cube(last) * np.array([0, 0, 0, 1])[:, None, None] * N[..., None, :, :], O
+
+
+def weights(
+    p: Array, s2: Array, s3: Array, s4: Array
+) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], Array]:
+    """Of the powers of K in E and O: those of m^0, m^2 and m^4 in both, those of K^0 to K^3 in gamma, and D/4."""
+    g2, g3 = invariants(s2, s3, s4)
+    q = -p
+    D, middle = 4 * q**3 - g2 * q + g3, q * q + g2 / 4
+    A = ((q * q - 3 * g2 / 2) * q * q + g3 * q + g2 * g2 / 16, (4 * q * q + g2) * q / 2 - g3, 6 * q * q - g2 / 2)
+    gamma = (
+        s3 * (12 * q + s2) / 64,
+        (36 * s4 - 576 * q * q - 84 * q * s2 - 7 * s2 * s2) / 288,
+        -s3 / 32,
+        -(6 * q + s2) / 24,
+    )
+    return _in_powers(A, s2), _in_powers((middle, -2 * q, -2 + 0 * q), s2), gamma, D / 4
 
 
 def _cube(x: Array) -> Array:

@@ -15,6 +15,8 @@ p the shortest such turn, z(psi) the turn about M by psi, which is integrated by
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from kreisel import algebra
@@ -55,7 +57,7 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
         N = _moved(M, float(node), h, series, **known)
         rate = (energy + algebra.dot(N, Omega)) / (L2 + algebra.dot(N, M) + TINY)
         psi = psi + float(weight) * rate
-    N = _restored(_moved(M, 1.0, h, series, **known), M, known["inverse"])
+    N = restored(_moved(M, 1.0, h, series, **known), M, known["inverse"])
     lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + 0 * M[..., :1], algebra.cross(N, M)], -1)
     z = turn(algebra.vec(psi * h) * M)
     return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
@@ -87,15 +89,15 @@ def _series(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> t
     return e, c
 
 
-def _restored(N: Array, M: Array, inverse: Array) -> Array:
-    """N with the integrals of M: else rounding of the series, alike in all steps, lets the energy drift."""
+def restored(N: Array, M: Array, inverse: Array, b: Any = 0) -> Array:
+    """N with the integrals of M, |M| and M.(inverse M/2 - b): else rounding, alike in all steps, lets them drift."""
     L2 = algebra.dot(M, M)
     N = N + algebra.vec((L2 - algebra.dot(N, N)) / (2 * L2 + TINY)) * N
-    Omega = inverse * N
+    Omega = inverse * N - b
     across = Omega - algebra.vec(algebra.dot(N, Omega) / (L2 + TINY)) * N
     size = algebra.dot(Omega, Omega) + TINY
     sine = algebra.dot(across, Omega) / size  # its square
-    missing = (algebra.dot(M, inverse * M) - algebra.dot(N, Omega)) / (2 * size)
+    missing = (algebra.dot(M, inverse * M - 2 * b) - algebra.dot(N, Omega - b)) / (2 * size)
     return N + algebra.vec(missing * sine / (sine * sine + NEAR**2)) * across
 
 

@@ -5,6 +5,7 @@ The flow of the perturbation for a time h, with g and the state of the integrabl
     damping   M -> exp(-damping h) M                                      exact
     kick      M -> M + h (force of the potential + torque)                exact unless the torque depends on M
     inertia, coupling   turns (`kreisel.forces.turns`)                                            exact one by one
+    wheel     M -> M - h wheel_torque; the wheel's momentum stands still in the integrable motion   exact
 
 `work` is what the energy gains by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
 """
@@ -27,6 +28,7 @@ from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
 DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
+WHEEL, WHEEL_TORQUE = "wheel", "wheel_torque"
 DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
@@ -143,9 +145,12 @@ def _load(
 
 
 def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
-    """The rates of the state by torque and force, and of their work, Omega.tau + U.F."""
+    """The rates of the state by torque, force and the motor of a wheel, and of their work, Omega.tau + U.F."""
     rates: list[Any] = [0 * z for z in body.state]
     tau, F, power = torque(system, body, known, axes), force(system, body, known, axes), 0
+    if perturbation_of(system).wheel:
+        motor = -algebra.hat(known[WHEEL_TORQUE])
+        tau = motor if tau is None else tau + motor
     if tau is not None:
         rates[0] = tau
         power = power + algebra.pairing(velocity(system, body.state, known), tau)
@@ -245,6 +250,11 @@ def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Arra
     return out + algebra.hat(algebra.act(known[COUPLING], state[1])) if record.coupling else out
 
 
+def momentum_of_wheel(known: Constants, t: Any) -> Array:
+    """h at the time t."""
+    return known[WHEEL] + algebra.vec(t) * known[WHEEL_TORQUE]
+
+
 def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
     """U = dH/dP, with what a potential of P and a coupling add."""
     record = perturbation_of(system)
@@ -287,6 +297,9 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
             out[i] = out[i] - algebra.rate(kind, X, body.state[i])
+    if record.wheel:
+        Omega = algebra.axial(velocity(system, body.state, known))
+        out[0] = out[0] + algebra.hat(algebra.cross(momentum_of_wheel(known, body.t), Omega))
     if record.coupling:
         M, P = algebra.axial(body.state[0]), body.state[1]
         KM, KP = (algebra.act(known[COUPLING], v) for v in (M, P))

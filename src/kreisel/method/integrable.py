@@ -12,8 +12,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact import rotor_step, top_step
-from kreisel.forces.kicks import inverse_inertia_columns, perturbation_of, require_principal
+from kreisel.exact import gyrostat_step, rotor_step, top_step
+from kreisel.forces.kicks import WHEEL, inverse_inertia_columns, perturbation_of, require_principal
 from kreisel.forces.product import Factor
 from kreisel.method.composition import symmetric_composition
 from kreisel.method.observing import turned_by_map
@@ -52,6 +52,8 @@ def integrable(model: Model) -> Integrable:
                 for factor in record.base.product
             ]
         )
+    if record.wheel:
+        return _with_wheel(record.base)
     return _integrable(record.base, record.inner, model.n, model.constants)
 
 
@@ -95,9 +97,11 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
 
 
 def closed_form(base: System, n: int) -> Integrable | None:
-    """Of a free body or a Lagrange top, n = 3; None where none of one short step is known."""
+    """Of a free body, a gyrostat or a Lagrange top, n = 3; None where none of one short step is known."""
     if n == 3 and base.moments is not None:
         return _free_body(base)
+    if n == 3 and base.gyrostat is not None and base.space.kinds == ("skew",):
+        return _gyrostat(lambda known: call(base.gyrostat, (), known), lambda known: 0)
     return _top(base) if n == 3 and base.top is not None else None
 
 
@@ -115,6 +119,31 @@ def _free_body(base: System) -> Integrable:
         return rotor_step.reach(algebra.axial(own[0]), h, **rotor_step.constants(moments(known)))
 
     return Integrable("the closed form of a free body", move, reach)
+
+
+def _with_wheel(base: System) -> Integrable:
+    """A free body with a wheel, whose momentum is h: M + h is that of a gyrostat."""
+
+    def inverse(known: Constants) -> Array:
+        return 1 / np.asarray(call(base.moments, (), known))
+
+    return _gyrostat(lambda known: (inverse(known), inverse(known) * known[WHEEL]), lambda known: known[WHEEL])
+
+
+def _gyrostat(numbers: Callable[[Constants], tuple[Array, Array]], beside: Callable[[Constants], Any]) -> Integrable:
+    """M' = M x (w M - b), with w and b by `numbers`, of M less what `beside` says."""
+
+    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+        M, (w, b) = algebra.axial(own[0]) + beside(known), numbers(known)
+        start = g[0] if g else np.concatenate([1 + 0 * M[..., :1], 0 * M], -1)
+        N, q = gyrostat_step.step(M, start, h=h, w=w, b=b)
+        return (algebra.hat(N - beside(known)),), (q,) * len(g)
+
+    def reach(own: State, h: Any, known: Constants) -> Any:
+        w, b = numbers(known)
+        return gyrostat_step.reach(algebra.axial(own[0]) + beside(known), h, w=w, b=b)
+
+    return Integrable("the closed form of a gyrostat", move, reach)
 
 
 def _top(base: System) -> Integrable:

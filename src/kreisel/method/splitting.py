@@ -12,6 +12,8 @@ asks for that.
 A corrector is a step of the same parts by other numbers, which ends at the time where it began: its inverse prepares
 the start, and rows are taken through it when they are observed.
 
+The momentum of a wheel is a coordinate that B moves, with the torque of its motor; in A it stands still.
+
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
 with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential and by
 those that depend on time.
@@ -82,8 +84,9 @@ class Splitting:
         self.part: Integrable = integrable(model)
         self.turns = turns_of(model)
         _require_a_symmetric_kick(model, order)
-        kicked = bool(self.record.functions) or self.record.pair is not None or self.part.left is not None
-        kinds = len(self.turns) + kicked + self.record.damping
+        record = self.record
+        self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
+        kinds = len(self.turns) + self.kicked + record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
         # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
         self.divided = self.record.pair is not None and bool(self.turns)
@@ -142,7 +145,7 @@ class Splitting:
     def close(self, *z: Array, _last: Array, _whole: Array, **known: Array) -> State:
         """The last A, and the count of steps: 1, 0 of a corrector."""
         own, g, more = self.apart(z)
-        own, g, more = self.moved(own, g, more, _last, known)
+        own, g, more = self.moved(own, g, more, _last, {**known, "_kicked": _whole})
         if self.timed:
             more[COUNT] = more[COUNT] + _whole
         return (*own, *g, *more.values())
@@ -150,7 +153,9 @@ class Splitting:
     def moved(
         self, own: State, g: State, more: dict[str, Array], h: Array, known: Constants
     ) -> tuple[State, State, dict[str, Array]]:
-        """The integrable motion."""
+        """The integrable motion, with the momentum of a wheel as the kicks before it left it."""
+        if self.record.wheel:
+            known = {**known, kicks.WHEEL: kicks.momentum_of_wheel(known, self.time(more, known["_kicked"], known))}
         if self.part.reach is not None:
             more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(own, h, known))}
         own, g = self.part.move(own, g, h, known)
@@ -183,7 +188,7 @@ class Splitting:
         self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
     ) -> tuple[State, State, Any]:
         own, gained = body.state, 0.0
-        if self.record.functions or pulled is not None or self.part.left is not None:
+        if self.kicked:
             there = Body(own, self.turn(g), body.t)
             others = self._others(known, pulled)
             own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, others)
@@ -263,6 +268,8 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
     """The constants of a sequence of these parts that lasts so many steps."""
     (a, b), dt = map(np.array, parts), body.dt
     stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
+    if body.record.wheel:
+        stages["_kicked"] = np.cumsum(b) - b
     if body.divided:
         first = np.arange(len(body.parts)) == 0
         each = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}

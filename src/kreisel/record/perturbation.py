@@ -37,6 +37,8 @@ class Perturbation:
     damping     whether there is a parameter `damping`: M' = -damping M beside, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
     coupling    whether there is a parameter `coupling`: K in M.KP, what a body in a fluid has beside T(M) + V(P)
+    wheel       whether there are parameters `wheel` and `wheel_torque`: the momentum h = wheel + wheel_torque t against
+                the body, M' = h x Omega - wheel_torque beside; moving frame, n = 3
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
@@ -49,6 +51,7 @@ class Perturbation:
     damping: bool = False
     inertia: bool = False
     coupling: bool = False
+    wheel: bool = False
     pair: Force | None = None
     inner: int | None = None
 
@@ -60,7 +63,7 @@ class Perturbation:
 
     def names(self, letter: str) -> bool:
         """Whether a force takes this letter."""
-        alone = any(force.names(letter) for force in self.functions.values())
+        alone = any(force.names(letter) for force in self.functions.values()) or (self.wheel and letter == TIME)
         if self.pair is None:
             return alone
         return alone or any(self.pair.names(letter + mark) for mark in ("", FIRST, SECOND))
@@ -68,7 +71,7 @@ class Perturbation:
     @property
     def loaded(self) -> bool:
         """Whether there are loads without a potential."""
-        return self.torque is not None or self.force is not None
+        return self.torque is not None or self.force is not None or self.wheel
 
     @property
     def driven(self) -> bool:
