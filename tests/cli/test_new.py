@@ -15,7 +15,7 @@ from kreisel import cli
 from kreisel.bodies import BODIES, KNOWN
 from kreisel.cli.new import _varied, forced, text_of
 from kreisel.runs.config import parse, parse_sweep, read, read_sweep
-from kreisel.runs.examples import example
+from kreisel.runs.examples import Example, example
 from kreisel.runs.own import load_system
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
@@ -71,6 +71,51 @@ def test_a_step_is_chosen_for_every_body(name: str, tmp_path: Path, monkeypatch:
     for letter in model.system.space.letters:
         assert (saved[letter].values == run[letter].values).all()
         assert abs(run[letter] - truth[letter]).max() < 1e-4 * abs(truth[letter]).max()
+
+
+def angular_velocity(made: Example) -> np.ndarray:
+    """(3,) in the body, of a template of a body in SI units, by the moments that its file has."""
+    return np.array(made.state["M"]) / made.parameters["moments"]
+
+
+@pytest.mark.parametrize("name", ["satellite", "satellite-with-wheel"])
+def test_a_satellite_starts_at_rest_against_its_orbit(name: str) -> None:
+    made = example(KNOWN[name])
+    a, tilt = made.parameters["semi_major_axis"], made.parameters["inclination"]
+    rate = 2 * np.pi / 5677.0  # the period of a circle 500 km high, 94.6 minutes
+    normal = np.array([0.0, -np.sin(tilt), np.cos(tilt)])  # pericentre and node along x
+    assert a == pytest.approx(6_878_137)
+    in_space = kr.algebra.rotation_matrix(np.array(made.orientation)) @ angular_velocity(made)
+    assert np.linalg.norm(in_space - rate * normal) < 0.01 * rate
+    text = " ".join(text_of(made, Path("x.toml")).replace("\n# ", " ").split())
+    assert "kg m^2/s" in text and "at rest against the orbit" in text
+    assert ("without that of the wheel" in text) is ("wheel" in name)
+
+
+def test_a_satellite_hangs_down_for_an_orbit() -> None:
+    """Its longest axis points away from the Earth, as one under the gravity gradient does that begins so."""
+    made = example(KNOWN["satellite"])
+    run = kr.simulate(made.model, made.state, dt=60.0, steps=95, orientation=made.orientation)
+    t, tilt = run.time.values, made.parameters["inclination"]
+    turn = 2 * np.pi * t / 5677.0
+    up = np.stack([np.cos(turn), np.sin(turn) * np.cos(tilt), np.sin(turn) * np.sin(tilt)], -1)
+    axis = kr.algebra.rotation_matrix(run.g.values)[..., 0]
+    assert np.einsum("tk,tk->t", up, axis).min() > np.cos(np.radians(2))
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_template_turns_as_a_person_would_have_it(name: str) -> None:
+    """In SI units below 5 degrees a second, else 12 rad in the unit of time and 0.1 rad a step; M is explained."""
+    made = example(KNOWN[name])
+    state, system = made.model.state(**made.state), KNOWN[name]
+    text = text_of(made, Path("x.toml"))
+    if system.velocity is not None:
+        values = [getattr(state, letter) for letter in system.space.letters]
+        Omega = np.linalg.norm(made.model.call(system.velocity, *values)) / np.sqrt(2)
+        assert Omega < (np.radians(5) if system in BODIES.values() else 12)
+        assert Omega * made.dt < 0.1
+    if {"m", "M"} & made.state.keys():
+        assert "angular momentum" in text or "I Omega" in text
 
 
 @pytest.mark.parametrize("name", FREE)

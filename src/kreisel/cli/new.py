@@ -22,6 +22,7 @@ STEPS, EVERY = 10_000, 5
 SWEEP_STEPS, SWEEP_EVERY = 2048, 4
 VARIED = 10  # values of what varies
 WIDTH = 118
+GYROSTATS = ("zhukovsky-volterra", "kovalevskaya-gyrostat")
 
 
 @app.command()
@@ -140,11 +141,16 @@ def _default(p: Parameter) -> Any:
 
 
 def _state(made: Example) -> list[str]:
-    kinds, n = dict(made.model.system.space.components), made.model.n
+    system = made.model.system
+    kinds, n = dict(system.space.components), made.model.n
     words = {"skew": "axial vector" if n == 3 else f"skew matrix {n} x {n}", "symmetric": f"symmetric matrix {n} x {n}"}
     lines: list[str] = []
     for letter, value in made.state.items():
-        lines += _with(f"{letter} = {_toml(value)}", words.get(kinds[letter], f"{len(value)} numbers"))
+        meaning = words.get(kinds[letter], f"{len(value)} numbers")
+        if letter in ("m", "M"):
+            parts = ", of body and wheel" if system.name in GYROSTATS else ""
+            meaning = f"angular momentum{parts}, {system.frame.value} frame: {meaning}, in the units named above"
+        lines += _with(f"{letter} = {_toml(value)}", made.meanings.get(letter, meaning))
     if made.orientation is not None:
         lines += _with(f"orientation = {_toml(made.orientation)}", "g, body to space, as w, x, y, z; carried along")
     return lines

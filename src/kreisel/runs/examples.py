@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from kreisel.bodies import BODIES
@@ -23,12 +23,23 @@ UNIT = ((0.6, 0.0, 0.8), (0.0, 0.8, 0.6), (0.0, 1.0, 0.0))  # vectors of length 
 SPINS = ((0.6, 0.8, 0.0), (0.0, 0.6, 0.8), (0.8, 0.0, 0.6), (0.0, 0.0, 1.0))
 UPRIGHT = [1.0, 0.0, 0.0, 0.0]
 SATELLITE = {"moments": [0.00665, 0.03325, 0.03326], "semi_major_axis": 6_878_137.0, "inclination": 1.7}
-# Bodies in SI units: their parameters, state, orientation and step.
+# Axis 1 away from the Earth, axis 2 ahead, axis 3 along the normal of the orbit: a turn by its inclination about x.
+ON_ORBIT = [0.6599831458849822, 0.7512804051402927, 0.0, 0.0]
+AT_REST = "here the rate of the orbit, 1.107e-3 rad/s, about its normal, axis 3: at rest against the orbit"
+# Bodies in SI units: their parameters, state and the meaning of it, orientation and step.
 OF_BODIES: dict[str, dict[str, Any]] = {
-    "satellite": {"parameters": SATELLITE, "state": {"M": [0.0, 0.0, 3.682e-5]}, "dt": 60.0},
+    "satellite": {
+        "parameters": SATELLITE,
+        "state": {"M": [0.0, 0.0, 3.681e-5]},
+        "meanings": {"M": f"I Omega along the principal axes, kg m^2/s; {AT_REST}"},
+        "orientation": ON_ORBIT,
+        "dt": 60.0,
+    },
     "satellite-with-wheel": {
-        "parameters": {**SATELLITE, "wheel": [0.0, 0.02, 0.0]},
-        "state": {"M": [0.0, 0.02, 3.682e-5]},
+        "parameters": {**SATELLITE, "wheel": [0.0, 0.0, 0.02]},
+        "state": {"M": [0.0, 0.0, 3.681e-5]},
+        "meanings": {"M": f"I Omega along the principal axes, without that of the wheel, kg m^2/s; {AT_REST}"},
+        "orientation": ON_ORBIT,
         "dt": 0.5,
     },
     "submerged-body": {
@@ -40,6 +51,11 @@ OF_BODIES: dict[str, dict[str, Any]] = {
             "center_of_mass": [0.02, 0.0, -0.02],
         },
         "state": {"M": [0.0, 0.06, 0.16], "P": [31.46, 0.02, 0.0]},
+        "meanings": {
+            "M": "angular momentum of body and fluid about the reference point, body axes, kg m^2/s; here 3 deg/s",
+            "P": "momentum of body and fluid, body axes, kg m/s; here 1.5 m/s along axis 1",
+        },
+        "orientation": UPRIGHT,
         "dt": 0.02,
     },
 }  # fmt: skip
@@ -55,6 +71,7 @@ class Example:
     orientation: list[Any] | None
     dt: float
     method: str
+    meanings: Mapping[str, str] = field(default_factory=dict)  # of components of the state, where the record has none
 
 
 def example(system: System, n: int | None = None, given: Mapping[str, Any] | None = None) -> Example:
@@ -62,7 +79,8 @@ def example(system: System, n: int | None = None, given: Mapping[str, Any] | Non
     body = OF_BODIES.get(system.name) if system is BODIES.get(system.name) else None
     if body is not None:
         parameters = {**body["parameters"], **(given or {})}
-        return _planned(system(**parameters), parameters, body["state"], [*UPRIGHT], body["dt"])
+        made = _planned(system(**parameters), parameters, body["state"], [*body["orientation"]], body["dt"])
+        return replace(made, meanings=body["meanings"])
     size = n or system.n or (SITES if system.space.name.startswith("(so(3)") else 3)
     last: Exception = InputError(f"{system.name}: no example was found.")
     for parameters in itertools.islice(_parameters(system, size, given or {}), TRIED):
