@@ -6,6 +6,7 @@ import ast
 import copy
 import inspect
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from types import ModuleType
 
@@ -15,6 +16,7 @@ import pytest
 from kreisel.lab import laws, paper
 from kreisel.lab.paper import statements
 from kreisel.record.contract import System
+from kreisel.system import clebsch, clebsch_general, heavy_top, kirchhoff, lagrange_top, lagrange_top_moving, neumann
 
 OWN = [s for s in paper.STATEMENTS.values() if not s.by_laws]
 BY_LAWS = [s for s in paper.STATEMENTS.values() if s.by_laws]
@@ -78,19 +80,20 @@ def formulas(name: str, known: dict[str, ast.FunctionDef]) -> list[str]:
     return [one for one in out if not one.startswith("generic_")]  # functions with nothing special about them
 
 
-def spoiled_forms(statement: statements.Statement) -> list[statements.SidesOf]:
+def spoiled_forms(statement: statements.Statement) -> Iterator[statements.SidesOf]:
     module = sys.modules[statement.sides.__module__]
-    known, forms = sources(module), []
+    known, places = sources(module), []
     for name in formulas(statement.sides.__name__, known):
         counter = Spoiled(-2)
         counter.visit(copy.deepcopy(known[name]))
-        for k in range(counter.seen + 1):
-            space, tree = dict(vars(module)), copy.deepcopy(known)
-            tree[name] = Spoiled(k).visit(tree[name])
-            body = ast.fix_missing_locations(ast.Module(list(tree.values()), []))
-            exec(compile(body, module.__file__ or "", "exec"), space)
-            forms.append(space[statement.sides.__name__])
-    return [forms[int(k)] for k in np.random.default_rng(1).permutation(len(forms))]
+        places += [(name, k) for k in range(counter.seen + 1)]
+    for place in np.random.default_rng(1).permutation(len(places)):
+        name, k = places[int(place)]
+        space, tree = dict(vars(module)), copy.deepcopy(known)
+        tree[name] = Spoiled(k).visit(tree[name])
+        body = ast.fix_missing_locations(ast.Module(list(tree.values()), []))
+        exec(compile(body, module.__file__ or "", "exec"), space)
+        yield space[statement.sides.__name__]
 
 
 def fails(statement: statements.Statement) -> bool | None:
@@ -135,6 +138,57 @@ def test_a_spoiled_system_is_found(statement: statements.Statement, monkeypatch:
 
     monkeypatch.setattr(laws, "drawn_case", spoiled)
     assert fails(statement)
+
+
+# -- the functions of the records that the paper prints ------------------------------------------------
+
+CONTINUOUS = ("flow", "energy")
+DISCRETE = (*CONTINUOUS, "step", "lax", "lax_matrix", "conjugator")
+PRINTED = {
+    "record-heavy-top": [(heavy_top, (*CONTINUOUS, "velocity"))],
+    "record-lagrange-top": [(lagrange_top, (*DISCRETE, "energy with eps"))],
+    "record-lagrange-top-moving": [(lagrange_top_moving, (*DISCRETE, "energy with eps", "velocity"))],
+    "record-kirchhoff": [(kirchhoff, CONTINUOUS), (clebsch_general, (*CONTINUOUS, "lax"))],
+    "record-clebsch": [(clebsch, DISCRETE)],
+    "record-clebsch-energy": [(clebsch, ("energy with eps",)), (neumann, ("energy with eps",))],
+    "record-lagrangians": [(module, ("lagrangian",)) for module in (lagrange_top, lagrange_top_moving, clebsch)],
+    "neumann-flow": [(neumann, ("flow",))],
+}
+CASES = [(name, module, f) for name, records in PRINTED.items() for module, own in records for f in own]
+
+
+@pytest.mark.parametrize(("name", "module", "function"), CASES, ids=lambda x: getattr(x, "__name__", x))
+def test_another_function_of_a_record_is_found(
+    name: str, module: ModuleType, function: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By an eighth of a component; an energy by eps^2 |P|^2/7, which is conserved as well, with eps or without."""
+    word, _, deformed = function.partition(" with ")
+    right = getattr(module, word)
+
+    def spoiled(*state, **known):
+        value = right(*state, **known)
+        if word == "energy":
+            square = (state[-1] * state[-1]).sum()
+            return value + (known.get("eps", 0) ** 2 if deformed else 1) * square / 7
+        if isinstance(value, tuple):
+            return (value[0] * 9 / 8, *value[1:])
+        return value * 9 / 8
+
+    statement = paper.STATEMENTS[name]
+    assert not fails(statement)
+    monkeypatch.setattr(module, word, spoiled)
+    assert fails(statement)
+
+
+def test_another_multiplier_of_neumann_s_system_is_found() -> None:
+    """q' = Bx - (<x, Bx> + 2 <q, q>) x, which is the same wedged with x."""
+    module = sys.modules["kreisel.lab.paper.neumann"]
+    text = inspect.getsource(module._neumann_flow)
+    assert text.count("dot(q, q)) * x") == 1
+    space = dict(vars(module))
+    statement = paper.STATEMENTS["neumann-flow"]
+    exec(text.replace("if sign > 0", "if False").replace("dot(q, q)) * x", "2 * dot(q, q)) * x"), space)
+    assert fails(replace(statement, sides=lambda s: space["_neumann_flow"](s, 1)))
 
 
 @pytest.mark.parametrize("statement", paper.STATEMENTS.values(), ids=lambda s: s.name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.algebra import Array, dot, wedge
+from kreisel.algebra import Array, act, dot, wedge
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.statements import Setting, printed, rank, stated, stated_law
 from kreisel.system import clebsch, neumann
@@ -54,9 +54,12 @@ def _neumann_flow(s: Setting, sign: int) -> Sides:
     b = s.diagonal()
     force = sign * b * x  # minus the gradient of -sign <x, Bx>/2
     x_rate, q_rate = q, force - (dot(x, force) + dot(q, q)) * x
-    M_rate, P_rate = clebsch.flow(wedge(x, q), x, b=b)
+    M, (M_rate, P_rate) = wedge(x, q), clebsch.flow(wedge(x, q), x, b=b)
     yield P_rate, x_rate
     yield M_rate, wedge(x_rate, q) + wedge(x, q_rate)
+    yield -act(M_rate, x) - act(M, P_rate), q_rate  # q = -M x; wedged with x alone the multiplier is free
+    if sign > 0:
+        yield from zip(neumann.flow(x, q, b=b), (x_rate, q_rate), strict=True)
 
 
 @printed("neumann-flow")

@@ -1,0 +1,231 @@
+"""The functions of the records against the printed formulas, which are written out here in matrices and entries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array, dot, identity, log, solve
+from kreisel.algebra.invariants import characteristic
+from kreisel.algebra.matrices import diagonal
+from kreisel.lab.law import Sides
+from kreisel.lab.paper.clebsch import printed_pencil
+from kreisel.lab.paper.shared import half, outer, trace_log_of
+from kreisel.lab.paper.statements import Setting, stated
+from kreisel.system import clebsch, clebsch_general, heavy_top, kirchhoff, lagrange_top, lagrange_top_moving, neumann
+
+
+def _wedge(x: Array, y: Array) -> Array:  # x ^ y = x y^T - y x^T
+    return x[:, None] * y - y[:, None] * x
+
+
+def _square(M: Array) -> Any:  # <M, M> = sum over j < k of M_jk^2
+    return (M * M)[np.triu_indices(len(M), 1)].sum()
+
+
+def _pairs(M: Array, N: Array) -> Any:
+    return (M * N)[np.triu_indices(len(M), 1)].sum()
+
+
+def _block(M: Array, column: Array, row: Array) -> Array:
+    out = np.zeros((len(M) + 1, len(M) + 1), dtype=M.dtype)
+    out[:-1, :-1], out[:-1, -1], out[-1, :-1], out[-1, -1] = M, column, row, 0 * column[0]
+    return out
+
+
+def _cayley_of(X: Array, V: Array) -> Sides:
+    """V = (I + X)/(I - X)."""
+    one = identity(len(X))
+    yield V @ (one - X), one + X
+
+
+@stated(
+    "record-heavy-top",
+    "Section 4, (mLT left), its Hamilton function",
+    "flow, energy and velocity of the record: H = sum of M_jk^2/(J_j + J_k)/2 over j < k + sum P_k A_k",
+)
+def record_heavy_top(s: Setting) -> Sides:
+    M, P, A, J = s.skew(), s.vector(), s.vector(), abs(s.diagonal()) + 1
+    known = heavy_top.principal(J=diagonal(J))
+    Omega = M / (J[:, None] + J)
+    yield heavy_top.velocity(M, P, **known), Omega
+    rate = heavy_top.flow(M, P, A=A, **known)
+    yield rate[0], M @ Omega - Omega @ M + _wedge(A, P)
+    yield rate[1], -(Omega @ P)
+    yield np.asarray(heavy_top.energy(M, P, A=A, **known)), np.asarray(_pairs(M, Omega) / 2 + (P * A).sum())
+
+
+@stated(
+    "record-lagrange-top",
+    "Sections 5 and 6.1: (mLT right), its H, l and u; (dLT rest frame), (dLT rest H), l_k, v_k, b_k",
+    "flow, energy, step, deformed energy and both Lax pairs of the record, |a| = 1",
+)
+def record_lagrange_top(s: Setting) -> Sides:
+    m, a, p, e, lam = s.skew(), s.unit(), s.vector(), s.eps, s.lam
+    rate = lagrange_top.flow(m, a, p=p)
+    yield rate[0], _wedge(a, p)
+    yield rate[1], m @ a
+    H = _square(m) / 2 + (a * p).sum()
+    yield np.asarray(lagrange_top.energy(m, a, p=p)), np.asarray(H)
+    yield np.asarray(lagrange_top.energy(m, a, p=p, eps=e)), np.asarray(H - e / 2 * _pairs(m, _wedge(p, a)))
+    l, u = lagrange_top.lax(m, a, p=p, lam=lam)  # noqa: E741 - the paper's letter
+    yield l, _block(m, lam * a - p / lam, lam * a - p / lam)
+    yield u, _block(0 * m, lam * a, lam * a)
+    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    yield m1, m + e * _wedge(a, p)
+    yield a1 - e / 2 * (m1 @ a1), a + e / 2 * (m1 @ a)
+    b = a - e / 2 * (m @ a) + e * e / 4 * p
+    yield lagrange_top.lax_matrix(m, a, p=p, lam=lam, eps=e), _block(m, lam * b - p / lam, lam * b - p / lam)
+    yield from _cayley_of(e / 2 * _block(0 * m, lam * a, lam * a), lagrange_top.conjugator(m, a, p=p, lam=lam, eps=e))
+
+
+@stated(
+    "record-lagrange-top-moving",
+    "Sections 5 and 6.2: (mLT left), (mLT operator inv1), L and U; (dmLT body), (dmLT W thru M), Hbar_eps, L_k, V_k, B_k",
+    "velocity, flow, energy, step, deformed energy less the energy of the spin (E16) and both Lax pairs of the record, with +lambda A^T "
+    "in U (E2), |A| = 1",
+    "E2, E16",
+)
+def record_lagrange_top_moving(s: Setting) -> Sides:
+    W, P, A, alpha, e, lam = s.rotation(), s.vector(), s.unit(), s.scalar(), s.eps, s.lam
+    one, WA = identity(s.n), W @ A
+    M = 2 * alpha / e * half(W) - 2 * (1 - alpha) / e * _wedge(A, WA) / (1 + (A * WA).sum())
+    known = {"A": A, "alpha": alpha}
+    Omega = lagrange_top_moving.velocity(M, P, **known)
+    yield alpha * Omega + (1 - alpha) * (Omega @ outer(A) + outer(A) @ Omega), M
+    rate = lagrange_top_moving.flow(M, P, **known)
+    yield rate[0], M @ Omega - Omega @ M + _wedge(A, P)
+    yield rate[1], -(Omega @ P)
+    H, across = _pairs(M, Omega) / 2 + (P * A).sum(), one - outer(A)
+    yield np.asarray(lagrange_top_moving.energy(M, P, **known)), np.asarray(H)
+    spin = (1 / alpha - 1) * _square(across @ M @ across) / 2
+    Hbar = _square(M) / 2 + (P * A).sum() + e / 2 * _pairs(M, _wedge(P, A))
+    yield np.asarray(lagrange_top_moving.energy(M, P, eps=e, **known) - spin), np.asarray(Hbar)
+    L, U = lagrange_top_moving.lax(M, P, lam=lam, **known)
+    yield L, _block(M, lam * A - P / lam, lam * A - P / lam)
+    yield U, _block(Omega, lam * A, lam * A)
+    M1, P1 = lagrange_top_moving.step(M, P, eps=e, **known)
+    yield P1, W.T @ P
+    yield M1, W.T @ M @ W + e * _wedge(A, P1)
+    B = A + e / 2 * (M @ A) + e * e / 4 * P
+    yield lagrange_top_moving.lax_matrix(M, P, A=A, lam=lam, eps=e), _block(M, lam * B - P / lam, lam * B - P / lam)
+    back = _block(W.T, 0 * A, 0 * A)
+    back[-1, -1] = 1 + 0 * A[0]
+    V = lagrange_top_moving.conjugator(M, P, lam=lam, eps=e, **known)
+    yield from _cayley_of(e / 2 * _block(0 * M, lam * A, lam * A), back @ V)
+
+
+@stated(
+    "record-kirchhoff",
+    "Section 7, (Kirch), its Hamilton function; Clebsch's L and U",
+    "flow and energy of both records, L = lambda A + M + P P^T/lambda, U = lambda B + Omega with c_jk = (b_j - b_k)/(a_j - a_k)",
+)
+def record_kirchhoff(s: Setting) -> Sides:
+    M, P, a, b = s.skew(), s.vector(), s.diagonal(), s.vector()
+    c = (b[:, None] - b + identity(s.n)) / (a[:, None] - a + identity(s.n))
+    Omega = c * M
+    H = (c * M * M)[np.triu_indices(s.n, 1)].sum() / 2 - (b * P * P).sum() / 2
+    rates = M @ Omega - Omega @ M + _wedge(P, b * P), -(Omega @ P)
+    own = {"b": b, "c": clebsch_general.quotients(a=a, b=b)["c"]}
+    for record, known in ((kirchhoff, {"C": c, "B": diagonal(b)}), (clebsch_general, own)):
+        rate = record.flow(M, P, **known)
+        yield rate[0], rates[0]
+        yield rate[1], rates[1]
+        yield np.asarray(record.energy(M, P, **known)), np.asarray(H)
+    L, U = clebsch_general.lax(M, P, a=a, lam=s.lam, **own)
+    yield L, s.lam * diagonal(a) + M + outer(P) / s.lam
+    yield U, s.lam * diagonal(b) + Omega
+
+
+@stated(
+    "record-clebsch",
+    "Section 7: (Clebsch spec), its H, L and U+; (dClebsch spec), L_k, V_k",
+    "flow, energy, step and both Lax pairs of the record, |P| = 1",
+)
+def record_clebsch(s: Setting) -> Sides:
+    M, P, b, e, lam = s.skew(), s.unit(), s.diagonal(), s.eps, s.lam
+    one, B = identity(s.n), diagonal(b)
+    rate = clebsch.flow(M, P, b=b)
+    yield rate[0], _wedge(P, b * P)
+    yield rate[1], -(M @ P)
+    yield np.asarray(clebsch.energy(M, P, b=b)), np.asarray(_square(M) / 2 - (b * P * P).sum() / 2)
+    L, U = clebsch.lax(M, P, b=b, lam=lam)
+    yield L, lam * B + M + outer(P) / lam
+    yield U, lam * B + M
+    M1, P1 = clebsch.step(M, P, b=b, eps=e)
+    divisor = 1 + e * e / 4 * (b * P * P).sum()
+    yield M1, M + e / divisor * _wedge(P, b * P)
+    yield P1 + e / 2 * (M1 @ P1), P - e / 2 * (M1 @ P)
+    script = (one + e / 2 * M) @ outer(P) @ (one - e / 2 * M)
+    Lk = clebsch.lax_matrix(M, P, b=b, lam=lam, eps=e)
+    yield (one + e * e / 4 * B) @ Lk, lam * B + M + script / lam
+    X = e / (2 * lam * divisor) * outer(P) @ (one + e * e / 4 * B)
+    back = clebsch.conjugator(M, P, b=b, lam=lam, eps=e)  # V_k^-1
+    yield from _cayley_of(-X, back)
+
+
+@stated(
+    "record-clebsch-energy",
+    "Section 7, Theorem 7.1, det(L_k(lambda) - mu)",
+    "the deformed energy of the record is -(1/2) sum b_i F_i with det(L_k(lambda) - lambda nu) = lambda^n det(S^-1 D) (1 + sum F_i/D_i/lambda^2 + ...), "
+    "D = B - nu S, S = I + (eps^2/4) B, |P| = 1",
+)
+def record_clebsch_energy(s: Setting) -> Sides:
+    M, P, b, e = s.skew(), s.unit(), s.diagonal(), s.eps
+    S = 1 + e * e / 4 * b
+    rows, values = [], []
+    for k in range(s.n):
+        nu = s.lam + k
+        D = b - nu * S
+        scaled = [_scaled_determinant(M, P, b, e, nu, t) for t in range(1, s.n // 2 + 3)]
+        rows.append(1 / D)
+        values.append(_second_coefficient(scaled) * np.prod(S) / np.prod(D))
+    F = _solved(np.array(rows), np.array(values))
+    yield np.asarray(clebsch.energy(M, P, b=b, eps=e)), np.asarray(-(b * F).sum() / 2)
+    x, q = P, P @ M  # M of the leaf: x ^ q with <x, q> = 0
+    q = q - x * (x * q).sum()
+    leaf = clebsch.energy(_wedge(x, q), x, b=b, eps=e)
+    yield np.asarray(neumann.energy(x, q, b=b, eps=e)), np.asarray(leaf)
+
+
+def _scaled_determinant(M: Array, P: Array, b: Array, eps: Any, nu: Any, t: int) -> Any:
+    """det(t L_k(1/t) - nu), a polynomial in t^2 of degree (n + 1)/2 or less."""
+    X = t * printed_pencil(M, P, b=b, lam=(1 + 0 * eps) / t, eps=eps) - nu * identity(len(b))
+    return (-1) ** len(b) * characteristic(X)[-1]
+
+
+def _second_coefficient(values: list[Any]) -> Any:
+    """That of t^2 in a polynomial in t^2 from its values at t = 1, 2, ...."""
+    V = np.array([[(1 + 0 * values[0]) * t ** (2 * j) for j in range(len(values))] for t in range(1, len(values) + 1)])
+    return _solved(V, np.array(values))[1]
+
+
+def _solved(A: Array, y: Array) -> Array:
+    return solve(A, y[:, None])[:, 0]
+
+
+@stated(
+    "record-lagrangians",
+    "Sections 6.1, 6.2 and 7: (dmLT Lagr 1), (dmLT Lagr body), (dClebsch spec Lagr)",
+    "the discrete Lagrangians of the records, |A| = 1, with 2/eps for Clebsch's (E1)",
+    "E1",
+    numbers=("float",),
+)
+def record_lagrangians(s: Setting) -> Sides:
+    g, h, A, p, b, e = s.rotation(), s.rotation(), s.unit(), s.vector(), abs(s.vector()), abs(s.eps)
+    h, alpha = g @ _near(h), abs(s.scalar()) + 1 / 2
+    w, W, a, P = h @ g.T, g.T @ h, g @ A, g.T @ p
+    top = -alpha / e * trace_log_of(w) - 2 * (1 - alpha) / e * log(1 + dot(a, w @ a)) - e * dot(p, a)
+    yield np.asarray(lagrange_top.lagrangian(g, h, A, p=p, alpha=alpha, eps=e)), np.asarray(top)
+    body = -alpha / e * trace_log_of(W) - 2 * (1 - alpha) / e * log(1 + dot(A, W @ A)) - e * dot(P, W @ A)
+    yield np.asarray(lagrange_top_moving.lagrangian(g, h, p, A=A, alpha=alpha, eps=e)), np.asarray(body)
+    fluid = -trace_log_of(W) / e + 2 / e * log(1 + e * e / 4 * (b * P * P).sum())
+    yield np.asarray(clebsch.lagrangian(g, h, p, b=b, eps=e)), np.asarray(fluid)
+
+
+def _near(h: Array) -> Array:
+    """A rotation by less than a half turn."""
+    X = half(h) / 4
+    one = identity(len(h))
+    return np.linalg.solve(one - X, one + X)
