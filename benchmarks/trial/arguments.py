@@ -99,7 +99,7 @@ def drawn(call: Call, here: Around, rng: random.Random) -> tuple[list[Any], dict
 def value(kind: str, here: Around, rng: random.Random, chosen: dict[str, Any]) -> Any:
     """A value of a kind, or not quite."""
     if rng.random() < grammar.ODD and kind not in ALWAYS:
-        return never_long(odd(rng, True)) if kind in ("steps", "extend") else odd(rng, True)
+        return never_long(odd(rng, True)) if kind in ("steps", "extend", "reach") else odd(rng, True)
     return KINDS[kind](here, rng, chosen)
 
 

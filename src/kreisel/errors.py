@@ -19,6 +19,8 @@ LONGEST = 1500  # characters of a message: what was expected stands at its head,
 SHOWN = 100  # characters of a value in it
 MEANT = 4  # names that a part of a name may mean
 BRIEF = 40  # of one in a call
+FRACTION = re.compile(r"Fraction\((-?\d+), (\d+)\)")
+NUMPY = re.compile(r"\bnp\.(?:float|int|uint)\d+\(([^()]*)\)")
 UNLOADED = ("Dataset", "DataArray", "Model")  # classes that signatures name and modules import for type checkers only
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -39,9 +41,13 @@ def shown(value: object) -> str:
 
 
 def brief(text: object, most: int = LONGEST) -> str:
-    """Printable text, its middle left out where it is longer."""
-    readable, end = printable(text), most // 3
+    """Printable text, its middle left out where it is longer; fractions and NumPy's numbers as they are written."""
+    readable, end = FRACTION.sub(_written, NUMPY.sub(r"\1", printable(text))), most // 3
     return readable if len(readable) <= most else f"{readable[: most - end - 5]} ... {readable[-end:]}"
+
+
+def _written(fraction: re.Match[str]) -> str:
+    return fraction[1] if fraction[2] == "1" else f"{fraction[1]}/{fraction[2]}"
 
 
 class InputError(ValueError):
@@ -129,7 +135,7 @@ def hint(word: object, known: Iterable[str]) -> str:
     """' Did you mean 'x'?' for the known word most like `word`, or for those of which it is a part; or nothing."""
     if not isinstance(word, str):
         return ""
-    names = list(known)
+    names = [name for name in known if name != word and not name.startswith("_")]
     close = sorted((name for name in names if word.lower() in name.split("-")), key=lambda name: name.count("-"))[
         :MEANT
     ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -162,8 +164,8 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: physical.read_added_mass(range(3)), "needs the name of a text file"),
     (lambda run: physical.SubmergedBody(1.0, [1e-320] * 3), "Use other units"),
     (lambda run: physical.SubmergedBody(1.0, (1, 2, 2.5), linear_drag=[[1], [1, 2]]), "of shape (6,)"),
-    (lambda run: physical.Orbit.circular(5e5, primary="Earth"), "expected primary of the type Primary"),
-    (lambda run: physical.Orbit(7e6, primary=physical.Primary("x", -1.0, 0.0)), "expected mu > 0"),
+    (lambda run: physical.Orbit.circular(5e5, primary="Earth"), "primary: expected"),
+    (lambda run: physical.Orbit(7e6, primary=physical.Primary("x", -1.0, 0.0)), "mu must be a finite number > 0"),
     (lambda run: physical.Orbit(7e6).at(np.inf), "time: expected finite numbers"),
     (lambda run: physical.Satellite((1, 2, 2.5), physical.Orbit(7e6)).angles(3), "expected a run"),
     (lambda run: physical.Satellite((1, 2, 2.5), physical.Orbit(7e6)).angles(run), "no orientation"),
@@ -280,6 +282,85 @@ def test_a_command(
 @pytest.mark.parametrize("steps", [20, 20.0, 2e1, np.float32(20), np.int64(20), np.array(20)])
 def test_whole_numbers_of_any_kind(steps: Any) -> None:
     assert kr.simulate(TOP, X0, dt=0.05, steps=steps, every=steps, order=2.0).sizes["time"] == 2
+
+
+LANES = 300
+
+
+def lanes_but(good: Any, bad: Any, lane: int) -> Any:
+    """An array of lanes that are alike but one."""
+    array = np.tile(np.asarray(good, dtype=float), (LANES, *[1] * np.ndim(good)))
+    array[lane] = bad
+    return array
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: kr.LagrangeTop(p=lanes_but((0, 0, 1), np.nan, 17)), "Lane 17: lagrange-top's parameter p must be fin"),
+        (lambda: kr.LagrangeTop(p=(0, 0, 1), alpha=lanes_but(1, 0, 123)), "Lane 123: alpha"),
+        (lambda: kr.EulerTop(J=lanes_but((1, 2, 3), (1, -2, 3), 299)), "Lane 299: The entries of J"),
+        (lambda: kr.ClebschGeneral(a=lanes_but((1, 2, 4), (1, 1, 4), 0), b=(1, 2, 3)), "Lane 0: The entries of a"),
+        (lambda: TOP.state(m=lanes_but((0, 0, 1), np.inf, 44), a=(0, 0, 1)), "Lane 44: state component m"),
+        (lambda: TOP.state(m=(0, 0, 1), a=lanes_but((0, 0, 1), 0, 81)), "Lane 81: a must not be the zero vector"),
+        (lambda: kr.Neumann(b=(1, 2, 4)).state(x=lanes_but((0, 0, 1), (0, 0, 2), 55), q=(1, 0, 0)), "Lane 55: The st"),
+        (lambda: physical.FreeBody((1, 2, 2.5)).state(lanes_but((0, 0, 1), np.nan, 31)), "Lane 31: spin"),
+        (lambda: physical.FreeBody((1, 2, 2.5)).orientation(lanes_but((1, 0, 0, 0), 2, 66)), "Lane 66: attitude"),
+        (lambda: kr.propagator(TOP, dt=0.1).steps(lanes_but(np.ones(6), np.nan, 13), 3), "in lane 13"),
+        (lambda: TOP.state(m=np.ones((LANES, 4)), a=(0, 0, 1)), "state component m must be a skew"),
+        (lambda: kr.HeavyTop(J=[[1, 2, 0], [0, 1, 0], [0, 0, 1]], A=(0, 0, 1)), "heavy-top's parameter J must be symm"),
+    ],
+)
+def test_the_bad_lane_of_an_ensemble_is_named(call: Callable[[], Any], words: str) -> None:
+    """A fault that all lanes share, and a matrix that could be read as lanes, are not one lane's."""
+    with pytest.raises(kr.InputError) as error:
+        call()
+    assert words in str(error.value), str(error.value)
+    assert words.startswith("Lane") == str(error.value).startswith("Lane")
+
+
+def test_a_lane_that_is_lost_in_a_run_is_named() -> None:
+    state = TOP.state(m=lanes_but((0.1, 0.2, 1.5), 1e200, 12)[:20], a=(0.6, 0, 0.8))
+    with pytest.raises(kr.RunError, match="in lane 12"), pytest.warns(kr.AccuracyWarning):
+        kr.simulate(TOP, state, dt=0.05, steps=50)
+
+
+def test_large_ensembles_are_shown_briefly() -> None:
+    rng = np.random.default_rng(0)
+    tops = kr.LagrangeTop(p=rng.normal(size=(10_000, 3)))
+    state = tops.state(m=rng.normal(size=(10_000, 3)), a=rng.normal(size=(10_000, 3)))
+    for subject in (tops, state, state.axial, kr.propagator(tops, dt=0.1)):
+        assert 20 < len(repr(subject)) < 400 and "10000" in repr(subject)
+    assert all(len(subject._repr_html_()) < 2000 for subject in (tops, state))
+    assert repr(TOP) == "lagrange-top(p=[0.0, 0.0, 1.0], alpha=1.0)"
+
+
+def test_numbers_in_messages_are_written_as_numbers() -> None:
+    with pytest.raises(kr.InputError, match=r"got \[-1/3, 2, 3\]"):
+        kr.EulerTop(J=[Fraction(-1, 3), Fraction(2), Fraction(3)])
+    with pytest.raises(kr.InputError, match=r"got \(0.5, 3\)"):
+        kr.simulate(TOP, X0, dt=0.1, steps=(np.float64(0.5), np.int64(3)))
+
+
+def test_no_private_name_and_no_name_itself_is_suggested() -> None:
+    assert "Did you mean" not in kr.errors.hint("n", ["n", "_n"])
+    with pytest.raises(AttributeError) as error:
+        TOP.derived  # noqa: B018
+    assert "_derived" not in str(error.value)
+
+
+def test_the_command_warns_without_its_source(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
+    words = ["run", "run.toml", "--overwrite", "--set", "run.dt=10.0", "--set", "run.steps=3"]
+    monkeypatch.setattr("sys.argv", ["kreisel", *words, "--set", "output.path=again.zarr"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        with pytest.raises(SystemExit):
+            cli.main()
+    said = capsys.readouterr().err
+    assert "kreisel: warning: dt = 10 is" in said and ".py:" not in said, said
 
 
 def test_an_error_inside_is_not_taken_for_a_wrong_call() -> None:

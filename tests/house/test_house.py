@@ -206,6 +206,7 @@ finally:
 def test_every_public_name_exists() -> None:
     assert set(kr.__all__) <= set(dir(kr))
     assert all(getattr(kr, name) is not None for name in dir(kr))
+    assert {name for name in dir(kr) if not name.startswith("__")} == set(kr.__all__)
 
 
 def test_the_package_runs_as_the_command() -> None:

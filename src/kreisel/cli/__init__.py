@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import io
 import sys
+import warnings
+from typing import Any
 
 from kreisel.cli import code, new, runs, subjects  # noqa: F401 - each registers its commands
 from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
@@ -16,13 +18,20 @@ from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trou
 __all__ = ["NOT_CONSERVED", "app", "main"]
 
 
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    """A warning as one line on stderr, without the path and the line of the source that it came from."""
+    say(f"kreisel: warning: {message}", file=sys.stderr)
+
+
 def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # of a terminal that lacks the letter
     try:
-        app()
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn
+            app()
     except (Stopped, Interrupted) as stopped:
         say(f"kreisel: {stopped}", file=sys.stderr)
         sys.exit(128 + stopped.number)

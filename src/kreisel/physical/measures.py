@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from kreisel.algebra import Array, floats
 from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
+from kreisel.record.lanes import by_lane
 from kreisel.units import Scale, Scales, si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
@@ -39,12 +41,16 @@ def _unitless(value: Any) -> bool:
     """Whether a value is a plain number, or the text of one."""
     try:
         return not hasattr(value, "units") and not hasattr(value, "to_value") and float(value) is not None
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False
 
 
 def si_numbers(value: Any, unit: str, name: str, shapes: tuple[tuple[int, ...], ...] = ()) -> Array:
     """Finite floats of one of the shapes, or (..., 3), in SI or with units.  Raises `InputError`."""
+    return by_lane(partial(_si_numbers, unit, name, shapes), value, single=lambda a: a.ndim if shapes else 1)
+
+
+def _si_numbers(unit: str, name: str, shapes: tuple[tuple[int, ...], ...], value: Any) -> Array:
     array = floats(si(value, unit, name))
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
@@ -135,6 +141,10 @@ def attitude_in_space(g: Any, frame: BodyFrame) -> Array:
 
 def attitude_quaternion(value: Any, name: str) -> Array:
     """Unit quaternions (..., 4).  Raises `InputError`."""
+    return by_lane(partial(_attitude, name), value, single=lambda a: 1)
+
+
+def _attitude(name: str, value: Any) -> Array:
     q = floats(value)
     if q.shape[-1:] != (4,) or not (abs((q * q).sum(-1) - 1) < 1e-6).all():
         raise InputError(f"{name}: expected unit quaternions (..., 4) = (w, x, y, z), got {shown(value)}.")

@@ -64,7 +64,7 @@ def axes_of(p: Parameter, value: Array) -> int:
     return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
 
 
-def parameter(p: Parameter, value: Any, system: str) -> Array:
+def parameter(p: Parameter, system: str, value: Any) -> Array:
     """The array of a parameter.  Raises `InputError` for another shape or kind of number."""
     name = f"{system}'s parameter {p.letter}"
     array = numbers(value, name)

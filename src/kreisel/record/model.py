@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -17,17 +18,32 @@ from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Function, call, require_names
-from kreisel.record.given import axes_of, component, parameter, require_on_phase_space, whole_dimension
+from kreisel.record.given import PARAMETER_AXES, axes_of, component, parameter, require_on_phase_space, whole_dimension
+from kreisel.record.lanes import by_lane, text_of
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import ArrayLike
     from scipy.spatial.transform import Rotation
 
-    from kreisel.record.contract import Map, System
+    from kreisel.record.contract import Map, Parameter, System
 
     StateLike: TypeAlias = "State | Mapping[str, ArrayLike] | xr.Dataset"  # a state, its components, a row of a run
     OrientationLike: TypeAlias = ArrayLike | Rotation  # a rotation matrix, a quaternion (w, x, y, z), a Rotation
+
+
+def _check(p: Parameter, value: Array) -> None:
+    if p.check is not None:
+        with np.errstate(all="ignore"):
+            p.check(value, p.letter)
+
+
+def _single(kind: str, value: Array) -> int:
+    """The axes of a parameter as it is given, without those of lanes: a diagonal may be given for a matrix."""
+    if kind == "array":
+        return value.ndim
+    diagonals = kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
+    return 1 if diagonals else PARAMETER_AXES[kind]
 
 
 class State(Mapping[str, Array]):
@@ -60,7 +76,7 @@ class State(Mapping[str, Array]):
         return [*super().__dir__(), *self._components]
 
     def __repr__(self) -> str:
-        return "State(" + ", ".join(f"{k}={v.tolist()}" for k, v in self._components.items()) + ")"
+        return "State(" + ", ".join(f"{k}={text_of(v)}" for k, v in self._components.items()) + ")"
 
     def _repr_html_(self) -> str:
         return str(show("state", self))
@@ -100,12 +116,12 @@ class Model:
                     f"{system.name} needs the parameter {p.letter} ({p.kind}): {p.meaning}, got none; "
                     f"give {p.letter}=..."
                 )
-            self.params[p.letter] = parameter(p, value, system.name)
+            self.params[p.letter] = by_lane(partial(parameter, p, system.name), value, single=partial(_single, p.kind))
         self.n = self._dimension()
         for p in system.parameters:
             if p.check is not None:
-                with np.errstate(all="ignore"):
-                    p.check(self.params[p.letter], p.letter)
+                check, array = partial(_check, p), self.params[p.letter]
+                by_lane(check, array, single=partial(axes_of, p))
         batches = [
             v.shape[: v.ndim - axes_of(p, v)] for p, v in zip(system.parameters, self.params.values(), strict=True)
         ]
@@ -209,7 +225,7 @@ class Model:
         return n
 
     def __repr__(self) -> str:
-        given = ", ".join(f"{k}={v.tolist()}" for k, v in self.params.items())
+        given = ", ".join(f"{k}={text_of(v)}" for k, v in self.params.items())
         return f"{self.system.name}({given})"
 
     def _repr_html_(self) -> str:
@@ -249,11 +265,19 @@ class Model:
                     f"A state of {self.system.name} has the components {', '.join(space.letters)} "
                     f"({self.system.frame.value} frame), got {shown(letter)}.{hint(letter, space.letters)}"
                 )
-        parts = {}
         for letter, kind in space.components:
             if letter not in components:
                 raise InputError(f"The state of {self.system.name} needs {letter} ({kind}), got none.")
-            parts[letter] = component(letter, kind, components[letter], self.n, self._in_pairs)
+        values = [components[letter] for letter in space.letters]
+        if self._in_pairs:  # an axis of bodies, which are no lanes
+            return self._of_values(*values)
+        return by_lane(self._of_values, *values, single=lambda a: 2 if a.shape[-2:] == (self.n, self.n) else 1)
+
+    def _of_values(self, *values: Any) -> State:
+        """The state with these components, in order.  Raises `InputError`."""
+        space, parts = self.system.space, {}
+        for (letter, kind), value in zip(space.components, values, strict=True):
+            parts[letter] = component(letter, kind, value, self.n, self._in_pairs)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
             require_on_phase_space(space, parts)
             if self.system.check_state is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.method import default_method, find, scheme
+from kreisel.record.lanes import in_lane
 from kreisel.runs.describing import in_memory
 from kreisel.runs.plan import Plan, initial_parts, planned
 from kreisel.runs.settings import (
@@ -82,7 +83,9 @@ def at(
         states = plan.observe(engine.at(flat))
     for name, value in states.items():
         if not np.isfinite(value).all():
-            raise RunError(f"{name} is not finite: its powers leave the range of doubles. Use other units.")
+            lanes = value.shape[1] if plan.batched else 1
+            where = in_lane(~np.isfinite(value.reshape(len(value), lanes, -1)).all((0, 2)))
+            raise RunError(f"{name} is not finite{where}: its powers leave the range of doubles. Use other units.")
     with np.errstate(all="ignore"):
         run = in_memory(plan, [states], wanted * step)
     for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced

@@ -18,6 +18,7 @@ from kreisel.errors import InputError, RunError
 from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
+from kreisel.record.lanes import in_lane
 from kreisel.runs.breaks import BREAKS, Breaks
 from kreisel.runs.events import Stop
 from kreisel.runs.plan import Plan
@@ -285,8 +286,9 @@ class Integration:
     def _lose(self, good: Array, fault: Callable[[int], str], cause: str) -> None:
         """Lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""
         if self.faults is None:
-            step = self._step_of(self.flushed + int(np.argmin(good.all(1))))
-            raise RunError(f"{fault(step)}. Usual cause: {cause}")
+            row = int(np.argmin(good.all(1)))
+            step = self._step_of(self.flushed + row)
+            raise RunError(f"{fault(step)}{in_lane(~good[row])}. Usual cause: {cause}")
         for lane in np.flatnonzero(~good.all(0)).tolist():
             row = self.flushed + int(np.argmin(good[:, lane]))
             self._ends[lane] = min(self._ends[lane], row)

@@ -20,6 +20,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.driven import COUNT
 from kreisel.method.scheme import Flow, Orbits, Scheme
+from kreisel.record.lanes import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.plan import planned
@@ -133,7 +134,11 @@ class Propagator(StateForms):
                 self._require_state(x)
             into, out_of = self._conversions(len(x))
             z = self._back(self._at_time(into(x[None])[0], time)[None])[0]
-            engine = self._begun(z, count, between)
+            try:
+                engine = self._begun(z, count, between)
+            except InputError:  # of constants of the trajectory, which are not finite if the state is not
+                _require_finite(x)
+                raise
             found = out_of(self._out(self._rows(engine, x, z, count, between)))
             self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
         return self._returned(found if every is not None else found[-1], state, batch)
@@ -342,7 +347,8 @@ class Propagator(StateForms):
         out = self._states(x, into(x[None])[0], when)
         if not _finite(out):
             _require_finite(x)
-            raise RunError("The state is not finite: its powers leave the range of doubles. Use other units.")
+            where = in_lane(~np.isfinite(out).all((0, 2)))
+            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
         found = out_of(out)
         return self._returned(found if wanted.ndim else found[0], state, batch)
 
@@ -360,22 +366,25 @@ class Propagator(StateForms):
     def _require_sound(self, engine: Engine, x: Floats, out: Floats) -> None:
         if not _finite(out):
             _require_finite(x)
+            where = in_lane(~np.isfinite(out).all((0, 2)))
             raise RunError(
-                f"The state is no longer finite. Usual cause: {of_forces(self.model)}a step far too long, or a "
+                f"The state is no longer finite{where}. Usual cause: {of_forces(self.model)}a step far too long, or a "
                 "state so large that its square overflows. Use a smaller dt."
             )
         guard, projection = self._scheme.guard, engine.projection
         if guard is not None:
             z = layout.restore(out, self._own_kinds, self.model.n)
-            if (self._scheme.component(z, guard.component) > guard.limit).any():
-                raise RunError(f"{guard.fault}. Usual cause: {guard.cause}")
+            beyond = self._scheme.component(z, guard.component) > guard.limit
+            if beyond.any():
+                where = in_lane(beyond.reshape(*out.shape[:2], -1).any((0, 2)))
+                raise RunError(f"{guard.fault}{where}. Usual cause: {guard.cause}")
         if projection is not None and projection.worst.any():
             beyond = projection.beyond(self.settings.dt * abs(engine.z).max(-1))
             if beyond.any():
                 name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
                 raise RunError(
-                    f"{name} is not conserved, although the method conserves it. Usual cause: a step far too long for "
-                    "this state. Use a smaller dt; project=False shows the map as it is."
+                    f"{name} is not conserved{in_lane(beyond.any(-1))}, although the method conserves it. Usual cause: "
+                    "a step far too long for this state. Use a smaller dt; project=False shows the map as it is."
                 )
 
 
@@ -386,5 +395,6 @@ def _finite(x: Floats) -> bool:
 
 
 def _require_finite(x: Floats) -> None:
-    if not np.isfinite(x).all():
-        raise InputError("The state: expected finite numbers, got NaN or infinity.")
+    good = np.isfinite(x).all(-1)
+    if not good.all():
+        raise InputError(f"The state: expected finite numbers, got NaN or infinity{in_lane(~good)}.")

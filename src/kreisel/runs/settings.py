@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -17,6 +18,7 @@ from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import System
+from kreisel.record.lanes import by_lane
 from kreisel.record.model import Model, State
 
 ORTHOGONAL_TOLERANCE = 1e-9
@@ -355,9 +357,13 @@ def flag(value: Any, name: str) -> None:
 
 def initial_orientation(value: Any, model: Model) -> Array:
     """A rotation matrix (..., n, n), for n = 3 a unit quaternion (..., 4) or a Rotation, in the form to step."""
-    n = model.n
     if hasattr(value, "as_quat"):  # scipy.spatial.transform.Rotation
         value = value.as_quat(scalar_first=True)
+    n = model.n
+    return by_lane(partial(_orientation, n), value, single=lambda g: 2 if g.shape[-2:] == (n, n) else 1)
+
+
+def _orientation(n: int, value: Any) -> Array:
     g = algebra.floats(value)
     if n == 3 and g.ndim >= 1 and g.shape[-1] == 4:
         length = np.sqrt((g * g).sum(-1, keepdims=True))
