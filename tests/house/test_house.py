@@ -23,7 +23,7 @@ RANK = {  # a part imports what stands on its own line or above
     part: rank
     for rank, parts in enumerate(
         (
-            ("errors", "display", "stopwatch"),
+            ("errors", "display", "stopwatch", "scratch"),
             ("algebra",),
             ("record",),
             ("baecklund", "implicit"),

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import warnings
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import kreisel as kr
+from kreisel.algebra import reuse
+from kreisel.algebra.computed import cached_property
 from kreisel.kernels import cache
+
+SOURCE = Path(kr.__file__).parent
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no fork and no flock")
 
 NAME = "kreisel_kernel_of_a_test"
 SOURCES = {
@@ -44,12 +56,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     where = tmp_path / "cache"
     monkeypatch.setenv("KREISEL_CACHE", str(where))
     yield where
+    unload()
+
+
+def unload() -> None:
     sys.modules.pop(NAME, None)
+    cache._loaded.pop(NAME, None)
 
 
 def value(by: str = "LLVM", factor: str = "2.0") -> float:
     """The kernel of the source, as a process of its own would find it."""
-    sys.modules.pop(NAME, None)
+    unload()
     x = np.array([3.0])
     cache.module(NAME, SOURCES[by].replace("2.0", factor), by == "Numba").kernel(x)
     return float(x[0])
@@ -247,3 +264,105 @@ print(run.a.values.tobytes().hex())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert cache.cache_folder() == folder
+
+
+@POSIX
+def test_what_killed_writers_left_is_removed(folder: Path) -> None:
+    """Folders that a living process has locked stay, and so do those of somebody else's files."""
+    folder.mkdir(mode=0o700)
+    stale = [folder / f".kreisel_kernel_{name}-abcd1234" for name in ("0123456789abcdef0123", "of_a_test")]
+    kept = [folder / ".kreisel_kernel_young-abcd1234", folder / ".kreisel-mine"]
+    for each in (*stale, *kept):
+        each.mkdir()
+        (each / "code.o").write_bytes(b"half")
+    for each in (*stale, kept[1]):
+        os.utime(each, (1e9, 1e9))
+    code = "from pathlib import Path\nfrom kreisel.scratch import scratch\n"
+    code += f"with scratch(Path({str(folder)!r}), '.kreisel_kernel_living-') as made:\n"
+    code += "    print(made, flush=True)\n    input()\n"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    killed, living = (subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(2))  # type: ignore[call-overload]
+    try:
+        left, locked = (Path(child.stdout.readline().strip()) for child in (killed, living))
+        killed.kill()
+        killed.wait(60)
+        for each in (left, locked):
+            os.utime(each, (1e9, 1e9))
+        os.utime(kept[0])  # made just now
+        assert value() == 7.0
+        assert not left.exists() and not any(each.exists() for each in stale)
+        assert locked.exists() and all(each.exists() for each in kept)
+    finally:
+        killed.kill()
+        killed.communicate()
+        living.communicate("\n", timeout=60)
+    assert not locked.exists()
+
+
+def test_features_that_would_end_the_process_are_refused(folder: Path) -> None:
+    code = """
+import kreisel as kr
+try:
+    kr.propagator(kr.LagrangeTop(p=(0, 0, 1)), dt=0.1).steps([0.1, 0.2, 1.5, 0.6, 0.0, 0.8], 3)
+except kr.InputError as error:
+    print(error)
+"""
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_CPU_FEATURES": "+avx2,garbage"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert found.returncode == 0
+    assert found.stdout.startswith("NUMBA_CPU_FEATURES: expected features") and "got 'garbage'" in found.stdout
+
+
+def test_kernels_of_a_body_go_with_it() -> None:
+    """The body of a force, what was recorded and compiled for it, and its machine code."""
+
+    def made(k: float) -> weakref.ref[Any]:
+        body = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), torque=lambda m: k * m * (1, 1, 0), name="of a test")
+        kr.propagator(body, dt=0.05).steps([0.1, 0.2, 1.5, 0.6, 0.0, 0.8], 3)
+        assert len(cache._loaded) > before
+        return weakref.ref(body.system)
+
+    gc.collect()
+    before = len(cache._loaded)
+    known = made(0.0123)
+    gc.collect()
+    assert known() is None and len(cache._loaded) == before
+
+
+@POSIX
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_fork_while_another_thread_computes() -> None:
+    """A lock of a property or of the table of kernels that a thread holds would be held in the child without end."""
+    begun, end = threading.Event(), threading.Event()
+
+    class Slow:
+        def __init__(self, waits: bool):
+            self.waits = waits
+
+        @cached_property
+        def value(self) -> int:
+            if self.waits:
+                begun.set()
+                end.wait(60)
+            return 1
+
+    slow = Slow(True)
+    thread = threading.Thread(target=lambda: slow.value)
+    with reuse._one_at_a_time:
+        thread.start()
+        assert begun.wait(60)
+        child = os.fork()
+        if child == 0:
+            signal.alarm(20)  # which ends the child
+            os._exit(Slow(False).value + reuse.reused(("number", "of a child"), lambda: 2))
+    end.set()
+    thread.join(60)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3 and slow.value == 1
+    used = [path for path in SOURCE.rglob("*.py") if re.search(r"functools.*cached_property$", path.read_text(), re.M)]
+    assert used == []

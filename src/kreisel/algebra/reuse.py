@@ -1,14 +1,17 @@
 """What was recorded and compiled for a scheme, kept for the next run of the same kind.
 
-A run of a few steps takes microseconds, and to record its step again takes milliseconds.
+A run of a few steps takes microseconds, and to record its step again takes milliseconds.  What belongs to an object,
+such as a system of the user's own, is kept at the object and goes with it.
 """
 
 from __future__ import annotations
 
+import os
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from threading import Lock
 from typing import Any, TypeVar
+from weakref import WeakValueDictionary
 
 Made = TypeVar("Made")
 
@@ -25,16 +28,58 @@ class Identity:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Identity) and self._what is other._what
 
+    @property
+    def place(self) -> dict[str, Any] | None:
+        """Where the object can keep what belongs to it."""
+        found = getattr(self._what, "__dict__", None)
+        return found if isinstance(found, dict) else None
 
-MOST = 1024  # kept; those of a scheme have 0.05 to 1 megabyte together
-_cache: OrderedDict[Hashable, Any] = OrderedDict()
+
+class Table(OrderedDict[Hashable, Any]):
+    """Values by key, the least recently used in front."""
+
+
+MOST = 1024  # kept of one system, or of what belongs to none; those of a scheme have 0.05 to 1 megabyte together
+KEPT = "_kept"  # the name under which an object has its table
+_tables: WeakValueDictionary[int, Table] = WeakValueDictionary()
+_of_none = _tables[0] = Table()
 _one_at_a_time = Lock()
+
+
+def _after_fork() -> None:
+    """Another thread may have held the lock in the process from which this one was forked."""
+    global _one_at_a_time
+    _one_at_a_time = Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def forget() -> None:
     """Keep nothing of what was made until now."""
     with _one_at_a_time:
-        _cache.clear()
+        for table in list(_tables.values()):
+            table.clear()
+
+
+def _identities(key: Hashable) -> Iterator[Identity]:
+    for part in key if isinstance(key, tuple) else ():
+        if isinstance(part, Identity):
+            yield part
+        elif isinstance(part, tuple):
+            yield from _identities(part)
+
+
+def _table(key: Hashable) -> Table:
+    """The table of the first object in a key, or that of none."""
+    place = next((each.place for each in _identities(key)), None)
+    if place is None:
+        return _of_none
+    if KEPT not in place:
+        place[KEPT] = _tables[id(place)] = Table()
+    table: Table = place[KEPT]
+    return table
 
 
 def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
@@ -42,14 +87,15 @@ def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
     if key is None:
         return make()
     with _one_at_a_time:
-        if key in _cache:
-            _cache.move_to_end(key)
-            found: Made = _cache[key]
+        table = _table(key)
+        if key in table:
+            table.move_to_end(key)
+            found: Made = table[key]
             return found
     made = make()  # not under the lock: two threads may both make it
     if made is not None:
         with _one_at_a_time:
-            _cache[key] = made
-            while len(_cache) > MOST:
-                _cache.popitem(last=False)
+            table[key] = made
+            while len(table) > MOST:
+                table.popitem(last=False)
     return made

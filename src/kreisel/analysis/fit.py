@@ -10,12 +10,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.analysis.observations import Observations, Unknown, observed, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError, explained

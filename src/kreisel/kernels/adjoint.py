@@ -7,13 +7,14 @@ are recorded too: forwards for the tangent map, all columns in one loop, backwar
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import isqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel.algebra import gradient
+from kreisel.algebra.computed import cached_property
 from kreisel.algebra.gradient import TracedNumber
 from kreisel.kernels import layout
 from kreisel.kernels.cache import load_kernel

@@ -15,20 +15,22 @@ import linecache
 import os
 import shutil
 import sys
-import tempfile
 import warnings
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from weakref import WeakValueDictionary
 
 from platformdirs import user_cache_path
 
-from kreisel.kernels._llvm.machine import assembly, entries_of, loaded, object_code, version
+from kreisel.kernels._llvm.machine import Code, assembly, entries_of, loaded, object_code, version
+from kreisel.scratch import scratch
 
 SEAL, CODE, FORMS = "seal.json", "code.o", "forms.json"
 OTHERS_MAY_WRITE = 0o022
+_loaded: WeakValueDictionary[str, ModuleType] = WeakValueDictionary()  # the machine code of a process
 
 
 def cache_folder() -> Path | None:
@@ -92,8 +94,9 @@ def load_kernel(source: str, by_numba: bool = False) -> ModuleType:
 
 def module(name: str, source: str, by_numba: bool = False) -> ModuleType:
     """The module of a source: from its folder, or compiled and kept there, or compiled in memory."""
-    if name in sys.modules:
-        return sys.modules[name]
+    known = sys.modules.get(name) or _loaded.get(name)
+    if known is not None:
+        return known
     folder = cache_folder()
     if folder is not None:
         for get in (_cached_module, _made):
@@ -117,12 +120,11 @@ def _cached_module(folder: Path, source: str, by_numba: bool) -> ModuleType | No
 
 def _made(folder: Path, source: str, by_numba: bool) -> ModuleType:
     """Compiled in a folder beside, which takes the name when all is there: another process may do the same."""
-    scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
-        file = _file(scratch, folder.name)
+    with scratch(folder.parent, f".{folder.name}-", r"\.kreisel_kernel_\w+-") as making:
+        file = _file(making, folder.name)
         if by_numba:
             file.write_bytes(source.encode())
-            made, seal = _executed(folder.name, str(file), source), _hashes(scratch)
+            made, seal = _executed(folder.name, str(file), source), _hashes(making)
         else:
             code, forms = _compiled(folder.name, str(file), source)
             made = _of_code(folder.name, code, forms)
@@ -130,14 +132,12 @@ def _made(folder: Path, source: str, by_numba: bool) -> ModuleType:
             seal = {name: hashlib.sha256(part).hexdigest() for name, part in parts.items()}
         with contextlib.suppress(OSError):
             for name, part in {} if by_numba else parts.items():
-                (scratch / name).write_bytes(part)
-            (scratch / SEAL).write_bytes(json.dumps(seal).encode())
+                (making / name).write_bytes(part)
+            (making / SEAL).write_bytes(json.dumps(seal).encode())
             if not _whole(folder, source):
                 _remove(folder)
-                scratch.rename(folder)
+                making.rename(folder)
         return made
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _file(folder: Path, name: str) -> Path:
@@ -184,20 +184,30 @@ def _remove(entry: Path) -> None:
 
 def _compiled(name: str, file: str, source: str) -> tuple[bytes, dict[str, str]]:
     """Machine code of a text, and how its functions are called."""
-    entries = entries_of(vars(_run(ModuleType(name), file, source)))
-    return object_code(entries), {name: entry.form for name, entry in entries.items()}
+    try:
+        entries = entries_of(vars(_run(ModuleType(name), file, source)))
+        return object_code(entries), {name: entry.form for name, entry in entries.items()}
+    finally:
+        linecache.cache.pop(file, None)
 
 
 def assembly_of(source: str) -> str:
     """The machine code of a text, to be read."""
-    return assembly(entries_of(vars(_run(ModuleType("read"), f"<{hash(source)}>", source))))
+    file = f"<{hash(source)}>"
+    try:
+        return assembly(entries_of(vars(_run(ModuleType("read"), file, source))))
+    finally:
+        linecache.cache.pop(file, None)
 
 
 def _of_code(name: str, code: bytes, forms: Mapping[str, str]) -> ModuleType:
-    """The module of these functions."""
+    """The module of these functions, which lives as long as one of them."""
     made = ModuleType(name)
     vars(made).update(loaded(code, forms))
-    sys.modules[name] = made
+    for function in [*vars(made).values()]:
+        if isinstance(function, Code):
+            function.module = made
+    _loaded[name] = made
     return made
 
 

@@ -6,9 +6,10 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+from kreisel.algebra.computed import cached_property
 
 SECTION = re.compile(r"^@@ (.+)\n", re.MULTILINE)
 WORD = re.compile(r"@(\w+?)@")

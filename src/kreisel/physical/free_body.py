@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.inertia import CLOSE, Principal, inertia_tensor, principal

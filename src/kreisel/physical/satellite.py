@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.analysis import path
 from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import warnings
 import zipfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,21 +13,20 @@ import numpy as np
 from kreisel.errors import InputError, RunError, on_disk, shown
 from kreisel.rebound.compiled import COLUMNS
 from kreisel.rebound.library import rebound
+from kreisel.scratch import scratch
 from kreisel.storage.reading import place
 
 FORMAT = 1
 NEEDED = "The simulation and its bodies need a file name such as spins.npz"
+FILES = "simulation", "whole.npz"
 SHAPES = {"z": 7, "c": COLUMNS}
 
 
 def write(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
     """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
     target = place(path, NEEDED)
-    with (
-        on_disk(path, "be written"),
-        tempfile.TemporaryDirectory(dir=target.parent, prefix=".kreisel-") as folder,
-    ):
-        part, whole = Path(folder, "simulation"), Path(folder, "whole.npz")
+    with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
+        part, whole = (folder / name for name in FILES)
         sim.save_to_file(str(part))
         data = np.frombuffer(part.read_bytes(), dtype=np.uint8)
         with whole.open("wb") as file:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
@@ -24,11 +24,18 @@ def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -
         )
 
 
-@cache
+_keywords: WeakKeyDictionary[Function, frozenset[str]] = WeakKeyDictionary()
+
+
 def keywords(function: Function) -> frozenset[str]:
     """The keyword-only arguments that a function names."""
-    signature = inspect.signature(function)
-    return frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
+    function = getattr(function, "__func__", function)  # a method is made anew each time
+    found = _keywords.get(function)
+    if found is None:
+        signature = inspect.signature(function)
+        found = frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
+        _keywords[function] = found
+    return found
 
 
 def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:

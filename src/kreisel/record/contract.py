@@ -16,6 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
 from kreisel.algebra import Array, invariants
+from kreisel.algebra.reuse import KEPT
 from kreisel.display import show
 from kreisel.record.calling import Function, require_names
 from kreisel.record.model import Model
@@ -319,6 +320,9 @@ class System:
         """System itself, of which pickle and copy keep the call that makes it again in place of its functions."""
         object.__setattr__(self, "_origin", (function, arguments))
         return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != KEPT}
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return self.__dict__.get("_origin") or object.__reduce_ex__(self, protocol)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array, objects
+from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, RunError
 from kreisel.record.calling import Function
 from kreisel.reduction.double import double, is_jax, jax, require_double

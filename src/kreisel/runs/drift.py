@@ -5,11 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel.algebra.computed import cached_property
 from kreisel.method.scheme import KINDS
 from kreisel.runs.scales import whole_run
 from kreisel.storage.reading import read_values

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model

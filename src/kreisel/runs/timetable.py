@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from kreisel.algebra.computed import cached_property
 from kreisel.kernels.layout import Floats
 from kreisel.runs.settings import WHOLE, Settings
 

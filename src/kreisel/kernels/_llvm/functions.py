@@ -22,7 +22,7 @@ def straight(function: Callable[..., Any]) -> Any:
     return Straight(function)
 
 
-@lru_cache(64)
+@lru_cache(12)  # the operations, and a few kernels
 def _definitions(text: str) -> dict[int, ast.FunctionDef]:
     """The functions of a file by their first lines."""
     found = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]

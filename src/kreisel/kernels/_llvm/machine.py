@@ -20,6 +20,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
+from kreisel.errors import InputError, shown
 from kreisel.kernels._llvm.functions import Straight
 from kreisel.kernels._llvm.memory import contiguous
 from kreisel.kernels._llvm.numbers import DOUBLE, INDEX, INTEGER
@@ -61,6 +62,13 @@ def _arguments(form: str) -> list[tuple[ir.Type, str, int]]:
 def processor() -> tuple[str, str, str]:
     """Triple, name and features of what is compiled for."""
     name, features = (os.environ.get(f"NUMBA_CPU_{what}") for what in ("NAME", "FEATURES"))
+    wrong = [each for each in (features or "").split(",") if each and each[0] not in "+-"]
+    if wrong:  # LLVM would end the process
+        raise InputError(
+            f"NUMBA_CPU_FEATURES: expected features of a processor with + or - in front, separated by commas, such as "
+            f"'+avx2,-avx512f', or '' for none, got {shown(wrong[0])}. Correct this variable of the environment, or "
+            "unset it."
+        )
     if features is None:
         features = "" if name == "generic" else llvm.get_host_cpu_features().flatten()
     return llvm.get_process_triple(), name or llvm.get_host_cpu_name(), features
@@ -177,10 +185,13 @@ class Code:
     call     the same function.  Raises `TypeError` for an array of another kind than the form says, or whose numbers do
              not lie in a row.
 
+    module   whose code it is
+
     No other thread may set the shape or the dtype of an array meanwhile.
     """
 
     def __init__(self, engine: Any, name: str, form: str):
+        self.module: Any = None
         arguments = _arguments(form)
         self._form, self._arguments, self._engine = form, arguments, engine
         self.address = engine.get_function_address(name)

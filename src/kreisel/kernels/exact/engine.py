@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from functools import cache, cached_property
+from functools import cache
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.kernels import layout
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.exact import jumps
