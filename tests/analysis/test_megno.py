@@ -8,7 +8,7 @@ import pytest
 import kreisel as kr
 
 TOP = kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)
-UNLIKE = kr.perturbed(TOP, inertia=(1, 1.8, 0.5), potential=lambda P: 0.8 * P[0])
+UNLIKE = kr.perturbed(TOP, inertia=(1, 1.4, 0.5), potential=lambda P: 0.8 * P[0])
 START = {"M": (0.3, 0.2, 1.1), "P": (0.6, 0, 0.8)}
 
 
@@ -20,7 +20,7 @@ def test_regular(orientation: tuple[float, ...] | None) -> None:
 
 
 def test_chaotic() -> None:
-    """Y is 105 after a time of 500, lambda 0.25: an orbit of another rounding has some tens of percent less or more."""
+    """Y is 116 after a time of 500, lambda 0.21: an orbit of another rounding has some tens of percent less or more."""
     found = kr.analysis.megno(UNLIKE, START, dt=0.1, steps=5_000)
     end, rate = float(found.time[-1]), float(found.lyapunov[-1])
     assert rate > 10 * np.log(end) / end

@@ -172,7 +172,7 @@ def test_folder_without_permission(tmp_path: Path, top: object, x0: object, monk
         (lambda: kr.ClebschGeneral(a=(1, 1, 2), b=(1, 2, 3)), "distinct"),
         (lambda: kr.ClebschGeneral(a=(1, 2, 3), b=(1, 2, 3, 4)), "same R\\^n"),
         (lambda: kr.Kirchhoff(C=(1, 2, 3), B=(1, 2, 3)), "inverse moment of the plane"),
-        (lambda: kr.HeavyTop(J=(1, -2, 3), A=(0, 0, 1)), "J_j \\+ J_k > 0"),
+        (lambda: kr.HeavyTop(J=(1, -2, 3), A=(0, 0, 1)), "No body has the principal moments"),
         (lambda: kr.HeavyTop(J=[[1, 2, 0], [0, 1, 0], [0, 0, 1]], A=(0, 0, 1)), "symmetric"),
         (lambda: kr.HeavyTop(J=np.ones((3, 2)), A=(0, 0, 1)), "square"),
         (lambda: kr.Neumann(b=(1, 2, 3)).state(x=(1, 1, 0), q=(0, 0, 1)), "must lie on"),
@@ -229,7 +229,7 @@ def test_a_run_that_blows_up_says_where(top: object) -> None:
 
 
 def test_tops_that_make_no_sense() -> None:
-    with pytest.raises(kr.InputError, match="positive"):
+    with pytest.raises(kr.InputError, match="No body has the principal moments"):
         kr.EulerTop(J=(1, 2, -0.5))
     with pytest.raises(kr.InputError, match="whole number from 3 on"):
         kr.KovalevskayaTop(n=2.5)

@@ -406,7 +406,7 @@ def test_a_flat_body_moves_in_closed_form() -> None:
     with pytest.raises(kr.InputError, match="got a flat body"):
         kr.simulate(plate.model(), plate.state(spin), dt=0.1, steps=1, method="veselov", progress=False)
     for J in ((0, 0, 1), (-1, 2, 3)):
-        with pytest.raises(kr.InputError, match=r"or one of them 0 .a flat body"):
+        with pytest.raises(kr.InputError, match=r"No body has the principal moments"):
             kr.EulerTop(J=J)
 
 

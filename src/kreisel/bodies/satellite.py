@@ -32,7 +32,7 @@ from kreisel.bodies.kepler import TINY, eccentric_anomaly
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
-from kreisel.record.checks import doubtful_angle
+from kreisel.record.checks import doubtful_angle, require_body
 from kreisel.record.contract import Parameter
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.system import euler_top
@@ -133,11 +133,7 @@ def doubts(*, semi_major_axis, eccentricity, inclination, node, perigee, mu, rad
 
 
 def check_moments(value, name):
-    if not ((value > 0) & (2 * value <= value.sum(-1, keepdims=True) * (1 + 1e-12))).all():
-        raise InputError(
-            f"{name}: expected three principal moments > 0, none above the sum of the other two, got "
-            f"{shown(value.tolist())}. Usual cause: moments about different points."
-        )
+    require_body(value.sum(-1, keepdims=True) / 2 - value, name)
 
 
 def check_eccentricity(value, name):

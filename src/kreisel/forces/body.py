@@ -20,6 +20,7 @@ from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.calling import keywords
+from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers
 from kreisel.record.model import Model
@@ -239,7 +240,8 @@ def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[s
         check = _alike if kind == "vector" and model.system.frame is Frame.REST else None
         out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping)
     if inertia is not None:
-        out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", _moments, inertia)
+        check = _moments if model.system.translation is None else _positive
+        out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", check, inertia)
     if coupling is not None:
         out[COUPLING] = Parameter(COUPLING, "symmetric", "K in M.KP, what H has beside", None, coupling)
     return out
@@ -254,6 +256,12 @@ def _alike(value: Array, name: str) -> None:
 
 
 def _moments(value: Array, name: str) -> None:
+    _positive(value, name)
+    require_body(value.sum(-1, keepdims=True) / 2 - value, name)
+
+
+def _positive(value: Array, name: str) -> None:
+    """Of a body with the fluid that it moves, of which no more is asked."""
     if not (value > 0).all():
         raise InputError(f"{name}: expected three moments of inertia > 0, got {shown(value.tolist())}.")
 

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_rotation import FreeRotation
-from kreisel.physical.inertia import CLOSE, Principal, inertia_tensor, principal
+from kreisel.physical.inertia import Principal, inertia_tensor, principal
 from kreisel.physical.measures import (
     RATE,
     attitude_in_space,
@@ -28,6 +28,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.record.body_frame import BodyFrame
+from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
 from kreisel.system.euler_top import SYSTEM as EulerTop
 from kreisel.units import Scales

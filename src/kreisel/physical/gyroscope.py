@@ -21,9 +21,12 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
+from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.system.lagrange_top import SYSTEM as LagrangeTop
 from kreisel.units import Scales
+
+PIVOT = "transverse_moment not about the pivot: add mass lever^2"
 
 
 class Motion(NamedTuple):
@@ -59,11 +62,9 @@ class Gyroscope:
         units = {"mass": "kg", "axial_moment": MOMENT, "transverse_moment": MOMENT, "lever": "m", "gravity": "m/s^2"}
         convert_fields(self, positive=True, **units)
         central = in_range("mass lever^2", lambda: self.transverse_moment - self.mass * self.lever**2)
-        if self.axial_moment > 2 * central + 1e-12 * self.transverse_moment:  # equal for a flat body, but for rounding
-            raise InputError(
-                f"No body has these moments: axial_moment = {self.axial_moment:.6g} exceeds twice transverse_moment - "
-                f"mass lever^2 = {central:.6g}. Usual cause: transverse_moment not about the pivot: add mass lever^2."
-            )
+        half = self.axial_moment / 2
+        rounding = CLOSE * self.transverse_moment  # central is a difference
+        require_body((half, half, central - half + rounding), "about its centre of mass", PIVOT)
         for name in ("alpha", "torque", "time_unit", "momentum_unit", "sleeping_spin"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 

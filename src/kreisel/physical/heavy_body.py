@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
-from kreisel.physical.inertia import inertia_tensor, mass_tensor
+from kreisel.physical.inertia import inertia_tensor, mass_tensor, steiner
 from kreisel.physical.measures import (
     RATE,
     STANDARD_GRAVITY,
@@ -22,9 +22,12 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
+from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.system.heavy_top import SYSTEM as HeavyTop
 from kreisel.units import Scales
+
+PIVOT = "inertia not about the pivot: HeavyBody.about_centre adds m l^2"
 
 
 @explained
@@ -53,15 +56,17 @@ class HeavyBody:
             raise InputError(f"gravity must not be negative: it points down, along -e3, got {self.gravity!r}.")
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
         object.__setattr__(self, "arm", si_numbers(self.arm, "m", "arm", ((3,),)))
+        central = np.linalg.eigvalsh(mass_tensor(self.inertia - steiner(self.mass, self.arm)))
+        rounding = CLOSE * np.trace(self.inertia)  # of a difference: a point on a light rod has nothing left
+        require_body(central + rounding, "about its centre of mass", PIVOT, rod=True)
         for name in ("torque", "time_unit", "momentum_unit"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
     def about_centre(cls, mass: float, inertia: Any, arm: Any, gravity: float = STANDARD_GRAVITY) -> HeavyBody:
         """The same from the inertia tensor about the centre of mass: I + m (|l|^2 - l l^T) (Steiner)."""
-        free = cls(mass, inertia, arm, 0.0)
-        shift = in_range("m l^2", lambda: free.mass * (free.arm @ free.arm * np.eye(3) - np.outer(free.arm, free.arm)))
-        return cls(free.mass, free.inertia + shift, free.arm, gravity)
+        mass, arm = si_number(mass, "kg", "mass", positive=True), si_numbers(arm, "m", "arm", ((3,),))
+        return cls(mass, inertia_tensor(inertia) + steiner(mass, arm), arm, gravity)
 
     @property
     def mass_tensor(self) -> Array:

@@ -9,11 +9,10 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.physical.measures import MOMENT, in_range, si_numbers
+from kreisel.record.checks import CLOSE, require_body
 
-CLOSE = 1e-12  # of the trace: what rounding may do to a flat body
 
-
-def inertia_tensor(value: Any) -> Array:
+def inertia_tensor(value: Any, name: str = "inertia", *cause: str) -> Array:
     """A classical inertia tensor (3, 3) from itself or its diagonal (3,), in SI or with units.
 
     Raises `InputError` unless it is symmetric and no principal moment is above the sum of the other two.
@@ -22,14 +21,14 @@ def inertia_tensor(value: Any) -> Array:
     inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
     if abs(inertia - inertia.T).max() > CLOSE * abs(inertia).max():
         raise InputError(f"inertia must be symmetric, got {inertia.tolist()}.")
-    least = np.linalg.eigvalsh(in_range("The inertia tensor", lambda: mass_tensor(inertia))).min()
-    if least < -CLOSE * np.trace(inertia) or np.trace(inertia) <= 0:
-        moments = np.linalg.eigvalsh(inertia)
-        raise InputError(
-            f"No body has the principal moments {moments.tolist()}: each must be at most the sum of the other two. "
-            "Usual cause: moments about different points, or a mass tensor for an inertia tensor."
-        )
+    tensor = in_range("The inertia tensor", lambda: mass_tensor(inertia))
+    require_body(np.linalg.eigvalsh(tensor), name, *cause, rod=True)
     return inertia
+
+
+def steiner(mass: float, arm: Array) -> Array:
+    """m (|l|^2 - l l^T), (3, 3), kg m^2: of an inertia tensor about a point at l from the centre of mass."""
+    return np.asarray(in_range("m l^2", lambda: mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))))
 
 
 def mass_tensor(inertia: Array) -> Array:

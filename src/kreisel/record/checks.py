@@ -40,37 +40,61 @@ def distinct(a, letter):
                 )
 
 
-def positive(J, letter):
-    if np.asarray(J <= 0).any():
+CLOSE = 1e-12  # of the trace: what rounding does to a flat body whose moments are computed
+ROUNDED = 0.02  # of the largest moment: what typing two or more digits does
+
+
+OTHER_POINTS = "moments about different points, or a mass tensor for an inertia tensor"
+OF_J = "classical moments I for the mass tensor {J} = sum m x x^T, for n = 3 {J} = tr(I)/2 - I"
+
+
+def require_body(J: Any, name: str, cause: str = OTHER_POINTS, *, close: float = CLOSE, rod: bool = False) -> None:
+    """Raises `InputError` unless J_j >= 0, but for `close`, and J_j + J_k > 0, with `rod` >= 0.
+
+    J (..., n) are the principal values of a mass tensor sum m x x^T: for n = 3 then none of the principal moments
+    I_i = J_j + J_k exceeds the sum of the other two.
+    """
+    values = np.sort(np.asarray(J), -1).reshape(-1, np.shape(J)[-1])
+    total, least = values.sum(-1), values[:, 0] + values[:, 1]
+    bad = (values[:, 0] < -close * total) | ((total <= 0) if rod else (least <= 0))
+    if not bad.any():
+        return
+    row, size = values[bad][0], total[bad][0]
+    if len(row) > 3:
         raise InputError(
-            f"The entries of {letter} must be positive, got {np.asarray(J).tolist()}. {letter} is the diagonal of the "
-            f"mass tensor sum m x x^T, not the classical moments I: for n = 3, {letter}_1 = (I_2 + I_3 - I_1)/2, ..."
+            f"{name}: expected a mass tensor sum m x x^T, whose principal values are > 0 but for one that may be 0, "
+            f"got {row.tolist()}."
         )
+    moments = (size - row)[::-1].tolist()  # increasing
+    largest, excess = moments[2], -2 * row[0]
+    words = f"No body has the principal moments {', '.join(f'{float(x):.6g}' for x in moments)} ({name}): "
+    if moments[0] <= 0:
+        raise InputError(f"{words}expected all > 0. Usual cause: {cause}.")
+    words += f"the largest exceeds the sum of the other two by {float(excess):.3g}. Usual cause: "
+    if excess <= ROUNDED * largest:
+        raise InputError(
+            f"{words}a flat body whose moments were rounded. Write the largest as the sum of the others, "
+            f"{float(largest - excess):.12g}, for which the mass tensor has an entry 0, or type more digits."
+        )
+    raise InputError(f"{words}{cause}.")
+
+
+def check_diagonal(J, letter):
+    """The diagonal of the mass tensor of a body, which may be flat."""
+    require_body(J, letter, OF_J.format(J=letter), close=0)
+
+
+def check_positive_diagonal(J, letter):
+    """The diagonal of the mass tensor of a body that is not flat."""
+    check_diagonal(J, letter)
+    if np.asarray(J <= 0).any():
+        raise InputError(f"The entries of {letter} must be positive, got {np.asarray(J).tolist()}.")
 
 
 def check_mass_tensor(J, letter):
-    """J_j >= 0 and J_j + J_k > 0: one may be 0, that of a flat body."""
-    values = np.sort(np.asarray(J), -1)
-    if np.asarray(values[..., 0] < 0).any() or np.asarray(values[..., 0] + values[..., 1] <= 0).any():
-        raise InputError(
-            f"The entries of {letter} must be positive, or one of them 0 (a flat body), got {np.asarray(J).tolist()}. "
-            f"{letter} is the diagonal of the mass tensor sum m x x^T, not the classical moments I: for n = 3, "
-            f"{letter}_1 = (I_2 + I_3 - I_1)/2, ..."
-        )
-
-
-def moments(J, letter):
-    """J_j + J_k > 0 for principal values, so that the kinetic energy -tr(Omega J Omega)/2 is positive."""
-    if J.dtype == object:
-        d = np.sort(np.diagonal(J, axis1=-2, axis2=-1), -1)
-    else:
-        d = np.sort(np.linalg.eigvalsh(J), -1)
-    if np.asarray(d[..., 0] + d[..., 1] <= 0).any():
-        raise InputError(
-            f"The mass tensor {letter} needs J_j + J_k > 0 for all pairs of principal values, got {d.tolist()}. "
-            f"{letter} is the sum of mass x x^T over the body, not the classical inertia tensor I: "
-            f"for n = 3, {letter} = tr(I)/2 - I."
-        )
+    """The mass tensor of a body, (..., n, n), so that the kinetic energy -tr(Omega J Omega)/2 is positive."""
+    d = np.diagonal(J, axis1=-2, axis2=-1) if J.dtype == object else np.linalg.eigvalsh(J)
+    require_body(d, letter, OF_J.format(J=letter), close=0 if J.dtype == object else CLOSE)
 
 
 def doubtful_angle(value: Any, name: str) -> Iterator[str]:

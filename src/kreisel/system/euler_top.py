@@ -17,7 +17,7 @@ from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
-from kreisel.record.checks import check_mass_tensor
+from kreisel.record.checks import check_diagonal
 from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
 
 
@@ -146,7 +146,7 @@ SYSTEM = System(
             "J",
             "vector",
             "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)",
-            check=check_mass_tensor,
+            check=check_diagonal,
             positive=True,
         ),
     ),

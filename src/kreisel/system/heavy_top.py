@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.algebra import act, dot, identity, is_exact, pairing, wedge
 from kreisel.errors import InputError
-from kreisel.record.checks import moments
+from kreisel.record.checks import check_mass_tensor
 from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 
@@ -55,7 +55,7 @@ SYSTEM = System(
             "J",
             "symmetric",
             "mass tensor sum m x x^T (n = 3: J = tr(I)/2 - I from the classical inertia tensor I)",
-            moments,
+            check_mass_tensor,
             exact_diagonal=True,
         ),
         Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", fixed="body"),

@@ -15,7 +15,7 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 
 from kreisel.algebra import axial, dot, hat, identity
 from kreisel.algebra.matrices import diagonal
-from kreisel.record.checks import positive
+from kreisel.record.checks import check_positive_diagonal
 from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System
 from kreisel.system.fluid import around
 
@@ -62,7 +62,7 @@ SYSTEM = System(
             "J",
             "vector",
             "diagonal of the mass tensor of body and wheel (I_1 = J_2 + J_3, ...)",
-            check=positive,
+            check=check_positive_diagonal,
             positive=True,
         ),
         Parameter("h", "vector", "momentum of the wheel relative to the body"),
