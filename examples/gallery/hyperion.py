@@ -1,4 +1,4 @@
-"""Hyperion tumbles: the chaotic rotation of a moon on an elliptic orbit.
+"""A moon like Hyperion on an elliptic orbit: its slow rotation is chaotic.
 
 A body with moments A < B < C on a Kepler orbit of eccentricity e feels V = (3/2) (GM/r^5) r.I r, with r = g^T r(t) the
 direction of Saturn in the body.  Time is in units of the orbit's inverse mean motion: one orbit is 2 pi.
@@ -8,10 +8,18 @@ axis.  One chaotic zone goes from the 1/2 to the 2 state; there is no 3/2 state.
 rad.  In the states 2 and 5/2 it stays there, in the states 1/2 and 1 and in the chaotic zone it turns over.  Bottom:
 neighbouring motions separate by a factor e in one to three orbits of 21.28 days.
 
+That Hyperion itself tumbles so is contested.  Voyager 2 and Cassini saw it turn 4.2 to 4.5 times as fast as it goes
+round, about an axis 30 degrees off its longest; Goldberg and Batygin find from the whole problem, for a symmetric body,
+that it is near or in a resonance of its nutation with the orbit and rotates regularly, or with a chaos orders of
+magnitude weaker.  benchmarks/hyperion.py, all three axes unequal, over 500 orbits (29 years): of 64 slow states all are
+chaotic, with a factor e in 24 days (the median); of 64 that spin as observed, in all directions of space, 8 are regular
+and the others separate by e in 402 days, 17 times as slowly; with two equal moments 28 are regular.
+
 The planar motion agrees with C theta'' = -(3/2) (B - A) sin(2 (theta - f))/r^3, integrated by SciPy.
 
 Source: J. Wisdom, S. J. Peale, F. Mignard, Icarus 58 (1984) 137: e = 0.1, half axes 190, 145, 114 km, (B - A)/C =
-0.264; states and their stability in its abstract.
+0.264; states and their stability in its abstract.  M. Goldberg, K. Batygin, Astron. Astrophys. 692 (2024) A9.  R. A.
+Harbison, P. C. Thomas, P. C. Nicholson, Rotational modeling of Hyperion, Celest. Mech. Dyn. Astron. 110 (2011) 1.
 """
 
 import os
@@ -165,6 +173,6 @@ with figure("light", 10.0, 6.4) as (made, theme):
     panels["gap"].semilogy(
         orbit[grown], line, "--", color=theme.colours[1], label=f"e-fold in {DAYS / growth:.0f} days"
     )
-    panels["gap"].set(xlabel="orbits", ylabel="distance", title="neighbours among tumbling motions")
+    panels["gap"].set(xlabel="orbits", ylabel="distance", title="neighbours among slow tumbling motions")
     panels["gap"].legend(loc="lower right")
     made.savefig("hyperion.png")

@@ -30,3 +30,15 @@ def test_published_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
         assert agrees(row._asdict()), row
         assert row.found == pytest.approx(committed[row.what], rel=1e-3)
     assert not agrees({**rows[0], "found": 1.0})
+
+
+def test_the_guide_has_the_figures_of_hyperion() -> None:
+    rows = json.loads((ROOT / "benchmarks" / "results" / "hyperion.json").read_text(encoding="utf-8"))["rows"]
+    guide = (ROOT / "docs" / "guide-asteroid.md").read_text(encoding="utf-8")
+    said = [line.split(" | ") for line in guide.splitlines() if line.startswith(("| half axes", "| the first"))]
+    assert len(said) == len(rows) / 2 == 3
+    for cells, title in zip(said, ("triaxial, Wisdom 1984", "triaxial, Thomas 2010", "symmetric"), strict=True):
+        for cell, state in zip(cells[1:], ("slow", "observed"), strict=True):
+            row = rows[f"{title}: {state}"]
+            assert cell.strip(" |") == f"{row['regular']}, {row['lyapunov_days'][1]:.0f} days"
+            assert (row["regular"] == 0) is (state == "slow")
