@@ -15,7 +15,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import reduction as red
-from kreisel.bodies import KNOWN
+from kreisel.bodies import BODIES, KNOWN
 from kreisel.runs.examples import example
 from kreisel.storage.checking import check_archive
 
@@ -99,6 +99,8 @@ def test_bodies_in_si_units_and_their_propagators() -> None:
         "free": free,
         "rotation": free.rotation((0.1, 0.2, 0.3)),
         "ellipsoid": kr.physical.Ellipsoid(semi_axes=(0.3, 0.2, 0.1), mass=25.0, fluid_density=1000.0),
+        "submerged": kr.physical.SubmergedBody(1.0, (0.02, 0.02, 0.02), (5.0, 5.0, 26.0, 0.1, 0.2, 0.3)),
+        "asteroid": kr.physical.Asteroid((1e24, 2e24, 2.5e24), kr.physical.Orbit.circular(550e3)),
         "satellite": kr.physical.Satellite((0.03, 0.05, 0.06), kr.physical.Orbit.circular(550e3)),
     }
     for name, body in physical.items():
@@ -108,6 +110,11 @@ def test_bodies_in_si_units_and_their_propagators() -> None:
             assert type(again) is type(body) and again.__dict__.keys() == body.__dict__.keys(), (name, way)
             assert repr(again) == repr(body) or "object at" in repr(body)
             assert p is None or repr(through(p)) == repr(p)
+    for system in BODIES.values():
+        model = example(system).model
+        again = WAYS["pickle"](model)
+        assert again.system is system and equal(again.constants, model.constants)
+        assert again.body_frame.table == model.body_frame.table
 
 
 def test_a_system_of_a_lagrangian() -> None:

@@ -10,6 +10,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from threading import Lock
+from types import FunctionType
 from typing import Any, TypeVar
 from weakref import WeakValueDictionary
 
@@ -30,8 +31,8 @@ class Identity:
 
     @property
     def place(self) -> dict[str, Any] | None:
-        """Where the object can keep what belongs to it."""
-        found = getattr(self._what, "__dict__", None)
+        """Where the object can keep what belongs to it; None of a function, with which cloudpickle would send it."""
+        found = None if isinstance(self._what, FunctionType) else getattr(self._what, "__dict__", None)
         return found if isinstance(found, dict) else None
 
 
@@ -73,7 +74,7 @@ def _identities(key: Hashable) -> Iterator[Identity]:
 
 def _table(key: Hashable) -> Table:
     """The table of the first object in a key, or that of none."""
-    place = next((each.place for each in _identities(key)), None)
+    place = next((each.place for each in _identities(key) if each.place is not None), None)
     if place is None:
         return _of_none
     if KEPT not in place:
