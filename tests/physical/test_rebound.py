@@ -322,6 +322,48 @@ def test_the_moon_recedes_and_the_day_gets_longer() -> None:
     assert np.linalg.norm(spins.angular_momentum() - total) < 1e-12 * np.linalg.norm(total)
 
 
+def oblate_earth(sim: Any, axis: Any = (0.0, 0.0, 1.0)) -> Spins:
+    """The first particle as the Earth, C - A = J_2 m R^2, turning about its axis of the moment C."""
+    m, R, J2 = 5.9722e24, 6.378137e6, 1.08263e-3
+    A, C = (0.33070 - J2) * m * R**2, 0.33070 * m * R**2
+    tilt = np.arctan2(axis[1], axis[2]) / 2
+    g = (np.cos(tilt), -np.sin(tilt), 0.0, 0.0)  # the third axis of the body to `axis`, about x
+    spin = 2 * np.pi / 86164.1 * np.asarray(axis)
+    return attach(sim, {0: Body((A, A, C), spin=spin, orientation=g)})
+
+
+@pytest.mark.parametrize(("height", "inclination", "rate"), [(700e3, 98.19, 360 / 365.2422), (410e3, 51.64, -5.0)])
+def test_nodes_over_an_oblate_earth(height: float, inclination: float, rate: float) -> None:
+    """The node of a sun-synchronous orbit goes east with the Sun, that of the space station west by 5 degrees a day."""
+    sim = rebound.Simulation()
+    sim.units = ("m", "s", "kg")
+    sim.add(m=5.9722e24)
+    sim.add(m=0.0, a=6.378137e6 + height, inc=np.radians(inclination), Omega=0.1)
+    sim.integrator, sim.dt = "whfast", sim.particles[1].P / 40
+    spins, nodes = oblate_earth(sim), []
+    for _ in range(3):
+        spins.integrate(sim.t + 86400.0)
+        nodes.append(np.degrees(sim.particles[1].Omega) + 360 * (sim.particles[1].Omega < -1))
+    assert np.diff(np.unwrap(nodes, period=360)).mean() == pytest.approx(rate, rel=0.03)
+
+
+def test_the_sun_turns_the_axis_of_the_earth_westward() -> None:
+    """Its part of the precession of the equinoxes: 15.9 seconds of arc a year, against the sense of the orbit."""
+    sim = rebound.Simulation()
+    sim.units = ("m", "s", "kg")
+    sim.add(m=5.9722e24)
+    sim.add(m=1.98847e30, a=1.495978707e11)
+    sim.move_to_com()
+    sim.integrator, sim.dt = "whfast", 3.15576e7 / 60
+    tilt = np.radians(23.4393)
+    spins = oblate_earth(sim, (0.0, -np.sin(tilt), np.cos(tilt)))
+    spins.steps(600)
+    x, y, _ = spins.spin_angular_momentum(0)
+    years = sim.t / 3.15576e7
+    azimuth = np.degrees(np.arctan2(x, -y)) * 3600  # eastward of -y
+    assert azimuth / years == pytest.approx(-15.9, rel=0.03)
+
+
 def test_late_tides_shrink_a_circle() -> None:
     """a'/a = -6 k q (1 + q) (R/a)^8 (G M lag/R^3) (1 - Omega/n) [Hut 1981]."""
     for spin in (0.0, 0.3):
