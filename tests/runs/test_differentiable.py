@@ -16,8 +16,13 @@ from kreisel import reduction as red
 from kreisel.algebra import invariants
 from kreisel.algebra.iteration import repeat
 from kreisel.baecklund import lagrange_top
+from kreisel.bodies import KNOWN
+from kreisel.kernels import jax_numbers as by
 from kreisel.kernels.jax_numbers import numbers, values
 from kreisel.method import scheme
+from kreisel.runs.differentiable import constants_of
+from kreisel.runs.examples import example
+from sizes import FULL
 
 TOP = kr.LagrangeTop(p=(0, 0, 1))
 START = {"m": np.array([0.1, 0.2, 1.5]), "a": np.array([0.6, 0, 0.8])}
@@ -111,6 +116,115 @@ def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any)
     model, start, method, order = CASES[case]
     found, expected = slopes(model, start, letter, method, order, **more)
     assert abs(expected).max() > 1e-3 and abs(found - expected).max() < 1e-8
+
+
+SPREAD = np.random.default_rng(1).normal(size=(6, 6))
+OFF_ITS_BOUNDS: dict[str, dict[str, Any]] = {  # where differences have room
+    "satellite": {"eccentricity": 0.01, "density": 1e-13, "pressure": 5e-6, "mirror": 0.2, "diffuse": 0.3,
+                  "field": 7.6e15, "dipole": (0.01, -0.02, 0.01), "torque": (1e-8, 2e-8, -1e-8), "degree_3": np.ones(7),
+                  "degree_4": np.ones(9), "plates": [[0.0, 0.6, 0.8, 0.1, 0.2, 0.3, 0.01]], "inclination": 1.7,
+                  "node": 0.4, "perigee": 0.7, "sun": (0.6, 0.0, 0.8)},
+    "submerged-body": {"mass_matrix": SPREAD @ SPREAD.T + np.diag([30.0, 40, 50, 10, 20, 35]),
+                       "linear_drag": np.ones(6), "quadratic_drag": np.ones(6), "center_of_buoyancy": (0.1, 0.2, 0.3)},
+}  # fmt: skip
+OFF_ITS_BOUNDS["satellite-with-wheel"] = {**OFF_ITS_BOUNDS["satellite"], "wheel_torque": (1e-7, 1e-7, -1e-7)}
+
+
+def varied(system: Any) -> tuple[Any, Any, Any]:
+    """An example with all of its parameters that are real numbers, and a direction for them."""
+    given = OFF_ITS_BOUNDS.get(system.name, {})
+    made = example(system, None if system.n else 3, given)
+    rng, kinds = np.random.default_rng(3), {p.letter: p.kind for p in system.parameters}
+    x = {k: np.asarray(v, dtype=np.float64) for k, v in made.model.params.items() if kinds[k] != "dimension"}
+    v = {k: 0.1 * rng.normal(size=y.shape) * np.where(y == 0, 1, abs(y)) for k, y in x.items()}
+    v |= {k: y + y.T for k, y in v.items() if kinds[k] == "symmetric" or k == "mass_matrix"}
+    if "sun" in x:  # of length 1
+        v["sun"] = v["sun"] - v["sun"] @ x["sun"] * x["sun"]
+    return made, x, v
+
+
+def moved(x: Any, v: Any, h: float) -> Any:
+    out = {k: x[k] + h * v[k] for k in x}
+    return out | ({"sun": algebra.unit(out["sun"])} if "sun" in x else {})
+
+
+def by_differences(f: Any) -> Any:
+    """The derivative at 0, of order 4."""
+    h = 1e-3
+    return (8 * (f(h) - f(-h)) - f(2 * h) + f(-2 * h)) / (12 * h)
+
+
+NAMES = [name for name, s in KNOWN.items() if any(p.kind != "dimension" for p in s.parameters)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_constants_have_derivatives_by_every_parameter(name: str) -> None:
+    """Those that a record derives from its parameters, by all of them together."""
+    made, x, v = varied(KNOWN[name])
+
+    def constants(y: Any) -> Any:
+        return {k: by.values_of(c) for k, c in constants_of(by, made.model, y).items()}
+
+    with red.double():
+        value, found = jax.jvp(constants, (x,), (v,))
+    for letter in value:
+
+        def other(h: float, letter: str = letter) -> Any:
+            return KNOWN[name](**{**made.model.params, **moved(x, v, h)}).constants[letter]
+
+        expected = by_differences(other)
+        if expected.shape == value[letter].shape:  # W of a heavy top is another one if J is known to be diagonal
+            assert abs(np.asarray(found[letter]) - expected).max() <= 1e-7 * max(abs(expected).max(), 1e-9), letter
+
+
+def of_a_step(model: Any, method: str, start: Any, dt: float, orientation: Any) -> Any:
+    """The end of two steps of the definition on NumPy."""
+    made = scheme(model, method, dt, None, orientation is not None)
+    short = [kind == "skew" and model.n == 3 for kind in model.system.space.kinds]
+    own = [algebra.hat(x) if axial else x for x, axial in zip(start.values(), short, strict=True)]
+    z = made.prepare((*own, *(() if orientation is None else (orientation,))))
+    for _ in range(2):
+        z = made.advance(*z)
+    parts = made.observe(z, (), **made.constants)
+    ends = [parts[k] for k in model.system.space.letters]
+    return np.concatenate([np.ravel(algebra.axial(x) if axial else x) for x, axial in zip(ends, short, strict=True)])
+
+
+STEPPED = {  # system: method, if not the default
+    **dict.fromkeys(
+        ["clebsch-general", "heavy-top", "hess-appelrot", "kirchhoff", "manakov-top", "ratiu-top"], "kahan"
+    ),
+    **dict.fromkeys(["goryachev-chaplygin", "kirchhoff-case", "lyapunov", "steklov", "steklov-lyapunov"], "kahan"),
+    **dict.fromkeys(["kovalevskaya-gyrostat", "zhukovsky-volterra"], "kahan"),
+}
+FEW = ("heavy-top",)  # a kernel each
+
+
+@pytest.mark.parametrize("name", NAMES if FULL else FEW)
+def test_a_motion_has_derivatives_by_every_parameter(name: str) -> None:
+    """One by one, or by all together, from a start where some parameters are 0, 1 or equal."""
+    made, x, v = varied(KNOWN[name])
+    method = STEPPED.get(name) or made.method
+    g = None if made.orientation is None or KNOWN[name].perturbation is None else np.array([0.5, -0.5, 0.5, 0.5])
+    start = {k: np.asarray(y) for k, y in made.model.state(**made.state).axial.items()}
+    f = kr.differentiable(made.model, method=method, orientation=False if g is None else g)
+
+    def end(y: Any) -> Any:
+        out = f(start, dt=made.dt, steps=2, **y)
+        return jnp.concatenate([jnp.ravel(out[k]) for k in made.model.system.space.letters])
+
+    for letters in [[k] for k in x] if FULL else [list(x)]:
+        one, by_one = {k: x[k] for k in letters}, {k: v[k] for k in letters}
+
+        def other(h: float, one: Any = one) -> Any:
+            model = KNOWN[name](**{**made.model.params, **moved(one, v, h)})
+            return of_a_step(model, method, start, made.dt, g)
+
+        with red.double():
+            value, found = jax.jvp(end, (one,), (by_one,))
+        expected = by_differences(other)
+        scale = max(abs(expected).max(), 1e-9 * abs(np.asarray(value)).max())
+        assert abs(np.asarray(found) - expected).max() <= 1e-5 * scale, letters
 
 
 DAMPED = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), damping=(0.2, 0.3, 0.1))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 
 from kreisel.algebra.complex import Complex, as_complex
 
+DIAGONAL = 1e-12  # relative: entries beside the diagonal
 Array = Any  # an array of any library, or a NumPy object array of any field
 LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet, where its own do not serve
 
@@ -32,6 +34,11 @@ def objects(numbers: Iterable[Any], shape: tuple[int, ...] | None = None) -> Arr
     out = np.empty(len(entries), dtype=object)
     out[:] = entries
     return out if shape is None else out.reshape(shape)
+
+
+def is_known_zero(x: Array) -> bool:
+    """Whether every entry is 0, whatever values JAX's tracers and other stand-ins for numbers take."""
+    return isinstance(x, np.ndarray) and all(v == 0 for v in x.flat)
 
 
 def identity(n: int) -> Array:
@@ -85,6 +92,25 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
         tail = A[..., k : k + 1, k + 1 :] @ B[..., k + 1 :, :] if k + 1 < n else 0
         B[..., k : k + 1, :] = (B[..., k : k + 1, :] - tail) * (1 / A[..., k : k + 1, k : k + 1])
     return pivots, B
+
+
+def principal_axes(A: Array) -> tuple[Array, Array]:
+    """The principal values of a symmetric A (3, 3) and axes as columns, right-handed, as near those of A as can be.
+
+    By JAX's arrays the derivative of the axes of two equal values is 0: that by entries beside the diagonal is none.
+    """
+    return _linear_algebra(A).principal_axes(A) if not isinstance(A, np.ndarray) else nearest_axes(A)
+
+
+def nearest_axes(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`principal_axes` of an array of NumPy."""
+    if abs(A - np.diag(np.diag(A))).max() <= DIAGONAL * abs(A).max():
+        return np.diag(A), np.eye(3)
+    values, axes = np.linalg.eigh(A)
+    order = max(permutations(range(3)), key=lambda order: abs(np.diag(axes[:, order])).sum())
+    turn = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1, 1)
+    turn[:, abs(np.diag(turn)).argmin()] *= np.sign(np.linalg.det(turn))
+    return values[list(order)], turn
 
 
 def complex_number(re: Array, im: Array) -> Array:

@@ -18,18 +18,19 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.algebra.reuse import Identity, reused
-from kreisel.analysis.observations import Observations, Unknown, observed, unknowns
+from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, observed, turn_coordinates, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError, explained
+from kreisel.method.observing import ORIENTATION
 from kreisel.record.body_frame import AXES
 from kreisel.record.model import Model, State
-from kreisel.runs.differentiable import constants_of, differentiable
-from kreisel.runs.settings import check_model, checked_state, positive_number, within
+from kreisel.runs.differentiable import attitude_near, constants_of, differentiable
+from kreisel.runs.settings import check_model, checked_state, initial_orientation, positive_number, within
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from kreisel.record.model import StateLike
+    from kreisel.record.model import OrientationLike, StateLike
 
 SINGULAR = 1e-10  # least singular value over the largest, of a Jacobian with columns of length 1
 NAMED = 0.05  # share in a combination below which a coordinate is not named
@@ -43,6 +44,7 @@ class Fit:
     table         value, standard error, start, low and high of each unknown, by name
     covariance    of the values, a table
     model, state  the system and the state at time 0 with these values
+    orientation   the attitude at time 0, as `kr.simulate` takes it; None without one
     residuals     observed - predicted, a Dataset; NaN where nothing was observed
     chi2, dof     sum ((observed - predicted)/sigma)^2, and numbers observed less unknowns
     sigma         the error of an observation that the residuals have, where none was given; else None
@@ -54,6 +56,7 @@ class Fit:
     covariance: pd.DataFrame
     model: Model
     state: State
+    orientation: Array | None
     residuals: xr.Dataset
     chi2: float
     dof: int
@@ -86,7 +89,8 @@ class Fit:
         from kreisel.runs.simulate import simulate
 
         times = np.unique(self.residuals["time"].values.astype(np.float64))
-        return simulate(self.model, self.state, times=[float(t) for t in times], **self.settings)
+        settings = {**self.settings, "times": [float(t) for t in times], "orientation": self.orientation}
+        return simulate(self.model, self.state, **settings)
 
     @property
     def _summary(self) -> str:
@@ -112,6 +116,7 @@ def fit(
     *,
     free: Sequence[str] | Mapping[str, Any],
     x0: StateLike | None = None,
+    orientation: OrientationLike | None = None,
     dt: float | None = None,
     observables: Mapping[str, Callable[..., Any]] | None = None,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
@@ -123,18 +128,21 @@ def fit(
 
     system         with parameters: those that are not free, and where the search begins
     observations   a Dataset with the coordinate `time`, from 0 on, in any order, and variables (time, ...): components
-                   of the state (n = 3: axial vectors), "Omega" (the angular velocity in the frame of the system),
-                   "energy" and other integrals, one number of them such as "a[2]", or names of `observables`; NaN
-                   where nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body
-                   was given, and units (time in "s", Omega in "rad/s") are read from attributes `units`; without them
-                   they are those of the system.  A variable sigma_NAME, which has the shape of NAME or is spread over
-                   it, is the standard error of NAME.  Or a run, of which the state is taken.
+                   of the state (n = 3: axial vectors), "g" (the orientation), "Omega" (in the frame of the system),
+                   "energy" and other integrals, one number such as "a[2]", or names of `observables`; NaN where
+                   nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body was
+                   given, and units (time in "s", Omega in "rad/s") are read from attributes `units`; without them they
+                   are those of the system.  A variable sigma_NAME, which has the shape of NAME or is spread over it, is
+                   the standard error of NAME.  Or a run, of which the state is taken.
     free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]"; a mapping
                    also says where the search begins, None for what the system and x0 have
     x0             the state at time 0, or where its search begins; without it the first row of `observations`
+    orientation    the attitude at time 0, as for `kr.simulate`, or where its search begins: needed by forces that take
+                   g.  Free as "orientation": the axial vector of X (the entries i < j) in g = orientation cay(X/2), in
+                   the rest frame cay(X/2) orientation: the angles of a small rotation, rad
     dt             the step; times between two steps are reached by a shorter one.  Of a run its own, if not given
-    observables    name -> f(*components, *, ...) in jax.numpy, of one state; after the star parameters by letter, and
-                   numbers of the instrument by names of your own, for which `free` says where they begin
+    observables    name -> f(*components, *, ...) in jax.numpy, of one state; after the star parameters by letter, the
+                   orientation g as a matrix, the time t, and numbers of the instrument, which `free` starts
     bounds         name -> (low, high)
     method, order  as for `kr.differentiable`, whose function is fitted: without projections
 
@@ -149,23 +157,26 @@ def fit(
     dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
     state = checked_state(system, _first(system, observations) if x0 is None else x0)
     own = dict(observables or {})
-    unknown, starts = unknowns(system, state, free, bounds or {}, own)
+    attitude = _attitude(system, observations, orientation)
+    unknown, starts = unknowns(system, state, attitude, free, bounds or {}, own)
     seen = observed(system, observations, dt, own, starts)
+    _require_enough(seen, unknown)
+    settings: dict[str, Any] = {"method": method, "order": order}
+    f = differentiable(system, **settings, orientation=attitude is not None)
+    kind = system.key, _axes_of(system, observations), method, order, *(u.name for u in unknown), *seen.names
+    key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in own.items())
+    predicted = _predictions(f, system, unknown, starts, seen, key)
+    found = _least_squares(predicted, seen, unknown, evaluations, system)
+    start, last = (system, state, attitude), predicted(found.x.tobytes())[0]
+    return _as_fit(found, unknown, start, seen, last, {"dt": dt, **settings})
+
+
+def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:
     if seen.size < len(unknown):
         raise InputError(
             f"observations: expected at least as many numbers as unknowns, got {seen.size} for {len(unknown)}: "
             f"{', '.join(u.name for u in unknown)}."
         )
-    f = differentiable(system, method=method, order=order)
-    kind = system.key, _axes_of(system, observations), method, order, *(u.name for u in unknown), *seen.names
-    key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in own.items())
-    predicted = _predictions(f, system, unknown, starts, seen, key)
-    found = _least_squares(predicted, seen, unknown, evaluations, system)
-    if not found.success:
-        text = f"fit: the search did not converge: {found.message} Begin nearer, or raise evaluations."
-        warnings.warn(text, AccuracyWarning, stacklevel=2)
-    settings = {"dt": dt, "method": method, "order": order}
-    return _as_fit(found, unknown, system, state, seen, predicted(found.x.tobytes())[0], settings)
 
 
 def _axes_of(model: Model, observations: xr.Dataset) -> tuple[Any, ...]:
@@ -193,6 +204,18 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
     return {k: np.asarray(observations[k][0].values) for k in letters}
 
 
+def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None:
+    """The attitude at time 0 that was given, or that of a run.  Raises `InputError`."""
+    if orientation is None and "kreisel_format" in getattr(observations, "attrs", {}) and ORIENTATION in observations:
+        orientation = observations[ORIENTATION].values[0]
+    if orientation is None:
+        return None
+    g = initial_orientation(orientation, model)
+    if g.ndim > 1 + (model.n > 3):
+        raise InputError(f"orientation: expected one attitude, got the shape {g.shape}.")
+    return g
+
+
 def _predictions(
     f: Callable[..., Any],
     model: Model,
@@ -217,12 +240,19 @@ def _predictions(
         return out
 
     def predicted(x: Any, starts: Any) -> tuple[Any, Any]:
-        own = {k: filled(x, starts, k) for k in letters}
-        given = {k: filled(x, starts, k) for k in starts if k not in letters}
+        given = {k: filled(x, starts, k) for k in starts if k != ORIENTATION}
+        own = {k: given.pop(k) for k in letters}
+        if ORIENTATION in starts:
+            own[ORIENTATION] = attitude_near(
+                by, model, turn_coordinates(model, given.pop(ATTITUDE)), starts[ORIENTATION]
+            )
         moving = {k: given[k] for k in parameters}
         rows = _at_times(jax, f, own, seen, moving)
         known = constants_of(by, model, moving)
-        out = [jax.vmap(lambda row, show=show: show(by, row, known, given))(rows) for show in seen.shows]
+        out = [
+            jax.vmap(lambda row, t, show=show: show(by, row, t, known, given))(rows, jnp.asarray(seen.time))
+            for show in seen.shows
+        ]
         return out, out
 
     made = reused(("fit", *key), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
@@ -243,7 +273,8 @@ def _at_times(jax: Any, f: Any, own: Any, seen: Observations, given: Any) -> Any
     if not len(seen.between):
         return at
     begin = jax.tree.map(lambda v: v[seen.between], at)
-    rest = jax.vmap(lambda row, h: f(row, dt=h, steps=1, **given))(begin, seen.rest[seen.between])
+    time = seen.time[seen.between] - seen.rest[seen.between]
+    rest = jax.vmap(lambda row, h, t: f(row, dt=h, steps=1, time=t, **given))(begin, seen.rest[seen.between], time)
     return jax.tree.map(lambda v, w: v.at[seen.between].set(w), at, rest)
 
 
@@ -255,7 +286,7 @@ def _least_squares(
     start = np.array([u.start for u in unknown])
 
     def value(x: Array) -> Array:
-        return -seen.flat([v - p for v, p in zip(seen.values, predicted(x.tobytes())[0], strict=True)])
+        return -seen.flat(seen.differences(predicted(x.tobytes())[0]))
 
     def slope(x: Array) -> Array:
         return seen.flat(predicted(x.tobytes())[1])
@@ -266,7 +297,7 @@ def _least_squares(
             f"{', '.join(f'{u.name} = {u.start:g}' for u in unknown)}. Usual cause: dt too long, or an observable that "
             "is no number there."
         )
-    return least_squares(
+    found = least_squares(
         value,
         start,
         slope,
@@ -277,6 +308,10 @@ def _least_squares(
         gtol=PRECISION,
         max_nfev=evaluations,
     )
+    if not found.success:
+        text = f"fit: the search did not converge: {found.message} Begin nearer, or raise evaluations."
+        warnings.warn(text, AccuracyWarning, stacklevel=3)
+    return found
 
 
 def covariance_of(J: Array, names: Sequence[str]) -> Array:
@@ -303,8 +338,7 @@ def covariance_of(J: Array, names: Sequence[str]) -> Array:
 def _as_fit(
     found: Any,
     unknown: list[Unknown],
-    model: Model,
-    state: State,
+    start: tuple[Model, State, Array | None],
     seen: Observations,
     predicted: list[Array],
     settings: Mapping[str, Any],
@@ -318,10 +352,7 @@ def _as_fit(
     if not seen.weighted:
         sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan
         covariance = covariance * sigma**2
-    try:
-        fitted, x = _model_at(model, state, unknown, found.x)
-    except InputError as error:
-        raise RunError(f"fit: the values found are none of {model.system.name}. {error} Use bounds=... .") from error
+    model, state, attitude = _model_at(*start, unknown, found.x)
     columns = {
         "value": found.x,
         "error": np.sqrt(np.diag(covariance)),
@@ -332,8 +363,9 @@ def _as_fit(
     return Fit(
         table=pd.DataFrame(columns, index=names),
         covariance=pd.DataFrame(covariance, index=names, columns=names),
-        model=fitted,
-        state=x,
+        model=model,
+        state=state,
+        orientation=attitude,
         residuals=seen.residuals(predicted),
         chi2=chi2,
         dof=dof,
@@ -346,10 +378,23 @@ def _as_fit(
     )
 
 
-def _model_at(model: Model, state: State, unknown: list[Unknown], x: Array) -> tuple[Model, State]:
-    values: dict[str, Array] = {**model.params, **state.axial}
+def _model_at(
+    model: Model, state: State, attitude: Array | None, unknown: list[Unknown], x: Array
+) -> tuple[Model, State, Array | None]:
+    """With the values found.  Raises `RunError` for values that no such system has."""
+    values: dict[str, Array] = {**model.params, **state.axial, ATTITUDE: np.zeros(model.n * (model.n - 1) // 2)}
     for u, value in zip(unknown, x, strict=True):
         if u.letter in values:  # else a number of the instrument
             values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
-    fitted = Model(model.system, {k: values[k] for k in model.params}, model.body_frame)
-    return fitted, fitted.state(**{k: values[k] for k in model.system.space.letters})
+    try:
+        fitted = Model(model.system, {k: values[k] for k in model.params}, model.body_frame)
+        own = fitted.state(**{k: values[k] for k in model.system.space.letters})
+    except InputError as error:
+        raise RunError(f"fit: the values found are none of {model.system.name}. {error} Use bounds=... .") from error
+    if attitude is None:
+        return fitted, own, None
+    from kreisel.kernels import jax_numbers as by
+    from kreisel.reduction.double import double
+
+    with double():
+        return fitted, own, np.asarray(attitude_near(by, model, turn_coordinates(model, values[ATTITUDE]), attitude))

@@ -12,20 +12,22 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
-from kreisel.method.observing import functions
+from kreisel.method.observing import ORIENTATION, as_matrix, functions, with_orientation
 from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
+from kreisel.record.perturbation import TIME
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SIGMA = "sigma_"
 VELOCITY = "Omega"
+ATTITUDE = "orientation"
 ON_STEP = 1e-9  # of a step: times so close to it are its own
 MOST_NUMBERS = 10**8  # of rows and their derivatives
-Show = Callable[[Any, Mapping[str, Any], Mapping[str, Any], Mapping[str, Any]], Any]
+Show = Callable[[Any, Mapping[str, Any], Any, Mapping[str, Any], Mapping[str, Any]], Any]
 
 
 # -- unknowns --------------------------------------------------------------------------------------
@@ -43,13 +45,21 @@ class Unknown(NamedTuple):
 
 
 def unknowns(
-    model: Model, state: State, free: Any, bounds: Any, observables: Mapping[str, Any]
+    model: Model, state: State, attitude: Array | None, free: Any, bounds: Any, observables: Mapping[str, Any]
 ) -> tuple[list[Unknown], dict[str, Array]]:
-    """The unknowns, number by number, and arrays of parameters, components and the instrument.  Raises `InputError`."""
+    """The unknowns, number by number, and arrays of parameters, components, the attitude and the instrument.
+
+    Raises `InputError`.
+    """
     asked = _by_name(free)
     parameters = {p.letter: p.kind for p in model.system.parameters if p.kind != "dimension"}
     kinds = {**parameters, **dict(model.system.space.components)}
     starts: dict[str, Array] = {**model.params, **state.axial}
+    if attitude is not None:
+        kinds[ATTITUDE] = "array"
+        starts |= {ATTITUDE: np.zeros(model.n * (model.n - 1) // 2), ORIENTATION: attitude}
+    elif ATTITUDE in asked:
+        raise InputError("free: expected orientation=..., where the search for the orientation begins, got none.")
     for name in _of_instrument(model, observables):
         if asked.get(name) is None:
             raise InputError(f"free: expected a start of {name}, which observables take, such as {{{name!r}: 0.0}}.")
@@ -68,9 +78,9 @@ def unknowns(
                 "parameters, from a state that is known."
             )
         array = np.asarray(starts[letter], dtype=np.float64)
-        entries = [e for e in _entries(kinds[letter], array) if not index or e[0] == index]
+        entries = _entries(kinds[letter], array, index)
         if not entries:
-            known = ", ".join(_named(letter, i) for i, _ in _entries(kinds[letter], array))
+            known = ", ".join(_named(letter, i) for i, _ in _entries(kinds[letter], array, None))
             raise InputError(f"free: {letter} has the numbers {known}, got {shown(name)}.")
         begin = _spread(start, array.shape, name) if start is not None else array
         for place, pattern in entries:
@@ -87,7 +97,7 @@ def unknowns(
 def _of_instrument(model: Model, observables: Mapping[str, Any]) -> list[str]:
     """What observables take by name that the model has not."""
     names = [n for f in observables.values() if callable(f) for n in sorted(keywords(f))]
-    return [n for n in dict.fromkeys(names) if n not in model.params]
+    return [n for n in dict.fromkeys(names) if n not in (*model.params, ORIENTATION, TIME)]
 
 
 def _by_name(free: Any) -> dict[str, Any]:
@@ -104,21 +114,33 @@ def _by_name(free: Any) -> dict[str, Any]:
     return found
 
 
-def _entries(kind: str, array: Array) -> list[tuple[tuple[int, ...], Array]]:
-    """Indices of the independent numbers, and the array that is 1 there (and at what goes with it)."""
+def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...], Array]]:
+    """Indices of the independent numbers, and the array that is 1 there (and at what goes with it).
+
+    All, of a diagonal matrix those of the diagonal; or the one of that index, if it is one.
+    """
     out = []
-    diagonal = kind == "symmetric" and not (array - np.diag(np.diag(array))).any()
-    for index in np.ndindex(array.shape):
+    square = array.ndim == 2 and array.shape[0] == array.shape[1]
+    even = square and (kind == "symmetric" or (kind == "array" and (array == array.T).all()))
+    diagonal = even and not index and not (array - np.diag(np.diag(array))).any()
+    for place in np.ndindex(array.shape):
+        if index and place != index:
+            continue
         pattern = np.zeros(array.shape)
-        pattern[index] = 1
-        if array.ndim == 2 and kind in ("skew", "symmetric"):
-            i, j = index
+        pattern[place] = 1
+        if even or (square and kind == "skew"):
+            i, j = place
             if i > j or (kind == "skew" and i == j) or (diagonal and i != j):
                 continue
             if i != j:
                 pattern[j, i] = -1 if kind == "skew" else 1
-        out.append((index, pattern))
+        out.append((place, pattern))
     return out
+
+
+def turn_coordinates(model: Model, x: Any) -> Any:
+    """The entries i < j of a skew matrix, n = 3 from its axial vector."""
+    return algebra.coordinates(algebra.hat(x)) if model.n == 3 else x
 
 
 def _named(letter: str, index: tuple[int, ...]) -> str:
@@ -193,12 +215,21 @@ class Observations(NamedTuple):
         pieces = zip(arrays, self.sigmas, self.masks, strict=True)
         return np.concatenate([a[m] / s[m].reshape(-1, *(1,) * (a.ndim - m.ndim)) for a, s, m in pieces])
 
+    def differences(self, predicted: list[Array]) -> list[Array]:
+        """Observed - predicted; of a quaternion q or -q, whichever is nearer."""
+        out = []
+        for name, value, other in zip(self.names, self.values, predicted, strict=True):
+            if name == ORIENTATION and value.ndim == 2:
+                value = np.where((np.nan_to_num(value) * other).sum(-1, keepdims=True) < 0, -value, value)
+            out.append(value - other)
+        return out
+
     def residuals(self, predicted: list[Array]) -> xr.Dataset:
         """Observed - predicted."""
         import xarray as xr
 
-        pieces = zip(self.names, self.dims, self.values, predicted, self.masks, strict=True)
-        found = {n: (d, np.where(m, v - p, np.nan)) for n, d, v, p, m in pieces}
+        pieces = zip(self.names, self.dims, self.differences(predicted), self.masks, strict=True)
+        found = {n: (d, np.where(m, v, np.nan)) for n, d, v, m in pieces}
         return xr.Dataset(found, {"time": self.time})
 
 
@@ -216,13 +247,14 @@ def observed(
     letters = model.system.space.letters
     names = [str(n) for n in data.data_vars if not str(n).startswith(SIGMA)]
     if "kreisel_format" in data.attrs:
-        names = [n for n in names if n in letters or n in observables]
+        names = [n for n in names if n in (*letters, *(ORIENTATION,) * (ORIENTATION in starts)) or n in observables]
     stray = [str(n) for n in data.data_vars if str(n).startswith(SIGMA) and str(n).removeprefix(SIGMA) not in names]
     if stray or not names:
         raise InputError(
             f"observations: expected variables, and sigma_NAME for some NAME of them, got {shown(stray or names)}."
         )
-    shows = [_show(model, name, observables, data[name].attrs.get(AXES) == BODY) for name in names]
+    oriented = ORIENTATION in starts
+    shows = [_show(model, n, observables, data[n].attrs.get(AXES) == BODY, oriented) for n in names]
     sizes = [_size_of_unit(model, data[name], name) for name in names]
     values = [_numbers(data, name) / size for name, size in zip(names, sizes, strict=True)]
     time = _times(data) / _size_of_unit(model, data["time"], "time")
@@ -320,13 +352,14 @@ def _check_shapes(
     from kreisel.reduction.double import double, jax
     from kreisel.runs.differentiable import constants_of
 
+    components = with_orientation(model, ORIENTATION in starts)
+
     def row(*state: Any) -> list[Any]:
         known = constants_of(by, model, {})
-        own = dict(zip(model.system.space.letters, state, strict=True))
-        return [show(by, own, known, starts) for show in shows]
+        own = dict(zip((letter for letter, _ in components), state, strict=True))
+        return [show(by, own, 0.0, known, starts) for show in shows]
 
-    axial = [kind == "skew" and model.n == 3 for kind in model.system.space.kinds]
-    sizes = [_size(kind, model.n, short) for kind, short in zip(model.system.space.kinds, axial, strict=True)]
+    sizes = [_size(kind, model.n) for _, kind in components]
     with double():
         shapes = jax.eval_shape(row, *(np.empty(s) for s in sizes))
     for name, value, shape in zip(names, values, shapes, strict=True):
@@ -335,39 +368,42 @@ def _check_shapes(
             raise InputError(f"observations: expected {name} of the shape {wanted}, got {value.shape}.")
 
 
-def _size(kind: str, n: int, axial: bool) -> tuple[int, ...]:
-    if kind.startswith("R^"):
-        return (int(kind[2:]),)
-    return (n,) if axial or kind == "vector" else (n, n)
+def _size(kind: str, n: int) -> tuple[int, ...]:
+    if kind.startswith("R^") or kind == "quaternion":
+        return (4,) if kind == "quaternion" else (int(kind[2:]),)
+    return (n,) if kind == "vector" or (kind == "skew" and n == 3) else (n, n)
 
 
-def _show(model: Model, name: str, observables: dict[str, Any], in_body: bool) -> Show:
+def _show(model: Model, name: str, observables: dict[str, Any], in_body: bool, oriented: bool) -> Show:
     """What a variable is in a state; `in_body`: with components along the axes in which the body was given.
 
     Raises `InputError` for unknown names.
     """
-    if name in observables:
-        return _of_user(name, observables[name], model.system.space.letters)
-    letter, index = parse_quantity(name)
     space = model.system.space
+    if name in observables:
+        return _of_user(name, observables[name], model, oriented)
+    letter, index = parse_quantity(name)
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
     if model.system.velocity is not None:
         table[VELOCITY] = lambda *state, **known: _in_body(model, call(model.system.velocity, state, known))
     if letter in space.letters:
         axes = model.body_frame.axes if in_body and model.body_frame is not None else None
-        return lambda by, own, known, given: (own[letter] if axes is None else axes @ own[letter])[index]
+        return lambda by, own, t, known, given: (own[letter] if axes is None else axes @ own[letter])[index]
+    if letter == ORIENTATION and oriented:
+        return lambda by, own, t, known, given: own[letter][index]
     if letter not in table:
-        known_names = [*space.letters, *table, *observables]
+        known_names = [*space.letters, *(ORIENTATION,) * oriented, *table, *observables]
         raise InputError(
             f"observations: expected variables among {', '.join(known_names)}, got {shown(name)}."
             f"{hint(letter, known_names)} For another quantity give observables={{'NAME': function}}."
         )
 
-    def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
+    def show(by: Any, own: Mapping[str, Any], t: Any, known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
         axial = [k == "skew" and model.n == 3 for k in space.kinds]
         parts = [by.numbers(own[k]) for k in space.letters]  # JAX sorts the keys of a dict
         state = [algebra.hat(x) if short else x for x, short in zip(parts, axial, strict=True)]
-        value: Any = table[letter](*state, **known)
+        where = {ORIENTATION: as_matrix(model, by.numbers(own[ORIENTATION]))} if oriented else {}
+        value: Any = table[letter](*state, **known, **where, **{TIME: by.mixed(by.jnp.asarray(t, dtype=float))})
         value = algebra.axial(value) if np.shape(value) == (3, 3) else value
         return by.values(value)[index]
 
@@ -381,13 +417,17 @@ def _in_body(model: Model, omega: Any) -> Any:
     return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega
 
 
-def _of_user(name: str, function: Any, letters: Sequence[str]) -> Show:
+def _of_user(name: str, function: Any, model: Model, oriented: bool) -> Show:
     if not callable(function):
         raise InputError(f"observables: expected a function for {name}, got {shown(function)}.")
+    if ORIENTATION in keywords(function) and not oriented:
+        raise InputError(f"observables: {name} takes the orientation g: expected orientation=..., got none.")
 
-    def show(by: Any, own: Mapping[str, Any], known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
+    def show(by: Any, own: Mapping[str, Any], t: Any, known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
+        where = {ORIENTATION: as_matrix(model, own[ORIENTATION])} if oriented else {}
+        state = tuple(own[k] for k in model.system.space.letters)
         try:
-            return by.jnp.asarray(call(function, tuple(own[k] for k in letters), given))
+            return by.jnp.asarray(call(function, state, {**given, **where, TIME: t}))
         except (TypeError, AttributeError, IndexError, ValueError) as error:
             raise InputError(
                 f"observables: {name} cannot be computed and differentiated by JAX: {str(error).splitlines()[0]} Write "

@@ -26,7 +26,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import cross, sqrt
+from kreisel.algebra import cross, sqrt, vec
 from kreisel.algebra.gradient import cos, sin
 from kreisel.bodies.kepler import TINY, eccentric_anomaly
 from kreisel.errors import InputError, shown
@@ -95,13 +95,16 @@ def half_axes(*, semi_major_axis, eccentricity, inclination, node, perigee, mu):
     to_pericentre = np.stack([cn * cp - sn * sp * ci, sn * cp + cn * sp * ci, sp * si], -1)
     ahead = np.stack([-cn * sp - sn * cp * ci, -sn * sp + cn * cp * ci, cp * si], -1)
     a, b = semi_major_axis, semi_major_axis * np.sqrt(1 - eccentricity**2)
-    return {"rate": np.sqrt(mu / a) / a, "along": a[..., None] * to_pericentre, "across": b[..., None] * ahead}
+    return {"rate": np.sqrt(mu / a) / a, "along": vec(a) * to_pericentre, "across": vec(b) * ahead}
 
 
-def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu, radius, mirror, diffuse):
+def check_parameters(*, semi_major_axis, eccentricity, radius, mirror, diffuse):
     check_pericentre(semi_major_axis * (1 - eccentricity), radius)
     if (mirror + diffuse > 1).any():
         raise InputError(f"mirror + diffuse: expected at most 1, got {shown((mirror + diffuse).tolist())}.")
+
+
+def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu):
     J = moments.sum(-1, keepdims=True) / 2 - moments
     elements = {"inclination": inclination, "node": node, "perigee": perigee}
     orbit = half_axes(semi_major_axis=semi_major_axis, eccentricity=eccentricity, mu=mu, **elements)
@@ -250,6 +253,7 @@ def body(name, title, *wheel):
         derive=derive,
         body_frame=body_frame,
         doubts=doubts,
+        check_parameters=check_parameters,
         scaling="SI units.",
         n=3,
     )

@@ -18,11 +18,11 @@ depth is counted as work, U.F.  [Lamb, Hydrodynamics, 6th ed., chapter 6; Fossen
 """
 
 from dataclasses import replace
-from itertools import permutations
 
 import numpy as np
 
-from kreisel.algebra import axial, cross, hat, sqrt
+from kreisel.algebra import act, axial, cross, hat, identity, principal_axes, solve, sqrt
+from kreisel.algebra.invariants import trace
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
@@ -32,7 +32,7 @@ from kreisel.system import kirchhoff
 
 TINY = 1e-300  # so that |0| has a derivative
 SYMMETRIC = 1e-9
-DIAGONAL = 1e-12  # relative: entries beside the diagonal
+OTHER = np.array([[0, 2, 1], [2, 1, 0], [1, 0, 2]])  # the axis of the plane (j, k)
 
 
 def potential(g, *, lever):
@@ -60,15 +60,15 @@ def torque(M, P, *, turn, shift, **known):
 
 def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy):
     """What `kirchhoff` takes, where the state is: C, B and the coupling; and the place and the axes of the state."""
-    inverse = np.linalg.inv(mass_matrix.reshape(-1, 6, 6)[0])  # the same in all lanes
+    inverse = solve(mass_matrix.reshape(-1, 6, 6)[0], identity(6))  # the same in all lanes
     D, K, A = inverse[:3, :3], inverse[3:, :3], inverse[3:, 3:]
-    shift = -np.linalg.solve(np.trace(A) * np.eye(3) - A, axial(K - K.T))
+    shift = -act(solve(trace(A) * identity(3) - A, identity(3)), axial(K - K.T))
     S = hat(shift)
     D, K = D + S.T @ A @ S + S.T @ K + K.T @ S, K + A @ S
     rates, turn = principal_axes((A + A.T) / 2)
     D, K = (turn.T @ (X + X.T) @ turn / 2 for X in (D, K))
     lever = weight[..., None] * (center_of_mass - shift) - buoyancy[..., None] * (center_of_buoyancy - shift)
-    planes = np.array([[0.0, rates[2], rates[1]], [rates[2], 0.0, rates[0]], [rates[1], rates[0], 0.0]])
+    planes = (1 - identity(3)) * rates[OTHER]
     found = {"C": planes, "B": -D, "D": D, "coupling": K, "inverse": rates, "turn": turn, "shift": shift}
     return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in found.items()} | {
         "lever": lever @ turn
@@ -79,17 +79,6 @@ def body_frame(*, turn):
     """SI units; the mass matrix is given in any axes of the body."""
     units = {"time": "s", "M": "kg m^2/s", "P": "kg m/s", "energy": "J", "work": "J", "balance": "J"}
     return BodyFrame(turn.reshape(-1, 3, 3)[0], {name: (unit, 1.0) for name, unit in units.items()}, ("M", "P"))
-
-
-def principal_axes(A):
-    """The principal values of A and axes as columns, right-handed, as near those of coordinates as can be."""
-    if abs(A - np.diag(np.diag(A))).max() <= DIAGONAL * abs(A).max():
-        return np.diag(A), np.eye(3)
-    rates, axes = np.linalg.eigh(A)
-    order = max(permutations(range(3)), key=lambda order: abs(np.diag(axes[:, order])).sum())
-    turn = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1, 1)
-    turn[:, abs(np.diag(turn)).argmin()] *= np.sign(np.linalg.det(turn))
-    return rates[list(order)], turn
 
 
 def check_mass_matrix(value, name):

@@ -56,7 +56,14 @@ def product(models: Sequence[Any]) -> Model:
     factors, first = [], 0
     for i, m in enumerate(models, 1):
         count = len(m.system.space.letters)
-        factors.append(Factor(m.system, slice(first, first + count), str(i), tuple(m.constants)))
+        factors.append(
+            Factor(
+                m.system,
+                slice(first, first + count),
+                str(i),
+                (*dict.fromkeys((*m.constants, *sorted(m.system.named))),),
+            )
+        )
         first += count
     return Model(_record(models, factors).remade_by(_system_again, list(models)), {})
 
@@ -83,6 +90,11 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         found = [(f, call(f.system.derive, (), f.known(known))) for f in factors if f.system.derive]
         return {name + f.mark: value for f, values in found for name, value in values.items()}
 
+    def check_parameters(**known: Any) -> None:
+        for f in factors:
+            if f.system.check_parameters is not None:
+                call(f.system.check_parameters, (), f.known(known))
+
     def check_state(*state: Array) -> None:
         for f in factors:
             if f.system.check_state is not None:
@@ -102,6 +114,7 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         scaling="that of each body",
         integrals={name: naming(function, names) for name, function in _integrals(models, factors).items()},
         derive=naming(derive, tuple(p.letter for p in parameters)),
+        check_parameters=naming(check_parameters, tuple(p.letter for p in parameters)),
         check_state=check_state,
         n=models[0].n,
         product=tuple(factors),

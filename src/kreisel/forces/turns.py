@@ -28,17 +28,20 @@ State = tuple[Array, ...]
 Turn = Callable[[State, State, Any, Constants], tuple[State, State]]
 
 
-def turns_of(model: Model) -> list[Turn]:
-    """The turns of a perturbed body, those of no effect in any lane left out: (state, orientation, h, constants)."""
+def turns_of(model: Model, everything: bool = False) -> list[Turn]:
+    """The turns of a perturbed body: (state, orientation, h, constants); those of no effect in any lane are left out.
+
+    With `everything` they are not: parameters may change.
+    """
     system, record = model.system, perturbation_of(model.system)
     out: list[Turn] = []
     if record.inertia:
         change = abs(inverse_moments(system, model.constants)).reshape(-1, 3).max(0)
-        axes = np.flatnonzero(change > SAME * (1 / model.constants[INERTIA]).max()).tolist()
+        axes = np.flatnonzero(everything | (change > SAME * (1 / model.constants[INERTIA]).max())).tolist()
         out += [about_axis(system, axis) for axis in axes]
     if record.coupling:
         found = [np.asarray(weight(model.constants[COUPLING], term)) for term in range(6)]
-        out += [along_coupling(system, term) for term in range(6) if found[term].any()]
+        out += [along_coupling(system, term) for term in range(6) if everything or found[term].any()]
     return out
 
 

@@ -20,7 +20,7 @@ from kreisel.kernels.jax import flat
 from kreisel.kernels.jax_primitives import iterated, with_jacobian
 from kreisel.kernels.tape import whole_power
 from kreisel.reduction import linear
-from kreisel.reduction.double import jax, require_double
+from kreisel.reduction.double import jax, on_host, require_double
 
 jnp = jax.numpy
 lax = jax.lax
@@ -176,7 +176,7 @@ def first_of(first: Callable[[], Any], second: Callable[[], Any], what: str) -> 
 def from_host(function: Callable[..., Array], size: int, *args: Any) -> Array:
     """A function of NumPy arrays, whose value (size,) has no derivative."""
     shape: Any = jnp.zeros(size)
-    return jax_primitives.on_host(function, shape, *lax.stop_gradient(args), vmap_method="sequential")
+    return on_host(function, shape, *lax.stop_gradient(args), vmap_method="sequential")
 
 
 def half_turn(K: Any, dt: Any) -> Array:

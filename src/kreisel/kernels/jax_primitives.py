@@ -20,7 +20,7 @@ from jax.interpreters import batching, mlir
 from kreisel.algebra import Array
 from kreisel.kernels.adjoint import Code, Record, part_of
 from kreisel.kernels.tape import TRANSCENDENTAL
-from kreisel.reduction.double import jax
+from kreisel.reduction.double import jax, on_host
 
 jnp = jax.numpy
 ad: Any = differentiation
@@ -38,24 +38,6 @@ def orbit(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
     """Rows (rows + 1, d) at every so many steps from z (d,), with constants c (count,) and s (stages, count)."""
     found, _ = orbit_p.bind(z[None], c[None], s[None], code=code, rows=rows, every=every, part=every)
     return jnp.concatenate([z[None], found[0]])
-
-
-def on_host(function: Callable[..., Any], shapes: Any, *args: Any, **known: Any) -> Any:
-    """A function of trees of NumPy arrays in float64, as one of JAX.
-
-    The bits travel as whole numbers: a thread of XLA's own may call it, in which JAX would make float32 of them.
-    """
-
-    def host(*given: Any) -> Any:
-        out = function(*jax.tree.map(lambda v: np.array(v, order="C").view(np.float64)[..., 0], given))
-        return jax.tree.map(lambda v: np.ascontiguousarray(v, np.float64)[..., None].view(np.uint32), out)
-
-    def halves(v: Any) -> Any:
-        return lax.bitcast_convert_type(jnp.asarray(v, dtype=np.float64), np.uint32)
-
-    wanted = jax.tree.map(lambda v: Struct((*v.shape, 2), np.dtype(np.uint32)), shapes)
-    found = jax.pure_callback(host, wanted, *jax.tree.map(halves, args), **known)
-    return jax.tree.map(lambda v: lax.bitcast_convert_type(v, np.float64), found)
 
 
 def _array(*shape: int) -> ShapedArray:

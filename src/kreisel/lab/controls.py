@@ -35,9 +35,9 @@ def _axis(x: Array) -> Array:
     return out
 
 
-def variational_step(M: Array, P: Array, *, A: Array, R: Array, c: Array, eps: Any) -> tuple[Array, Array]:
+def variational_step(M: Array, P: Array, *, A: Array, R: Array, c: Array, W: Array, eps: Any) -> tuple[Array, Array]:
     """The symmetric variational step of `kreisel.method.variational`: Poisson, of order 2."""
-    state, _, _ = stage(heavy_top.SYSTEM, (M, P), eps, {"A": A, "R": R, "c": c})
+    state, _, _ = stage(heavy_top.SYSTEM, (M, P), eps, {"A": A, "R": R, "c": c, "W": W})
     return state
 
 

@@ -163,8 +163,7 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
             return abs(value) / 8 + (1 + np.cumsum(0 * value + 1)) / 2
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
     square = draw((n, n))
-    positive = (square @ square.T) / n + algebra.identity(n)
-    return positive * algebra.identity(n) if p.exact_diagonal and algebra.is_exact(square) else positive
+    return (square @ square.T) / n + algebra.identity(n)
 
 
 def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:

@@ -74,7 +74,7 @@ Constants = Mapping[str, Array]
 class Splitting:
     """The step of a perturbed body, and what is observed of it."""
 
-    def __init__(self, model: Model, dt: float, order: Any, oriented: bool):
+    def __init__(self, model: Model, dt: float, order: Any, oriented: bool, all_turns: bool):
         self.model, self.dt, self.record = model, dt, perturbation_of(model.system)
         self.count = len(model.system.space.letters)
         self.oriented = oriented
@@ -82,7 +82,7 @@ class Splitting:
         self.timed, self.driven = self.record.names(TIME), self.record.driven
         self.fractions = splitting(order)
         self.part: Integrable = integrable(model)
-        self.turns = turns_of(model)
+        self.turns = turns_of(model, all_turns)
         _require_a_symmetric_kick(model, order)
         record = self.record
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
@@ -228,14 +228,14 @@ def _require_a_symmetric_kick(model: Model, order: Any) -> None:
         )
 
 
-def make(model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
-    """The splitting with step dt of that order.
+def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = False) -> Scheme:
+    """The splitting with step dt of that order; `all_turns`: those too that have no effect with these parameters.
 
     Raises `InputError` where a force takes an orientation and none is, and for pairs of large bodies.
     """
     if pairs_of(model) is not None and model.n > COUPLED_N:
         raise too_large_to_couple("splitting", model.n)
-    body = Splitting(model, dt, order, oriented)
+    body = Splitting(model, dt, order, oriented, all_turns)
     observe, outcomes = _observer(body, order)
     constants, stages = _numbers(body, body.fractions, 1.0)
     correcting = corrector(order)

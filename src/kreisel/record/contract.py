@@ -129,7 +129,6 @@ class Parameter:
     meaning: str
     check: Function | None = None
     default: Any = None
-    exact_diagonal: bool = False  # in exact numbers the matrix must be diagonal
     distinct: bool = False  # the entries must be distinct
     positive: bool = False  # the entries must be positive
     fixed: str = ""
@@ -265,8 +264,9 @@ class System:
     top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
     moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
     gyrostat()               w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
-    derive(params)           further constants computed once from the parameters
+    derive(params)           further constants computed once from the parameters: a formula, which can be differentiated
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
+    check_parameters(params) raises `InputError` for parameters that do not go together
     check_state(*state)      raises `InputError` for states without a meaning
     doubts(params)           sentences on parameters that are possible and seldom meant, for `InputWarning`
     n                        the dimension, where the parameters do not tell it
@@ -303,6 +303,7 @@ class System:
     gyrostat: Function | None = None
     derive: Function | None = None
     body_frame: Function | None = None
+    check_parameters: Function | None = None
     check_state: Function | None = None
     doubts: Function | None = None
     notes: str = ""

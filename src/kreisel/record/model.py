@@ -134,6 +134,8 @@ class Model:
             k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
             for (k, v), b in zip(self.params.items(), batches, strict=True)
         }
+        if system.check_parameters is not None:
+            call(system.check_parameters, (), spread)
         self.constants: dict[str, Array] = dict(spread)
         if system.derive is not None:
             self.constants.update(self._derived(spread))

@@ -11,8 +11,11 @@ Arrays that leave it stay float64.  Numbers of single precision that come in are
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
+
+import numpy as np
 
 from kreisel.errors import InputError
 
@@ -23,7 +26,8 @@ except ImportError as error:
         f"kreisel.reduction needs JAX, and {error.name} is missing. Install it with: pip install 'kreisel[reduction]'"
     ) from error
 
-__all__ = ["double", "is_jax", "jax", "require_double"]
+__all__ = ["double", "is_jax", "jax", "on_host", "require_double"]
+Struct: Any = jax.ShapeDtypeStruct
 
 
 def double() -> AbstractContextManager[Any]:
@@ -44,3 +48,21 @@ def require_double(*values: Any) -> None:
                 "expected float64, got a JAX array in float32. "
                 "Usual cause: jax.grad, jax.vmap or jax.numpy used outside; write `with kreisel.reduction.double():`."
             )
+
+
+def on_host(function: Callable[..., Any], shapes: Any, *args: Any, **known: Any) -> Any:
+    """A function of trees of NumPy arrays in float64, as one of JAX.
+
+    The bits travel as whole numbers: a thread of XLA's own may call it, in which JAX would make float32 of them.
+    """
+
+    def host(*given: Any) -> Any:
+        out = function(*jax.tree.map(lambda v: np.array(v, order="C").view(np.float64)[..., 0], given))
+        return jax.tree.map(lambda v: np.ascontiguousarray(v, np.float64)[..., None].view(np.uint32), out)
+
+    def halves(v: Any) -> Any:
+        return jax.lax.bitcast_convert_type(jax.numpy.asarray(v, dtype=np.float64), np.uint32)
+
+    wanted = jax.tree.map(lambda v: Struct((*v.shape, 2), np.dtype(np.uint32)), shapes)
+    found = jax.pure_callback(host, wanted, *jax.tree.map(halves, args), **known)
+    return jax.tree.map(lambda v: jax.lax.bitcast_convert_type(v, np.float64), found)

@@ -10,7 +10,8 @@ import sys
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.reduction.double import jax
+from kreisel.algebra.backend import nearest_axes
+from kreisel.reduction.double import jax, on_host
 
 jnp = jax.numpy
 lax = jax.lax
@@ -46,6 +47,22 @@ def inverse_and_determinant(A: Array) -> tuple[Array, Array]:
 def _jvp(at: tuple[Array], along: tuple[Array]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     Y, determinant = inverse_and_determinant(*at)
     return (Y, determinant), (-Y @ along[0] @ Y, determinant * (Y.swapaxes(-1, -2) * along[0]).sum((-2, -1)))
+
+
+@jax.custom_jvp
+def principal_axes(A: Array) -> tuple[Array, Array]:
+    """As `algebra.principal_axes`, found by NumPy.  With W = R^T dA R: dR = R F, F_ij = W_ij/(v_j - v_i)."""
+    shapes = jnp.zeros(A.shape[:-1]), jnp.zeros(A.shape)
+    found: tuple[Array, Array] = on_host(nearest_axes, shapes, A, vmap_method="sequential")
+    return found
+
+
+@principal_axes.defjvp
+def _jvp_of_axes(at: tuple[Array], along: tuple[Array]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    values, R = principal_axes(*at)
+    W, gaps = R.T @ along[0] @ R, values[None, :] - values[:, None]
+    F = W * jnp.where(gaps == 0, 0.0, 1 / jnp.where(gaps == 0, 1.0, gaps))
+    return (values, R), (jnp.diag(W), R @ F)
 
 
 def _eliminated(A: Array) -> tuple[Array, Array]:

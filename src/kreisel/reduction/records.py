@@ -204,14 +204,13 @@ class _Record:
     def velocity(self, *state: Array, **known: Any) -> Array:
         return self.group.matrix(self.continuous(known).velocity(*self.coordinates(state)))
 
-    def derive(self, **known: Any) -> dict[str, Any]:
-        """Check the Lagrangians at these constants, of the first lane of an ensemble; no further constants."""
+    def check(self, **known: Any) -> None:
+        """Check the Lagrangians at these constants, of the first lane of an ensemble."""
         axes = self.keywords
         # all come spread over the lanes
         lanes = max((v.ndim - axes[k] for k, v in known.items() if axes[k] is not None), default=0)
         first = {k: v[(0,) * lanes] for k, v in known.items()}
         check_lagrangian(self, first)
-        return {}
 
     def lift(self, core: Callable[..., Any], axes: Sequence[int] | None = None, eps: bool = False, **more: Any) -> Any:
         keywords = {**self.keywords, **({"eps": None} if eps else {})}
@@ -307,7 +306,7 @@ class _Record:
             scaling="As in the Lagrangian.",
             integrals=wrapped,
             map=self.map(source, conserved, order),
-            derive=self._named(self.derive),
+            check_parameters=self._named(self.check),
             n=self.group.n,
             numbers="jax",
             notes=f"Group {self.group.name}, {self.rep.name} representation on R^{self.rep.dim}; "

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from typing import Any, NamedTuple
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -14,13 +15,18 @@ from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.kernels import layout
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
-from kreisel.method.driven import zero
+from kreisel.method.driven import COUNT, zero
 from kreisel.method.integrable import closed_form
-from kreisel.method.scheme import Guard, JaxSteps, Scheme, Steps
+from kreisel.method.observing import ORIENTATION, turned, with_orientation
+from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH
+from kreisel.method.splitting import make as splitting
 from kreisel.record.calling import call
 from kreisel.record.model import Model
-from kreisel.runs.settings import MOST_STEPS, check_model, named, whole_order, within
+from kreisel.runs.settings import MOST_STEPS, check_model, initial_orientation, named, whole_order, within
+
+if TYPE_CHECKING:
+    from kreisel.record.model import OrientationLike
 
 SPIN = "spin"
 MOST_N = 10  # beyond, a step has too many numbers for straight-line code
@@ -31,7 +37,7 @@ State = tuple[Array, ...]
 class Step(NamedTuple):
     """A step, and what JAX must know of it.
 
-    kinds            of the components of z
+    components       of z, with their kinds: the state, the orientation g if there is one, further numbers
     begin, end       the method's own variables from the state and back: (*state, **constants) -> state
     take             (*z, **constants) -> z, once for each stage; close(*z, **constants) after them, or None
     constants(own, known, dt)  -> those of the trajectory, and of the stages (stage, ...)
@@ -39,7 +45,7 @@ class Step(NamedTuple):
     arrays           whether it takes arrays of JAX, not numbers
     """
 
-    kinds: list[str]
+    components: Components
     begin: Callable[..., State]
     end: Callable[..., State]
     take: Callable[..., State]
@@ -48,17 +54,29 @@ class Step(NamedTuple):
     guard: Guard | None
     arrays: bool = False
 
+    @property
+    def kinds(self) -> list[str]:
+        """The kinds of the components."""
+        return [kind for _, kind in self.components]
+
 
 @explained
 def differentiable(
-    system: Model, *, method: str | None = None, order: int | tuple[int, ...] | None = None
+    system: Model,
+    *,
+    method: str | None = None,
+    order: int | tuple[int, ...] | None = None,
+    orientation: OrientationLike | bool = False,
 ) -> Callable[..., dict[str, Array]]:
-    """The motion as a function of JAX: f(state, dt=, steps=, every=None, **parameters) -> state.
+    """The motion as a function of JAX: f(state, dt=, steps=, every=None, time=0, **parameters) -> state.
 
+    orientation the attitude at the start, as for `kr.simulate`; states then have g, and one that comes with it starts
+                there.  True: all come with g.  Forces that take g need it
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
-                state is one
+                state is one; with an orientation also g, (4,) for n = 3, else (n, n)
     dt          the step, a number or traced by JAX
     steps       how many, a whole number; every: rows (steps/every + 1, ...) at the steps 0, every, 2 every, ...
+    time        at the start, for forces that take t
     parameters  other values of parameters of the system, by letter; those left out are the system's
 
     It is the definition from which kernels are compiled, without projections.  It can go through jit, vmap, grad,
@@ -70,11 +88,16 @@ def differentiable(
     check_model(system)
     if system.batch:
         raise InputError(f"differentiable: expected parameters of one body, got a batch {system.batch}. Use jax.vmap.")
-    step = _step_of(system, named(method, "method"), whole_order(order))
+    oriented = orientation is not False
+    begin = None if isinstance(orientation, bool) else initial_orientation(orientation, system)
+    if begin is not None and begin.ndim > 1 + (system.n > 3):
+        raise InputError(f"orientation: expected one attitude, got the shape {begin.shape}. Use jax.vmap over g.")
+    step_with = cache(partial(_step_of, system, named(method, "method"), whole_order(order), oriented))
+    step_with(False)  # raises
 
     @explained
     def motion(
-        state: Mapping[str, Any], *, dt: Any, steps: int, every: int | None = None, **parameters: Any
+        state: Mapping[str, Any], *, dt: Any, steps: int, every: int | None = None, time: Any = 0.0, **parameters: Any
     ) -> dict[str, Array]:
         from kreisel.kernels import jax_numbers as by
         from kreisel.reduction.double import double, require_double
@@ -83,9 +106,11 @@ def differentiable(
         between = count if every is None else _whole(by, every, "every", count)
         if count % between:
             raise InputError(f"steps: expected a multiple of every = {between}, got {count}.")
+        step = step_with(bool(parameters))
         with double():
-            require_double(dt, *state.values(), *parameters.values())
-            rows = _rows(by, system, step, state, dt, count // between, between, parameters)
+            require_double(dt, time, *state.values(), *parameters.values())
+            start = _given(by, system, state, oriented, begin)
+            rows = _rows(by, system, step, start, dt, time, count // between, between, parameters)
             out = {k: v if every is not None else v[-1] for k, v in rows.items()}
             if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
                 raise RunError(_fault(system, step))
@@ -112,13 +137,16 @@ def _fault(system: Model, step: Step) -> str:
 # -- the step of a method --------------------------------------------------------------------------
 
 
-def _step_of(model: Model, method: str | None, order: Any) -> Step:
-    """Raises `InputError` where the method has no step that JAX can take."""
-    made = scheme(model, method, 1.0, order, False)
+def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varied: bool) -> Step:
+    """With `varied` parameters nothing is left out that the model's have no effect on.
+
+    Raises `InputError` where the method has no step that JAX can take.
+    """
+    made = scheme(model, method, 1.0, order, oriented)
     if isinstance(made.motion, JaxSteps):
-        return Step(made.kinds, _same, _same, made.motion.step, None, _linear(model, made), None, arrays=True)
+        return Step(made.components, _same, _same, made.motion.step, None, _linear(model, made, oriented), None, True)
     if made.name == "exact":
-        return _closed(model, made)
+        return _closed(model, made, oriented)
     if model.n > MOST_N or not isinstance(made.motion, Steps) or made.coupling is not None:
         raise InputError(
             f"differentiable: expected a method that makes steps and n of at most {MOST_N}, of a body on its own, got "
@@ -129,14 +157,24 @@ def _step_of(model: Model, method: str | None, order: Any) -> Step:
             f"differentiable: expected a method that steps the state itself, got order={made.options['order']}, whose "
             "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
+    if made.name == "splitting" and varied:
+        made = splitting(model, 1.0, made.options["order"], oriented, all_turns=True)
     begin, end = _same, _same
     if made.name == "suris" and made.options["order"] == 2:
-        begin, end = (_of(f) for f in (model.map.from_symmetric, model.map.to_symmetric))
-    take, close = made.motion.step, made.motion.close
+        count = len(model.system.space.letters)
+        begin, end = (_of(f, count) for f in (model.map.from_symmetric, model.map.to_symmetric))
+    motion = cast("Steps", made.motion)
     if made.name != "baecklund":
-        return Step(made.kinds, begin, end, take, close, _linear(model, made), made.guard)
+        constants = _linear(model, made, oriented)
+        return Step(made.components, begin, end, motion.step, motion.close, constants, made.guard)
+    if oriented:
+        raise InputError(
+            "differentiable: expected another method for an orientation, such as 'exact' or 'suris', got "
+            "method='baecklund', whose turns about the axis are constants of the trajectory."
+        )
     constants = _of_baecklund(model, made.options["order"])
-    return Step(made.kinds, begin, end, _spun(model, take), close and _spun(model, close), constants, made.guard)
+    close = motion.close and _spun(model, motion.close)
+    return Step(made.components, begin, end, _spun(model, motion.step), close, constants, made.guard)
 
 
 def _spun(model: Model, function: Callable[..., State]) -> Callable[..., State]:
@@ -154,13 +192,13 @@ def _same(*z: Array, **known: Any) -> State:
     return z
 
 
-def _of(function: Any) -> Callable[..., State]:
-    return lambda *z, **known: tuple(call(function, z, known))
+def _of(function: Any, count: int) -> Callable[..., State]:
+    return lambda *z, **known: (*call(function, z[:count], known), *z[count:])
 
 
-def _linear(model: Model, made: Scheme) -> Callable[[State, Known, Any], tuple[Known, Known]]:
+def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[State, Known, Any], tuple[Known, Known]]:
     """Constants and those of stages are linear in dt, or without it: from their values at dt = 1 and 2."""
-    twice = find(made.name).make(model, 2.0, made.options.get("order"), False)
+    twice = find(made.name).make(model, 2.0, made.options.get("order"), oriented)
 
     def at(own: State, known: Known, dt: Any) -> tuple[Known, Known]:
         def value(x: Any, y: Any) -> Any:
@@ -173,7 +211,7 @@ def _linear(model: Model, made: Scheme) -> Callable[[State, Known, Any], tuple[K
     return at
 
 
-def _closed(model: Model, made: Scheme) -> Step:
+def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
     """The closed form as one short step; `reach`, at most 1, says how long."""
     part = closed_form(model.system, model.n)
     if part is None or part.reach is None:
@@ -181,18 +219,15 @@ def _closed(model: Model, made: Scheme) -> Step:
             "differentiable: expected the closed form of a free body or a Lagrange top, n = 3, with method='exact', "
             f"got {model.system.name}. Use method='baecklund' of a high order."
         )
-    reach = part.reach
+    reach, count = part.reach, len(model.system.space.letters)
 
     def take(*z: Array, eps: Any, **known: Any) -> State:
-        own, _ = part.move(z[:-1], (), eps, known)
-        return (*own, algebra.maximum(z[-1], reach(z[:-1], eps, known)))
-
-    def begin(*x: Array, **known: Any) -> State:
-        return (*x, zero(model.system, x))
+        own, g = part.move(z[:count], z[count:-1], eps, known)
+        return (*own, *g, algebra.maximum(z[-1], reach(z[:count], eps, known)))
 
     guard = Guard(REACH, 1.0, f"A step is longer than {part.name} is precise for", "more than some radians a step.")
-    kinds = [*model.system.space.kinds, "scalar"]
-    return Step(kinds, begin, _same, take, None, lambda own, known, dt: ({"eps": dt}, {}), guard)
+    components = (*with_orientation(model, oriented), (REACH, "scalar"))
+    return Step(components, _same, _same, take, None, lambda own, known, dt: ({"eps": dt}, {}), guard)
 
 
 def _of_baecklund(model: Model, order: int) -> Callable[[State, Known, Any], tuple[Known, Known]]:
@@ -239,11 +274,14 @@ def _of_baecklund(model: Model, order: int) -> Callable[[State, Known, Any], tup
 
 
 def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
-    """The constants of the model, with other parameters.  Raises `InputError` for unknown ones and wrong shapes."""
-    known = dict(model.constants)
+    """The constants of the model, with other parameters.  Raises `InputError` for unknown ones and wrong shapes.
+
+    Parameters that JAX does not trace are checked as those of a system are.
+    """
     if not parameters:
-        return known
+        return dict(model.constants)
     stated = {p.letter: p for p in model.system.parameters}
+    known = {letter: model.constants[letter] for letter in stated}
     for letter, value in parameters.items():
         if letter not in stated or stated[letter].kind == "dimension":
             raise InputError(
@@ -258,8 +296,10 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
                 f"{letter}: expected the shape {known[letter].shape}, got {array.shape}. For a batch use jax.vmap."
             )
         known[letter] = array
+    if not any(by.is_traced(v) for v in known.values()):
+        return dict(model.system(**{letter: np.asarray(value) for letter, value in known.items()}).constants)
     if model.system.derive is not None:
-        given = {p: known[p] for p in stated}
+        given = dict(known)
         known |= by.first_of(
             (lambda: dict(call(model.system.derive, (), given))),
             (lambda: dict(call(model.system.derive, (), {k: by.mixed(v) for k, v in given.items()}))),
@@ -268,16 +308,26 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     return {k: by.mixed(v) for k, v in known.items()}
 
 
-def _own(by: Any, model: Model, state: Mapping[str, Any]) -> State:
-    """The components as arrays of numbers.  Raises `InputError`."""
+def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> State:
+    """The components, and the orientation if there is one, as arrays of numbers.  Raises `InputError`."""
     space, out = model.system.space, []
-    if {*state} != {*space.letters}:
-        raise InputError(f"state: expected the components {', '.join(space.letters)}, got {shown(list(state))}.")
-    for letter, kind in space.components:
-        x = by.array(state[letter], letter)
+    if oriented and ORIENTATION not in state and begin is not None:
+        state = {**state, ORIENTATION: begin}
+    wanted_letters = (*space.letters, *(ORIENTATION,) * oriented)
+    if {*state} != {*wanted_letters}:
+        unasked = " orientation=... gives a start to g." if ORIENTATION in {*state} ^ {*wanted_letters} else ""
+        raise InputError(
+            f"state: expected the components {', '.join(wanted_letters)}, got {shown(list(state))}.{unasked}"
+        )
+    for letter, kind in with_orientation(model, oriented):
+        value = state[letter]
+        if letter == ORIENTATION and not by.is_traced(value):
+            value = initial_orientation(value, model)
+        x = by.array(value, letter)
         axial = kind == "skew" and model.n == 3
         n = model.n
-        wanted = (n, n) if kind in ("skew", "symmetric") and not axial else (layout.coordinate_count(kind, n),)
+        square = kind in ("skew", "symmetric", "matrix") and not axial
+        wanted = (n, n) if square else (layout.coordinate_count(kind, n),)
         if x.shape != wanted:
             fix = " Use x0.axial for an axial vector." if axial and x.shape == (3, 3) else " For a batch use jax.vmap."
             raise InputError(f"{letter}: expected the shape {wanted}, got {x.shape}.{fix}")
@@ -285,31 +335,47 @@ def _own(by: Any, model: Model, state: Mapping[str, Any]) -> State:
     return tuple(out)
 
 
+def attitude_near(by: Any, model: Model, x: Any, g: Any) -> Any:
+    """g cay(X/2) (moving frame) or cay(X/2) g (rest frame), X of the entries x, i < j: a chart around g."""
+    X = algebra.skew(by.numbers(x) / 2, model.n)
+    return by.values(turned(model.system.frame, X, by.numbers(by.jnp.asarray(g))))
+
+
 def _rows(
-    by: Any, model: Model, step: Step, state: Mapping[str, Any], dt: Any, rows: int, every: int, parameters: Known
+    by: Any,
+    model: Model,
+    step: Step,
+    start: State,
+    dt: Any,
+    time: Any,
+    rows: int,
+    every: int,
+    parameters: Known,
 ) -> dict[str, Array]:
     """The components at the saved steps."""
     space, known = model.system.space, constants_of(by, model, parameters)
-    own = _own(by, model, state)
+    own = start[: len(space.letters)]
     more, stages = step.constants(own, known, dt)
     known |= {k: by.mixed(v) for k, v in more.items()}
-    z = step.begin(*own, **known)
-    extra = len(step.kinds) - len(z)
-    z = (*z, *(zero(model.system, own) for _ in range(extra)))
-    start = by.values(layout.flatten(z, step.kinds))
+    shown = step.components[: len(start)]
+    z = step.begin(*start, **known)
+    count = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, own)
+    z = (*z, *(count if name == COUNT else zero(model.system, own) for name, _ in step.components[len(z) :]))
+    flat = by.values(layout.flatten(z, step.kinds))
     if step.arrays:
-        flat = by.orbit_of_arrays(step.take, step.kinds, model.n, start, known, rows, every)
+        flat = by.orbit_of_arrays(step.take, step.kinds, model.n, flat, known, rows, every)
     else:
-        flat = by.orbit(step.take, step.close, step.kinds, model.n, start, known, stages, rows, every)
+        flat = by.orbit(step.take, step.close, step.kinds, model.n, flat, known, stages, rows, every)
 
     def shown_row(row: Array) -> dict[str, Array]:
         parts = layout.restore(by.numbers(row), step.kinds, model.n)
-        x = step.end(*parts[: len(space.letters)], **known)
-        pieces = [algebra.axial(v) if k == "skew" and model.n == 3 else v for k, v in zip(space.kinds, x, strict=True)]
-        out = {k: by.values(v) for k, v in zip(space.letters, pieces, strict=True)}
+        x = step.end(*parts[: len(shown)], **known)
+        short = [k == "skew" and model.n == 3 for _, k in shown]
+        pieces = [algebra.axial(v) if axial else v for axial, v in zip(short, x, strict=True)]
+        out = {k: by.values(v) for (k, _), v in zip(shown, pieces, strict=True)}
         if step.guard is None:
             return out
         return {k: by.jnp.where(row[-1] <= step.guard.limit, v, by.jnp.nan) for k, v in out.items()}
 
     out = by.jax.vmap(shown_row)(flat)
-    return {letter: out[letter] for letter in space.letters}
+    return {letter: out[letter] for letter, _ in shown}

@@ -9,7 +9,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained
-from kreisel.runs.differentiable import differentiable
+from kreisel.method.observing import ORIENTATION, as_matrix
+from kreisel.record.contract import Frame
+from kreisel.runs.differentiable import attitude_near, differentiable
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -21,9 +23,10 @@ def tangent(run: xr.Dataset) -> Array:
     """J (d, d) = d(end state)/d(initial state) of a run of one trajectory, in independent coordinates.
 
     Those of the Poisson tensor: entries i < j of a skew matrix, then the vectors; J T(start) J^T = T(end) where the
-    method is Poisson.  By `kr.differentiable` along the definition, without projections.  Needs the extra `reduction`.
-    Raises `InputError` for ensembles, for runs with impulses, events or times of their own, and as `differentiable`;
-    `RunError` where J is not finite.
+    method is Poisson.  Of a run with orientation then the entries i < j of the skew X with dg = g X (moving frame) or
+    dg = X g (rest frame).  By `kr.differentiable` along the definition, without projections.  Needs the extra
+    `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or times of their own, and as
+    `differentiable`; `RunError` where J is not finite.
     """
     record = RunRecord.of(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
@@ -32,7 +35,8 @@ def tangent(run: xr.Dataset) -> Array:
             "or times of its own. Use kr.differentiable, with jax.vmap for ensembles."
         )
     model = record.model
-    f = differentiable(model, method=record.method, order=record.order)
+    f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)
+    from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
 
     jnp = jax.numpy
@@ -41,19 +45,28 @@ def tangent(run: xr.Dataset) -> Array:
     start = [np.asarray(run[letter].values[0]) for letter in space.letters]
     shown = [algebra.hat(x) if k == "skew" and n == 3 else x for k, x in zip(space.kinds, start, strict=True)]
     flat = [algebra.coordinates_of(k, x) for k, x in zip(space.kinds, shown, strict=True)]
+    flat += [np.zeros(n * (n - 1) // 2)] * (ORIENTATION in run)
     edges = np.cumsum([len(x) for x in flat])[:-1]
 
+    def coordinates_of_turn(g: Array) -> Array:
+        """Of X, 0 where it is differentiated."""
+        R = as_matrix(model, g)
+        back = jax.lax.stop_gradient(R).mT
+        turn = back @ R if model.system.frame is Frame.MOVING else R @ back
+        return algebra.coordinates((turn - turn.mT) / 2)
+
     def end(x: Array) -> Array:
-        state = {}
-        for letter, kind, piece in zip(space.letters, space.kinds, jnp.split(x, edges), strict=True):
+        state, pieces = {}, jnp.split(x, edges)
+        for (letter, kind), piece in zip(space.components, pieces, strict=False):
             X = algebra.skew(piece, n) if kind == "skew" else piece
             X = algebra.symmetric(piece, n) if kind == "symmetric" else X
             state[letter] = algebra.axial(X) if kind == "skew" and n == 3 else X
+        if ORIENTATION in run:
+            state[ORIENTATION] = attitude_near(by, model, pieces[-1], run.g.values[0])
         out = f(state, dt=record.dt, steps=record.steps)
-        whole = [
-            algebra.hat(v) if k == "skew" and n == 3 else v for k, v in zip(space.kinds, out.values(), strict=True)
-        ]
-        return jnp.concatenate([algebra.coordinates_of(k, v) for k, v in zip(space.kinds, whole, strict=True)])
+        whole = [algebra.hat(out[k]) if kind == "skew" and n == 3 else out[k] for k, kind in space.components]
+        parts = [algebra.coordinates_of(k, v) for k, v in zip(space.kinds, whole, strict=True)]
+        return jnp.concatenate(parts + ([coordinates_of_turn(out[ORIENTATION])] if ORIENTATION in run else []))
 
     with double():
         J = np.asarray(jax.jit(jax.jacfwd(end))(jnp.asarray(np.concatenate(flat))))

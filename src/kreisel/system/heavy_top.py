@@ -7,40 +7,46 @@ Plus bracket, F' = {H, F}.  Not integrable in general.  [Suris 2001, section 4]
 
 import numpy as np
 
-from kreisel.algebra import act, dot, identity, is_exact, pairing, wedge
-from kreisel.errors import InputError
+from kreisel.algebra import act, coordinates, dot, identity, is_known_zero, pairing, skew, solve, wedge
 from kreisel.record.checks import check_mass_tensor
 from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
 
 
 def principal(*, J):
-    """R and c with J = R diag(d) R^T and c_jk = 1/(d_j + d_k) off the diagonal."""
+    """W, the inverse of Omega -> J Omega + Omega J on the entries j < k, or R and c; the rest is 0.
+
+    W is large for n > 3.  There floats have R and c with J = R diag(d) R^T and c_jk = 1/(d_j + d_k) off the diagonal;
+    principal axes have no derivative where two moments are equal, and are not rational: JAX and exact numbers take W.
+    """
     n = J.shape[-1]
-    if all((v == 0) for v in (J * (1 - identity(n))).flat):
-        d, R = np.diagonal(J, axis1=-2, axis2=-1), identity(n) + 0 * J
-    elif is_exact(J):
-        raise InputError("An exact mass tensor J must be diagonal: turn the body frame to principal axes.")
-    else:
-        d, R = np.linalg.eigh(J)
-    pairs = d[..., :, None] + d[..., None, :]
-    return {"R": R, "c": (1 - identity(n)) / (pairs + identity(n) * (1 - pairs))}
+    one, zero = identity(n), 0 * J
+    diagonal = is_known_zero(J * (1 - one))
+    if n > 3 and (diagonal or (isinstance(J, np.ndarray) and J.dtype.kind == "f")):
+        d, R = (np.diagonal(J, axis1=-2, axis2=-1), one + zero) if diagonal else np.linalg.eigh(J)
+        pairs = d[..., :, None] + d[..., None, :]
+        return {"R": R, "c": (1 - one) / (pairs + one * (1 - pairs)), "W": zero}
+    planes, J = skew(identity(n * (n - 1) // 2), n), J[..., None, :, :]
+    return {"R": zero, "c": zero, "W": solve(coordinates(J @ planes + planes @ J), identity(len(planes)))}
 
 
-def inverse_inertia(M, *, R, c):  # Omega, where M = J Omega + Omega J
-    return R @ (c * (R.mT @ M @ R)) @ R.mT
+def inverse_inertia(M, *, R, c, W):  # Omega, where M = J Omega + Omega J
+    n = M.shape[-1]
+    if W.shape[-1] == n > 3:
+        return R @ (c * (R.mT @ M @ R)) @ R.mT
+    return skew(act(W, coordinates(M)), n)
 
 
-def velocity(M, P, *, R, c):
-    return inverse_inertia(M, R=R, c=c)
+def velocity(M, P, *, R, c, W):
+    return inverse_inertia(M, R=R, c=c, W=W)
 
 
-def flow(M, P, *, A, R, c):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
-    Omega = inverse_inertia(M, R=R, c=c)
+def flow(M, P, *, A, R, c, W):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
+    Omega = inverse_inertia(M, R=R, c=c, W=W)
     return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
 
 
-def energy(M, P, *, A, R, c, eps=0):
-    return pairing(M, inverse_inertia(M, R=R, c=c)) / 2 + dot(P, A)
+def energy(M, P, *, A, R, c, W, eps=0):
+    return pairing(M, inverse_inertia(M, R=R, c=c, W=W)) / 2 + dot(P, A)
 
 
 SYSTEM = System(
@@ -56,7 +62,6 @@ SYSTEM = System(
             "symmetric",
             "mass tensor sum m x x^T (n = 3: J = tr(I)/2 - I from the classical inertia tensor I)",
             check_mass_tensor,
-            exact_diagonal=True,
         ),
         Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", fixed="body"),
     ),
