@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import kreisel as kr
@@ -139,6 +140,93 @@ def test_a_search_that_ends_early_warns() -> None:
     with pytest.warns(kr.AccuracyWarning, match="did not converge"):
         found = kr.fit(BODY, data, free={"M": M0 * 1.3}, x0={"M": M0}, dt=0.05, evaluations=1)
     assert "NOT CONVERGED" in repr(found)
+
+
+INERTIA, DIPOLE, RADIUS, TILT = np.array([0.0092, 0.0325, 0.0335]), np.array([0.02, -0.01, 0.015]), 6_878_137.0, 1.7
+ATTITUDE, SPIN = np.array([0.8, 0.0, 0.6, 0.0]), np.array([0.012, -0.004, 0.008])
+
+
+def tumbling(time: np.ndarray) -> np.ndarray:
+    """Omega of a satellite by a textbook's equations; the field of the Earth points north over the equator."""
+    rate = np.sqrt(3.986004418e14 / RADIUS**3)
+
+    def equations(t: float, y: np.ndarray) -> np.ndarray:
+        q, omega = y[:4] / np.linalg.norm(y[:4]), y[4:]
+        s, c = np.sin(rate * t), np.cos(rate * t)
+        u = np.array([c, np.cos(TILT) * s, np.sin(TILT) * s])
+        field = 29.35e-6 * (6_371_200 / RADIUS) ** 3 * (np.array([0, 0, 1]) - 3 * u[2] * u)
+        to_body = Rotation.from_quat(q, scalar_first=True).inv()
+        up = to_body.apply(u)
+        torque = 3 * rate**2 * np.cross(up, INERTIA * up) + np.cross(DIPOLE, to_body.apply(field))
+        turn = np.append(-q[1:] @ omega, q[0] * omega + np.cross(q[1:], omega)) / 2
+        return np.append(turn, (torque - np.cross(omega, INERTIA * omega)) / INERTIA)
+
+    found = solve_ivp(equations, (0, time[-1]), [*ATTITUDE, *SPIN], "DOP853", time, rtol=1e-10, atol=1e-13)
+    return np.asarray(found.y[4:].T)
+
+
+def test_the_dipole_and_the_inertia_of_a_satellite() -> None:
+    """From rates with noise: d^T C^-1 d of the true values is chi^2 of 8 degrees; that of a turned field is far off."""
+    time, noise = np.arange(0, 901, 10.0), 1e-3 * np.random.default_rng(8).normal(size=(91, 3))
+    data = seen(time, Omega=tumbling(time) + noise, sigma_Omega=1e-3)
+    orbit = kr.physical.Orbit.circular(RADIUS - 6_378_137.0, inclination=TILT)
+    drawing = kr.physical.Satellite((0.0083, 0.0355, 0.0335), orbit)
+    free = ["dipole", "moments[0]", "moments[1]", "M"]
+    asked: dict[str, Any] = {"x0": drawing.state(spin=data.Omega[0].values), "dt": 10.0, "order": (2, 2)}
+    with pytest.raises(kr.InputError, match=r"expected an initial orientation=..., got none"):
+        kr.fit(drawing.model(), data, free=free, **asked)
+    found = kr.fit(drawing.model(), data, free=free, orientation=drawing.orientation(ATTITUDE), **asked)
+    inverse = np.linalg.inv(found.covariance.to_numpy())
+    off = found.table["value"].to_numpy() - [*DIPOLE, *INERTIA[:2], *(INERTIA * SPIN)]
+    low, high = chi2.ppf([0.5e-6, 1 - 0.5e-6], 8)
+    assert found.converged and low < off @ inverse @ off < high and found.chi2 < chi2.ppf(1 - 1e-6, found.dof)
+    other = off + np.array([*(2 * DIPOLE), *np.zeros(5)])
+    assert other @ inverse @ other > 10 * high
+    assert abs(found.run.M.values[-1] / INERTIA - data.Omega.values[-1]).max() < 0.01
+
+
+def test_an_attitude_is_found_from_quaternions_of_either_sign_and_what_takes_it() -> None:
+    """Of a free body; g of SciPy's rotations by the rates of Euler's equations, sign by sign at random."""
+    time, first = np.linspace(0, 3, 31), np.array([0.5, -0.5, 0.5, 0.5])
+
+    def equations(t: float, y: np.ndarray) -> np.ndarray:
+        omega = y[4:] / (5.0, 4.0, 3.0)
+        return np.append(np.append(-y[1:4] @ omega, y[0] * omega + np.cross(y[1:4], omega)) / 2, np.cross(y[4:], omega))
+
+    made = solve_ivp(equations, (0, 3), [*first, *M0], "DOP853", time, rtol=1e-12, atol=1e-12).y
+    signs = np.random.default_rng(2).choice([-1, 1], size=31)
+    sun = np.array([0.6 * np.cos(0.1 * time), 0.6 * np.sin(0.1 * time), 0.8 + 0 * time]).T  # which goes round
+    seen_sun = np.stack(
+        [Rotation.from_quat(q, scalar_first=True).inv().apply(s) for q, s in zip(made[:4].T, sun, strict=True)]
+    )
+
+    def sensor(M: Any, *, g: Any, t: Any) -> Any:
+        return g.T @ jnp.array([0.6 * jnp.cos(0.1 * t), 0.6 * jnp.sin(0.1 * t), 0.8])
+
+    near = Rotation.from_quat(first, scalar_first=True) * Rotation.from_rotvec([0.1, -0.05, 0.08])
+    asked: dict[str, Any] = {"free": ["orientation", "M"], "x0": {"M": M0 * 1.01}, "dt": 0.1, "orientation": near}
+    for data, more in (
+        (seen(time, g=(made[:4] * signs).T), {}),
+        (seen(time, sun=seen_sun, **{"M[0]": made[4]}), {"observables": {"sun": sensor}}),
+    ):
+        found = kr.fit(BODY, data, **asked, **more)
+        assert list(found.values)[:3] == ["orientation[0]", "orientation[1]", "orientation[2]"]
+        assert found.dof > 80 and abs(found.state.axial.M - M0).max() < 1e-7
+        assert min(abs(found.orientation - first).max(), abs(found.orientation + first).max()) < 1e-7
+    with pytest.raises(kr.InputError, match=r"expected orientation=..., where the search for the orientation begins"):
+        kr.fit(BODY, seen(time, M=made[4:].T), free=["orientation"], x0={"M": M0}, dt=0.1)
+
+
+def test_every_parameter_can_be_free() -> None:
+    """A mass tensor with products of inertia, from a diagonal one."""
+    J = np.array([[1.0, 0.1, 0.05], [0.1, 1.3, -0.1], [0.05, -0.1, 0.6]])
+    top = kr.HeavyTop(J=J, A=(0.1, 0, 1))
+    run = kr.simulate(
+        top, {"M": (0.1, 0.2, 1.5), "P": (0.6, 0, 0.8)}, dt=0.05, steps=60, every=6, method="kahan", project=False
+    )
+    free = ["J[0, 0]", "J[1, 1]", "J[2, 2]", "J[0, 1]", "J[0, 2]", "J[1, 2]"]
+    found = kr.fit(kr.HeavyTop(J=(1, 1.3, 0.6), A=(0.1, 0, 1)), run, free=free, method="kahan")
+    assert abs(found.model.params["J"] - J).max() < 1e-8
 
 
 TIME = np.arange(5) * 0.1

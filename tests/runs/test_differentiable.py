@@ -358,6 +358,13 @@ BAD = [
     (lambda: kr.differentiable(TOP)({"m": START["m"]}, dt=0.1, steps=1), "expected the components m, a"),
     (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "whole number"),
+    (lambda: kr.differentiable(HEAVY, method="kahan")(MOVING, dt=0.1, steps=1, J=(1, 2, -1.5)), "J"),
+    (lambda: kr.differentiable(TOP, orientation=np.eye(3)), "another method for an orientation"),
+    (lambda: kr.differentiable(HEAVY, orientation=True, method="kahan")(MOVING, dt=0.1, steps=1), "M, P, g, got"),
+    (
+        lambda: kr.differentiable(HEAVY, method="kahan")({**MOVING, "g": [1.0, 0, 0, 0]}, dt=0.1, steps=1),
+        "gives a start",
+    ),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=3, every=2), "multiple of every"),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, q=1.0), "has the parameters p, alpha"),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, p=1.0), r"expected the shape \(3,\)"),
@@ -391,6 +398,40 @@ def test_the_tangent_of_a_run_is_poisson(model: Any, start: Any, method: str) ->
     assert abs(1.001 * J @ T @ J.T - there).max() > 1e-5
     moved = kr.simulate(model, model.state(m=start["m"] + [0, 0, 1e-6], a=start["a"]), dt=0.1, steps=100, method=method)
     assert np.allclose((moved.a[-1] - run.a[-1]) / 1e-6, -J[3:, 0], atol=1e-4)  # m_12 = -(axial m)_3
+
+
+def test_the_tangent_of_an_attitude_is_symplectic() -> None:
+    """Of a body whose force takes g: on T* SO(3) with {M, M} of so(3)* and dX/dt = Omega, by a splitting."""
+    body = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), potential=lambda g, t: g[2, 0] * np.cos(t) + g[0, 1])
+    run = kr.simulate(body, {"M": MOVING["M"]}, dt=0.1, steps=12, orientation=(0.5, 0.5, -0.5, 0.5), order=(2, 2))
+    J, one, none = kr.tangent(run, system=body), np.eye(3), np.zeros((3, 3))
+
+    def tensor(row: int) -> np.ndarray:
+        return np.block([[body.system.space.tensor(algebra.hat(run.M.values[row])), one], [-one, none]])
+
+    assert J.shape == (6, 6) and abs(J @ tensor(0) @ J.T - tensor(-1)).max() < 1e-12 * abs(J).max() ** 2
+    assert abs(1.001 * J @ tensor(0) @ J.T - tensor(-1)).max() > 1e-4
+    f = kr.differentiable(body, order=(2, 2), orientation=(0.5, 0.5, -0.5, 0.5))
+    first = f({"M": MOVING["M"]}, dt=0.1, steps=5)
+    then = f(first, dt=0.1, steps=7, time=0.5)  # from a state that has g, at its time
+    assert abs(np.asarray(then["g"]) - run.g.values[-1]).max() < 1e-13
+    assert abs(np.asarray(f(first, dt=0.1, steps=7)["g"]) - run.g.values[-1]).max() > 1e-3
+
+
+def test_a_turn_that_has_no_effect_has_a_derivative() -> None:
+    """By moments of inertia that are those of the integrable part, whose turns a run leaves out."""
+    body = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=1.0), inertia=(1.0, 1.0, 1.0))
+    f = kr.differentiable(body, order=(2, 2))
+
+    def end(x: Any) -> Any:
+        return f(MOVING, dt=0.1, steps=3, inertia=x)["P"]
+
+    x, v = np.ones(3), np.array([0.3, -0.2, 0.1])
+    with red.double():
+        made = jax.jit(end)
+        _, found = jax.jvp(made, (jnp.asarray(x),), (jnp.asarray(v),))
+        expected = along(lambda y: np.asarray(made(jnp.asarray(y))), x, v)
+    assert abs(expected).max() > 1e-3 and abs(np.asarray(found) - expected).max() < 1e-8
 
 
 def test_a_tangent_of_an_ensemble_is_refused() -> None:

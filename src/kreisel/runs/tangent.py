@@ -13,20 +13,23 @@ from kreisel.method.observing import ORIENTATION, as_matrix
 from kreisel.record.contract import Frame
 from kreisel.runs.differentiable import attitude_near, differentiable
 from kreisel.runs.run_record import RunRecord
+from kreisel.runs.settings import check_model
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from kreisel.record.model import Model
+
 
 @explained
-def tangent(run: xr.Dataset) -> Array:
+def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     """J (d, d) = d(end state)/d(initial state) of a run of one trajectory, in independent coordinates.
 
     Those of the Poisson tensor: entries i < j of a skew matrix, then the vectors; J T(start) J^T = T(end) where the
     method is Poisson.  Of a run with orientation then the entries i < j of the skew X with dg = g X (moving frame) or
-    dg = X g (rest frame).  By `kr.differentiable` along the definition, without projections.  Needs the extra
-    `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or times of their own, and as
-    `differentiable`; `RunError` where J is not finite.
+    dg = X g (rest frame).  `system`: that of the run, if it is of your own.  By `kr.differentiable` along the
+    definition, without projections.  Needs the extra `reduction`.  Raises `InputError` for ensembles, for runs with
+    impulses, events or times of their own, and as `differentiable`; `RunError` where J is not finite.
     """
     record = RunRecord.of(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
@@ -34,7 +37,8 @@ def tangent(run: xr.Dataset) -> Array:
             "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "
             "or times of its own. Use kr.differentiable, with jax.vmap for ensembles."
         )
-    model = record.model
+    model = record.model if system is None else system
+    check_model(model)
     f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
