@@ -191,6 +191,7 @@ def test_the_command(tmp_path: Path) -> None:
         ([], "Name a system"),
         (["clebsch", "--set", "b"], "--set takes"),
         (["clebsch", "--set", "q=3"], "got 'q'"),
+        (["clebsch", "--set", "n=4"], "got n, which the investigation has as a setting"),
         (["clebsch", "--eps", "fast"], "'fast'"),
         (["clebsch", "--steps", "5"], "steps must be"),
     ],
@@ -269,7 +270,7 @@ def test_all_functions_of_a_file_take_the_state_as_the_step(text, order, reversi
         (IN_PLANE + "def step(x, y):\n    return x\n", "takes y by keyword"),
         (IN_PLANE + "def step(x):\n    return oops\n", "step failed: NameError"),
         (IN_PLANE + "constants = 3\n", "constants: expected names and values"),
-        (IN_PLANE + "constants = {'n': 3}\n", "names other than n"),
+        (IN_PLANE + "constants = {'n': 3}\n", "expected parameters, got n"),
         (IN_PLANE + "names = 3\n", "names: expected those of the coordinates"),
     ],
 )

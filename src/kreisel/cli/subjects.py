@@ -181,12 +181,12 @@ def investigate(
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
         require_file(html)
-    given = dict(parameter_of(text) for text in constants or [])
+    given = investigation.constants_of(dict(parameter_of(text) for text in constants or []), "--set")
     file = what.endswith(".py")
     found = (
-        investigation.investigate_file(Path(what).expanduser(), **known, **given)
+        investigation.investigate_file(Path(what).expanduser(), **{**known, **given})
         if file
-        else investigation.investigate(what, **known, **given)
+        else investigation.investigate(what, **{**known, **given})
     )
     if html is not None:
         found.save(html)

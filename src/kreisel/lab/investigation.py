@@ -115,7 +115,7 @@ def _rational_text(v: Any) -> str:
     return str(q) if q.denominator < 10_000 else f"{float(q):g}"
 
 
-def investigate_file(file: Path, **options: Any) -> Investigation:
+def investigate_file(file: Path, /, **options: Any) -> Investigation:
     """Look at what a Python file defines: a function step, or a system or model of your own; see the docs.
 
     Of a function `step` the file's own names, n, frame, eps, constants, tensor, lax, conjugator, involution, flow and
@@ -127,7 +127,8 @@ def investigate_file(file: Path, **options: Any) -> Investigation:
     options = {k: v for k, v in options.items() if v is not None}
     if callable(defined.get("step")):
         own = {k: defined[k] for k in OF_A_FILE if k in defined}
-        return investigate(defined["step"], **{**own, **_constants(file, defined.get("constants", {})), **options})
+        constants = constants_of(defined.get("constants", {}), f"{file}: constants")
+        return investigate(defined["step"], **{**own, **constants, **options})
     models = [v for v in defined.values() if isinstance(v, Model)]
     found: list[Any] = models or list(own_systems(defined).values())
     if len(found) != 1:
@@ -139,12 +140,16 @@ def investigate_file(file: Path, **options: Any) -> Investigation:
     return investigate(found[0], **options)
 
 
-def _constants(file: Path, constants: Any) -> Mapping[str, Any]:
+def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
+    """Constants of a map by name, none of which is a setting.  Raises `InputError` with the place where they are."""
     reserved = {*inspect.signature(investigate).parameters, *BESIDE} - {"eps"}
     if not isinstance(constants, Mapping) or not all(isinstance(k, str) for k in constants):
-        raise InputError(f"{file}: constants: expected names and values, such as {{'a': 2}}, got {shown(constants)}.")
+        raise InputError(f"{place}: expected names and values, such as {{'a': 2}}, got {shown(constants)}.")
     if both := reserved & constants.keys():
-        raise InputError(f"{file}: constants: expected names other than {', '.join(sorted(both))}, which are settings.")
+        raise InputError(
+            f"{place}: expected parameters, got {', '.join(sorted(both))}, which the investigation has as a setting: "
+            "give it as that, --n or n=, or name the parameter otherwise."
+        )
     return constants
 
 
