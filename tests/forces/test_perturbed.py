@@ -351,12 +351,53 @@ def test_a_force_that_is_no_number_is_named_as_the_cause() -> None:
         kr.propagator(body, dt=0.05).steps(low, 10)
 
 
+def test_a_gyrostat_under_gravity() -> None:
+    """Its closed form is the integrable part: by DOP853, and the energy, with steps of a radian."""
+    body = kr.perturbed(
+        kr.ZhukovskyVolterra(J=(0.7, 1.1, 1.6), h=(0.3, -0.5, 0.8)), potential=lambda g: 0.01 * g[2, 0] * g[2, 1]
+    )
+    options = {"dt": 1.0, "steps": 60, "every": 20, "orientation": (1, 0, 0, 0), "progress": False}
+    run, truth = (kr.simulate(body, {"M": (0.9, -0.4, 1.3)}, **options, **m) for m in ({}, REFERENCE))
+    assert abs(run.M - truth.M).max() < 1e-7 and abs(abs((run.g * truth.g).sum("quaternion")) - 1).max() < 1e-7
+    assert abs(run.energy - run.energy[0]).max() < 1e-9
+
+
+REFERENCE: dict[str, Any] = {"method": "dop853", "tol": 1e-12}
+HEAVY = kr.EulerTop(J=(7, 5, 3))  # moments 8, 10, 12
+LONG_KICKS = {  # a body, a step too long for its kicks, one that is not
+    "a torque of the momentum": (
+        kr.perturbed(HEAVY, torque=lambda M: np.array([-M[2] / 12, 0 * M[1], M[0] / 8])),  # a wheel of -1 about e_2
+        30.0,
+        4.0,
+    ),
+    "a potential of the orientation": (kr.perturbed(HEAVY, potential=lambda g: 5 * g[0, 1] ** 2), 30.0, 0.25),
+    "a force that swings": (kr.perturbed(HEAVY, torque=lambda t: np.array([np.sin(t), 0 * t, 0 * t])), 30.0, 0.5),
+}
+
+
+@pytest.mark.parametrize("name", LONG_KICKS)
+def test_a_step_too_long_for_its_kicks_is_warned_of_before(name: str) -> None:
+    """Whatever the kick comes from; a run that fails names that cause, and neither roots nor logarithms."""
+    body, long, short = LONG_KICKS[name]
+    options = {"steps": 400, "every": 400, "orientation": (1, 0, 0, 0), "observe": [], "progress": False}
+    start = {"M": (0.01, -0.02, 0.03)}
+    with pytest.warns(kr.AccuracyWarning, match=r"4 steps from the start .* a torque, a force or .* Use a dt of"):
+        try:
+            kr.simulate(body, start, dt=long, **options)
+        except kr.RunError as error:
+            assert "a step too long for its kicks" in str(error) and "negative number" not in str(error)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kr.simulate(body, start, dt=short, **options)
+
+
 def test_a_perturbation_too_large_for_its_step_is_warned_of() -> None:
     def run(k: float, dt: float = 0.3) -> Any:
         body = swinging(potential=lambda a, *, k: k * a[0] ** 2, params={"k": k})
         return kr.simulate(body, SWING, dt=dt, steps=100, order=(2, 2))
 
-    with pytest.warns(kr.AccuracyWarning, match="energy oscillates by .* the step is too long"):
+    late = pytest.warns(kr.AccuracyWarning, match="energy oscillates by .* the step is too long")
+    with pytest.warns(kr.AccuracyWarning, match="too long for the forces"), late:
         run(5.0, 0.4)
     for k, dt in ((0.1, 0.3), (5.0, 0.02)):
         with warnings.catch_warnings():

@@ -229,13 +229,15 @@ def test_a_force_that_becomes_nan_ends_the_run_at_its_step() -> None:
 
 def test_a_step_too_long_for_the_closed_form_is_refused() -> None:
     body = kr.perturbed(FREE, potential=weight, params={"k": 0.1})
-    with pytest.raises(RunError, match="A part of the step is longer"):
+    warned = pytest.warns(kr.AccuracyWarning, match=r"4 steps from the start fail.* Use a dt of \d")
+    with pytest.raises(RunError, match="A part of the step is longer"), warned:
         kr.simulate(body, {"M": M0}, dt=20.0, steps=5, orientation=Q)
 
 
 def test_a_thin_top_spins_no_further_than_the_step_is_precise() -> None:
     thin = kr.perturbed(kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.003), potential=lambda P: 0 * P[0])
-    with pytest.raises(RunError, match="A part of the step is longer"):
+    warned = pytest.warns(kr.AccuracyWarning, match="1 step from the start fail")
+    with pytest.raises(RunError, match="A part of the step is longer"), warned:
         kr.simulate(thin, {"M": (0.2, 0.1, 0.8), "P": P0}, dt=1.0, steps=1)
 
 

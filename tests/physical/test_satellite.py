@@ -293,6 +293,24 @@ def test_a_wheel_that_changes_keeps_the_order() -> None:
     assert 2**5 < errors[0] / errors[1] and 2**5 < errors[1] / errors[2]
 
 
+def test_corners_of_plates_limit_the_order() -> None:
+    """Half the step divides the error by some 4 and not by 2^8 where plates leave the light; the balance says so."""
+    errors, said = {}, {}
+    for light in (0.0, 100 * SOLAR_PRESSURE):
+        body = Satellite.cubesat(LOW, center_of_mass=("3 cm", "1 cm", "-1 cm"), light=light, sun=(1, 2, -0.5))
+        options = {"orientation": body.orientation(), "progress": False}
+
+        def run(dt: float, body: Satellite = body, options: dict[str, Any] = options) -> Any:
+            start, steps = body.state((0.01, 0.02, -0.015)), round(1200 / dt)
+            return kr.simulate(body.model(), start, dt=dt, steps=steps, every=steps, **options)
+
+        truth = run(0.25)
+        errors[light > 0] = [float(abs(run(dt).g[-1] - truth.g[-1]).max()) for dt in (40.0, 10.0)]
+        said[light > 0] = "O(dt^2) where a force has a corner" in truth.balance.attrs["long_name"]
+    assert said == {False: False, True: True}
+    assert errors[False][0] < 1e-7 and errors[True][0] > 1e-5 and errors[True][1] > 1e-3 * errors[True][0]
+
+
 def test_light_turns_a_box_about_another_point_than_its_centre() -> None:
     """All of its force acts at the centre: the torque is -center_of_mass x F, and 0 for a homogeneous box."""
     draw, given = np.random.default_rng(5), {"light": SOLAR_PRESSURE, "sun": (1.0, 2.0, -0.5)}

@@ -10,6 +10,8 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
     F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x where x > 0, else 0
         - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
 
+No method is of an order above 2 at the corner of (x)+.
+
 The first part of V is (mu/r^3) (3 u.I u - tr I)/2, the potential of gravity to second order in the size of the body.
 To orders 3 and 4 it has -(mu/r^(l+1)) Y_l(-u) beside, with the harmonics of the body's own field,
 
@@ -87,6 +89,11 @@ def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, 
 def ramp(x):
     """x where x > 0, else 0."""
     return (x + sqrt(x * x + TINY)) / 2
+
+
+def corners(*, plates, density, pressure):
+    """Whether plates come into the air or the light and leave it."""
+    return bool((plates[..., 6] > 0).any() and ((density > 0) | (pressure > 0)).any())
 
 
 def half_axes(*, semi_major_axis, eccentricity, inclination, node, perigee, mu):
@@ -240,7 +247,11 @@ def body(name, title, *wheel):
     gravity = Force(potential, ("g", "t"), ("J", *ORBIT, "mu", "field", "dipole", "degree_3", "degree_4"))
     return perturbed_record(
         Perturbation(
-            base=euler_top.SYSTEM, potential=gravity, torque=Force(torque, ("g", "t"), LOADS), wheel=bool(wheel)
+            base=euler_top.SYSTEM,
+            potential=gravity,
+            torque=Force(torque, ("g", "t"), LOADS),
+            wheel=bool(wheel),
+            corners=corners,
         ),
         axes | DERIVED,
         name=name,

@@ -60,12 +60,14 @@ from kreisel.method.scheme import (
 )
 from kreisel.method.splitting_coefficients import ORDERS, corrector, inverse, splitting
 from kreisel.method.splitting_coefficients import Splitting as Fractions
+from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
 DEFAULT = (8, 6, 4)
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 REACH = "reach"
+TICKS = 1024  # in dt: a constant of 1 has a kernel of its own, and dt = 1 is common
 
 State = tuple[Array, ...]
 Constants = Mapping[str, Array]
@@ -140,7 +142,7 @@ class Splitting:
 
     def time(self, more: Mapping[str, Array], node: Array, known: Constants) -> Any:
         """The time at a node of the step."""
-        return (more[COUNT] + node) * known["_dt"] if self.timed else None
+        return (more[COUNT] + node) * (known["_dt"] * TICKS) if self.timed else None
 
     def close(self, *z: Array, _last: Array, _whole: Array, **known: Array) -> State:
         """The last A, and the count of steps: 1, 0 of a corrector."""
@@ -239,7 +241,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
     observe, outcomes = _observer(body, order)
     constants, stages = _numbers(body, body.fractions, 1.0)
     correcting = corrector(order)
-    coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt)})
+    coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt / TICKS)})
     return Scheme(
         name="splitting",
         components=(*with_orientation(model, oriented), *((name, "scalar") for name in body.extra)),
@@ -274,7 +276,7 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
         first = np.arange(len(body.parts)) == 0
         each = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
         stages = {name: np.outer(values, each[name]).ravel() for name, values in stages.items()}
-    return Numbers({"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt)}, stages)
+    return Numbers({"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt / TICKS)}, stages)
 
 
 def _guard(part: Integrable) -> Guard:
@@ -294,6 +296,8 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
     bound = " + ".join(
         f"O(eps{'' if k == 1 else f'^{k}'} dt^{p})" for k, p in enumerate(np.atleast_1d(order).tolist(), 1)
     )
+    if record.corners is not None and call(record.corners, (), model.constants):
+        bound += ", and O(dt^2) where a force has a corner"
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
     plain, outcomes = observer(model, None, None, names, {"energy": energy}, body.oriented, continuous=True)

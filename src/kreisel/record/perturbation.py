@@ -39,6 +39,7 @@ class Perturbation:
     coupling    whether there is a parameter `coupling`: K in M.KP, what a body in a fluid has beside T(M) + V(P)
     wheel       whether there are parameters `wheel` and `wheel_torque`: the momentum h = wheel + wheel_torque t against
                 the body, M' = h x Omega - wheel_torque beside; moving frame, n = 3
+    corners     constants -> whether the forces have corners, where no order is higher than 2; None without
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
@@ -52,6 +53,7 @@ class Perturbation:
     inertia: bool = False
     coupling: bool = False
     wheel: bool = False
+    corners: Callable[..., bool] | None = None
     pair: Force | None = None
     inner: int | None = None
 

@@ -59,9 +59,9 @@ def choice_of(
         return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
     lanes = auto.with_lanes(model, parts)
     if not each or len(lanes[0]) == 1:
-        steps, rate = _pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
+        steps, rate = pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
         choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
-        beside = _pilot(model, state, settings, orientation, auto_splitting.NUDGE)
+        beside = pilot(model, state, settings, orientation, auto_splitting.NUDGE)
         chaotic = auto_splitting.separates(steps, beside, choice, rate, *when[:2])
         if chaotic and auto_splitting.within_reach(rate, settings.time):
             choice, chaotic = auto_splitting.witnessed(steps, choice, rate, *when, chaotic=True), False
@@ -80,10 +80,18 @@ def choice_of(
     return out
 
 
-def _pilot(
-    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, nudge: float = 0.0
+def pilot(
+    model: Model,
+    state: State,
+    settings: Settings,
+    orientation: OrientationLike | None,
+    nudge: float = 0.0,
+    project: bool = False,
 ) -> Callable[..., Pilot | None]:
-    """Steps of splittings from the start, or beside it, without a look at what is conserved."""
+    """Steps of splittings from the start, or from a neighbouring state: (order, h, count) -> `Pilot`.
+
+    Without `project` nothing is projected onto what is conserved.
+    """
     from kreisel.method.auto_splitting import Pilot
 
     momentum, *carried = initial_parts(model, state, orientation)
@@ -94,7 +102,9 @@ def _pilot(
             made = scheme(model, "splitting", h, order, orientation is not None)
         except InputError:  # an order that a force does not have
             return None
-        asked = settings.but(dt=h, steps=count, every=count, order=order, tol=None, project=False, engine=None)
+        asked = settings.but(
+            dt=h, steps=count, every=count, order=order, tol=None, project=project, engine=None, times=None
+        )
         plan = planned(model, made, asked, parts, None)
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)

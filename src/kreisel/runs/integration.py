@@ -20,6 +20,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.lanes import in_lane
 from kreisel.runs.breaks import BREAKS, Breaks
+from kreisel.runs.doubts import cause_of_no_numbers
 from kreisel.runs.events import Stop
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import of_forces
@@ -250,8 +251,7 @@ class Integration:
         self._require(
             np.isfinite,
             "The state is no longer finite",
-            f"{of_forces(self.plan.model)}a step far too long, or a state so large that its square overflows. "
-            "Use a smaller dt.",
+            lambda step: cause_of_no_numbers(self.plan, step),
         )
         guard = self.plan.scheme.guard
         if guard is not None:
@@ -274,7 +274,7 @@ class Integration:
                     "Use a smaller dt; project=False (--no-project) shows the map as it is.",
                 )
 
-    def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str) -> None:
+    def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str | Callable[[int], str]) -> None:
         """Note or raise the first row where a condition fails; the state of the engine counts as one more row."""
         if holds(self.buffer[: self.filled]).all() and holds(self.plan.engine.z).all():  # fast, and nearly always
             return
@@ -283,11 +283,12 @@ class Integration:
         if not good.all():
             self._lose(good, lambda step: f"{fault} at or before step {step} (time {step * self.plan.dt:g})", cause)
 
-    def _lose(self, good: Array, fault: Callable[[int], str], cause: str) -> None:
+    def _lose(self, good: Array, fault: Callable[[int], str], cause: str | Callable[[int], str]) -> None:
         """Lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""
+        row = int(np.argmin(good.all(1)))
+        step = self._step_of(self.flushed + row)
+        cause = cause if isinstance(cause, str) else cause(step)
         if self.faults is None:
-            row = int(np.argmin(good.all(1)))
-            step = self._step_of(self.flushed + row)
             raise RunError(f"{fault(step)}{in_lane(~good[row])}. Usual cause: {cause}")
         for lane in np.flatnonzero(~good.all(0)).tolist():
             row = self.flushed + int(np.argmin(good[:, lane]))

@@ -338,7 +338,7 @@ def of_forces(model: Model) -> str:
     """What else makes numbers that are not finite, where there are forces."""
     if model.system.perturbation is None:
         return ""
-    return "a force that is no number there (log or sqrt of a negative number, a division by 0), "
+    return "a force that is no number there (a root of a negative number, a division by 0), "
 
 
 def within_tolerances(value: Any) -> float:
