@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from datetime import datetime
 from typing import Any
 
@@ -11,7 +12,8 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.physical import EARTH, Orbit, Primary, Satellite
+from kreisel.bodies import BODIES
+from kreisel.physical import EARTH, SOLAR_PRESSURE, Orbit, Plate, Primary, Satellite
 from torques import torque_on
 
 BALL = (0.01, 0.01, 0.01)  # kg m^2: gravity does not turn it
@@ -77,3 +79,112 @@ def test_a_field_of_the_other_sign_turns_the_needle_over() -> None:
     """The mutant, of which the user is warned."""
     with pytest.warns(kr.InputWarning, match="points south over the equator"):
         assert abs(swing(EARTH._replace(field=-EARTH.field))[1]).max() > np.radians(170)
+
+
+# -- gravity, air, sunlight ---------------------------------------------------------------------------
+
+ROUND = Orbit.circular("500 km")  # at t = 0 up is x, ahead is y, the normal z
+NEEDLE = (1e-4, 1.0, 1.0)  # kg m^2: long along its first axis
+
+
+def turned(angle: float) -> np.ndarray:
+    """About z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_gravity_turns_the_long_axis_to_the_vertical() -> None:
+    """As the Moon's long axis points to the Earth; by Newton's attraction of the two ends of a rod, 1 kg m^2 each."""
+    body = Satellite(NEEDLE, ROUND)
+    for angle in (0.3, -0.3, 2.0):
+        g = turned(angle)
+        torque = g @ torque_on(body, g, 0.0)
+        ends = [sign * np.array([0.5**0.5 * np.cos(angle), 0.5**0.5 * np.sin(angle), 0]) for sign in (1, -1)]
+        place = ROUND.at(0.0)[0]
+        pulls = [-EARTH.mu * (place + x) / np.linalg.norm(place + x) ** 3 for x in ends]
+        want = sum(np.cross(x, pull) for x, pull in zip(ends, pulls, strict=True))
+        assert torque == pytest.approx(want, rel=1e-3, abs=1e-3 * np.linalg.norm(want))
+    assert torque_on(body, turned(0.3), 0.0)[2] < 0 < torque_on(body, turned(-0.3), 0.0)[2]
+
+
+def pushed(normal: Any, **loads: Any) -> np.ndarray:
+    """The force F on a plate of 1 m^2 facing `normal`, by its torques e x F at three arms e."""
+    bodies = [Satellite(BALL, ROUND, plates=(Plate(normal, e, 1.0),), **loads) for e in np.eye(3)]
+    torques = [torque_on(body, np.eye(3), 0.0) for body in bodies]
+    return np.asarray(np.cross(torques, np.eye(3)).sum(0) / 2)
+
+
+def test_air_slows() -> None:
+    """(1/2) rho C A v^2 against the velocity: 64 uN on a square metre at 500 km and 1e-12 kg/m^3; none behind it."""
+    v = ROUND.at(0.0)[1]
+    force = pushed((0, 1, 0), density=1e-12, drag=2.2)
+    assert force @ v < 0
+    assert force == pytest.approx((0, -0.5 * 1e-12 * 2.2 * 7612.6**2, 0), rel=1e-4, abs=1e-12)
+    assert abs(pushed((0, -1, 0), density=1e-12)).max() < 1e-12
+    assert abs(pushed((1, 0, 0), density=1e-12)).max() < 1e-8
+
+
+def test_a_shuttlecock_flies_nose_first() -> None:
+    """Sails behind the centre of mass turn the nose back into the wind, sails ahead of it turn it away."""
+    for place, sign in ((-1.0, -1), (1.0, 1)):
+        sails = tuple(Plate(n, (0.0, place, 0.0), 0.1) for n in ((1, 0, 0), (-1, 0, 0)))
+        body = Satellite(BALL, ROUND, plates=sails, density=1e-11)
+        for angle in (0.2, -0.2):
+            assert sign * angle * torque_on(body, turned(angle), 0.0)[2] > 0
+
+
+@pytest.mark.parametrize(
+    ("mirror", "diffuse", "times"), [(0.0, 0.0, 1.0), (1.0, 0.0, 2.0), (0.0, 1.0, 5 / 3), (0.5, 0.0, 1.5)]
+)
+def test_sunlight_pushes_away_from_the_sun(mirror: float, diffuse: float, times: float) -> None:
+    """Face on the pressure is that of the light on black, twice on a mirror, 5/3 on white paper (Lambert's law)."""
+    light = {"light": SOLAR_PRESSURE, "sun": (0, 1, 0), "mirror": mirror, "diffuse": diffuse}
+    force = pushed((0, 1, 0), **light)
+    assert force == pytest.approx((0, -times * 4.54e-6, 0), rel=1e-3, abs=1e-12)
+    assert abs(pushed((0, -1, 0), **light)).max() < 1e-12
+
+
+def test_a_mirror_is_pushed_along_its_normal_and_black_along_the_light() -> None:
+    sun = np.array([0.6, 0.8, 0.0])
+    of_mirror, of_black = (pushed((0, 1, 0), light=1e-3, sun=sun, mirror=mirror) for mirror in (1.0, 0.0))
+    assert abs(np.cross(of_mirror, (0, 1, 0))).max() < 1e-9 < -of_mirror[1]
+    assert abs(np.cross(of_black, sun)).max() < 1e-9 < -of_black @ sun
+
+
+def test_a_motor_turns_the_body_against_the_wheel() -> None:
+    """Newton's third law; a thruster's steady torque turns the body with it."""
+    body = Satellite(BALL, ROUND, wheel=(0, 0, 0), wheel_torque=(0, 0, 1e-3))
+    assert torque_on(body, np.eye(3), 0.0) == pytest.approx((0, 0, -1e-3))
+    assert torque_on(Satellite(BALL, ROUND, torque=(0, 0, 1e-3)), np.eye(3), 0.0) == pytest.approx((0, 0, 1e-3))
+
+
+def test_a_wheel_makes_the_body_a_gyroscope() -> None:
+    """The momentum of body and wheel is fixed in space: L' = -Omega x L along the body axes."""
+    h, spin = np.array([0.0, 0.0, 2.0]), np.array([0.1, 0.0, 0.0])
+    want = -np.cross(spin, np.multiply(BALL, spin) + h)
+    assert torque_on(Satellite(BALL, ROUND, wheel=h), np.eye(3), 0.0, spin) == pytest.approx(want)
+
+
+@pytest.mark.parametrize(
+    ("law", "seen_by"),
+    [
+        ("potential", test_gravity_turns_the_long_axis_to_the_vertical),
+        ("potential", test_the_field_points_north_over_the_equator),
+        ("torque", test_air_slows),
+        ("torque", test_a_shuttlecock_flies_nose_first),
+        ("torque", lambda: test_sunlight_pushes_away_from_the_sun(0.0, 0.0, 1.0)),
+        ("torque", test_a_mirror_is_pushed_along_its_normal_and_black_along_the_light),
+    ],
+)
+def test_a_law_with_the_other_sign_is_seen(law: str, seen_by: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mutants."""
+    force = getattr(BODIES["satellite"].perturbation, law)
+    right = force.function
+
+    @functools.wraps(right)
+    def wrong(*letters: Any, **known: Any) -> Any:
+        return -right(*letters, **known)
+
+    monkeypatch.setitem(force.__dict__, "function", wrong)
+    with pytest.raises(AssertionError):
+        seen_by()

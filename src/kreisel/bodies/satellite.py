@@ -220,7 +220,7 @@ PARAMETERS = (
     Parameter("density", "scalar", "of the air, kg/m^3", check_not_negative, 0.0),
     Parameter("drag", "scalar", "drag coefficient of the plates", check_not_negative, 2.2),
     Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
-    Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.56e-6 at the Earth's distance", check_not_negative, 0.0),
+    Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.54e-6 at the Earth's distance", check_not_negative, 0.0),
     Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", check_part, 0.0),
     Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
 )

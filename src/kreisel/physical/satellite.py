@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
-SOLAR_PRESSURE = 4.56e-6  # N/m^2 on what absorbs, at the distance of the Earth: 1361 W/m^2 over the speed of light
+SOLAR_PRESSURE = 1361.0 / 299_792_458.0  # N/m^2 on what absorbs, at 1 au: flux (IAU 2015 B3) over speed of light
 
 
 @explained
