@@ -9,7 +9,7 @@ Plain numbers are SI and need no pint.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -41,6 +41,7 @@ KEPT = (
     "created",
     "versions",
 )
+MOST_AXES = 4  # of lists within lists
 RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
 
 
@@ -77,28 +78,52 @@ def registry() -> pint.UnitRegistry[Any]:
 
 @explained
 def si(value: Any, unit: str, name: str) -> Any:
-    """A quantity in the SI unit named: a string, a pint quantity, or lists of them; plain numbers are SI already.
+    """A quantity in the SI unit named; plain numbers are SI already.
 
-    Quantities of astropy and unyt are read too.  Returns a float or an array (...).  Raises `InputError` for other
-    dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
+    A string such as "3 kg", a quantity of pint, astropy or unyt, lists of such and of numbers, nested like a matrix, or
+    numbers with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
+    other dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
     """
     if hasattr(value, "to_value"):
         try:
             return value.to_value(unit)
         except Exception as error:  # of its package
             raise InputError(f"{name} must have the dimension of {unit}, got {shown(value)}: {error}.") from None
+    value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
         value = _parsed(value, unit, name)
-    elif isinstance(value, list | tuple) and any(
-        isinstance(v, str) or _is_quantity(v) or hasattr(v, "to_value") for v in value
-    ):
-        return np.array([si(v, unit, name) for v in value])
+    elif isinstance(value, list | tuple) and _one_unit(value):
+        value = _floats(value[0], unit, name) * _parsed_unit(value[1], name)
+    elif isinstance(value, list | tuple) and _has_units(value):
+        parts = [si(v, unit, name) for v in value]
+        return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
     if not _is_quantity(value):
         return value
     try:
         return _converted(value, unit, name).magnitude * 1.0
     except OverflowError:
         raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
+
+
+def _one_unit(value: Sequence[Any]) -> bool:
+    """Whether it is (numbers, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a quantity by itself."""
+    if len(value) != 2 or not isinstance(value[1], str) or isinstance(value[0], str) or _is_quantity(value[0]):
+        return False
+    return isinstance(value[0], list | tuple | np.ndarray) or value[1].strip()[:1].isalpha()
+
+
+def _has_units(value: Any, levels: int = MOST_AXES) -> bool:
+    """Whether there is text or a quantity in lists within lists."""
+    if isinstance(value, list | tuple) and levels:
+        return any(_has_units(v, levels - 1) for v in value)
+    return isinstance(value, str) or _is_quantity(value) or hasattr(value, "to_value")
+
+
+def _floats(value: Any, unit: str, name: str) -> Any:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: expected numbers and one unit, (values, '{unit}'), got {shown(value)}.") from None
 
 
 @explained

@@ -184,6 +184,24 @@ def test_attitude_message(tmp_path: Path) -> None:
     kr.analysis.write_aem(run, out, epoch="2026-01-01", overwrite=True)
 
 
+def test_attitude_message_has_its_date_of_creation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock, or the variable of reproducible-builds.org; `date -u -d @1700000000`."""
+    run, out = run_of(BODIES["revolution"][0], steps=1), tmp_path / "body.aem"
+
+    def created() -> str:
+        kr.analysis.write_aem(run, out, epoch="2001-01-01", overwrite=True)
+        return next(line for line in out.read_text(encoding="ascii").splitlines() if line.startswith("CREATION_DATE"))
+
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
+    made = np.datetime64(created().removeprefix("CREATION_DATE = "))
+    assert abs(made - np.datetime64("now")) < np.timedelta64(60, "s")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    assert created() == "CREATION_DATE = 2023-11-14T22:13:20"
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "soon")
+    with pytest.raises(kr.InputError, match="SOURCE_DATE_EPOCH: expected seconds"):
+        created()
+
+
 def test_attitude_message_from_the_command_line(tmp_path: Path) -> None:
     archive, out = tmp_path / "body.zarr", tmp_path / "body.aem"
     run_of(BODIES["revolution"][0], steps=3, path=archive)

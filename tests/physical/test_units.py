@@ -250,3 +250,45 @@ def test_unphysical_states() -> None:
         BODY.state(OMEGA, (0, 0, 0))
     with pytest.raises(kr.InputError, match="angular_velocity must be finite"):
         BODY.state((1, 2))
+
+
+# -- tensors with units -------------------------------------------------------------------------------
+
+SMALL = [[500.0, 100.0, -40.0], [100.0, 400.0, 60.0], [-40.0, 60.0, 300.0]]  # kg cm^2
+
+
+def test_a_tensor_with_units() -> None:
+    """Text in a matrix, one unit for all, quantities, arrays of any of them."""
+    ureg, text = pint.get_application_registry(), [[f"{x} kg cm^2" for x in row] for row in SMALL]
+    some = [["500 kg cm^2", 0.01, -0.004], [0.01, "0.04 kg m^2", 0.006], [-0.004, 0.006, 0.03]]
+    forms = {
+        "one unit": (SMALL, "kg cm^2"),
+        "one unit of an array": (np.array(SMALL), "kg cm^2"),
+        "text": text,
+        "an array of text": np.array(text),
+        "some text": some,
+        "a quantity": np.array(SMALL) * ureg("kg cm^2"),
+        "rows": [np.array(row) * ureg("kg cm^2") for row in SMALL],
+        "quantities": [[x * ureg("kg cm^2") for x in row] for row in SMALL],
+    }
+    for name, value in forms.items():
+        assert np.allclose(FreeBody(value).inertia, np.array(SMALL) * 1e-4, rtol=1e-14), name
+    assert np.allclose(FreeBody(((5, 4, 3), "kg m^2")).inertia, np.diag([5.0, 4.0, 3.0]))
+    assert FreeBody.box((3, "lb"), ([1, 2, 3], "ft")).mass == pytest.approx(3 * 0.45359237, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ((SMALL, "kg cm"), "must have the dimension of kg m"),
+        ((SMALL, "furlongz"), "needs a unit that pint knows"),
+        ((SMALL, "3 kg m^2"), "scaling factor"),
+        ((["a", "b", "c"], "m"), "expected numbers and one unit"),
+        ([["1 kg m^2", 2], [3]], r"'1 kg m\^2' for each or \(values, 'kg m\^2'\) for all"),
+        (("3 kg m^2", "2 kg m^2"), r"'1 kg m\^2' for each"),
+        ([[["1 kg m^2"] * 3] * 3] * 3, r"'1 kg m\^2' for each"),
+    ],
+)
+def test_tensors_that_are_none(value: object, said: str) -> None:
+    with pytest.raises(kr.InputError, match=said):
+        FreeBody(value)

@@ -55,7 +55,10 @@ def _si_numbers(unit: str, name: str, shapes: tuple[tuple[int, ...], ...], value
     fits = array.shape in shapes if shapes else array.shape[-1:] == (3,)
     if not fits or not np.isfinite(array).all():
         expected = " or ".join(map(str, shapes)) or "(..., 3)"
-        raise InputError(f"{name} must be finite numbers of shape {expected}, got {shown(value)}.")
+        raise InputError(
+            f"{name} must be finite numbers of shape {expected} in SI units ({unit}), or with units, '1 {unit}' for "
+            f"each or (values, '{unit}') for all, got {shown(value)}."
+        )
     return array
 
 

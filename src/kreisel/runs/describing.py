@@ -98,7 +98,7 @@ def _event_times(plan: Plan) -> str | None:
 def at_the_end(plan: Plan) -> dict[str, Any]:
     """The attributes of an archive that are known at the end of its run."""
     made = {"rows": plan.rows, "stopped": plan.timetable.end[1]} if plan.timetable.end else {}
-    return {"complete": True, **made, **({"event_times": _event_times(plan)} if plan.events else {})}
+    return {"complete": 1, **made, **({"event_times": _event_times(plan)} if plan.events else {})}
 
 
 def parameters_of(model: Model) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel.algebra.computed import cached_property
 from kreisel.method.scheme import KINDS
+from kreisel.runs.geometry import require_unchanged
 from kreisel.runs.scales import whole_run
 from kreisel.storage.reading import read_values
 
@@ -68,8 +69,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
     if "kreisel_sweep" in getattr(run, "attrs", {}):
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
-    if not a_run(run, rows=False)["time"].size:
-        raise InputError("expected a run with at least one row, got none.")
+    if not a_run(run, rows=False)["time"].size or run["time"].dims not in ((), ("time",)):
+        raise InputError(f"expected a run with at least one row along time, got the times {run['time'].shape}.")
+    require_unchanged(run)
     rows = _rows(run, _watched(run))
     return pd.DataFrame.from_dict(rows, orient="index", columns=None if rows else COLUMNS)
 

@@ -16,12 +16,13 @@ from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.runs.operations import require_operations
 from kreisel.runs.run_record import RunRecord
-from kreisel.storage.reading import a_run
+from kreisel.storage.reading import a_run, read_values
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
+CASIMIR = 1e-8  # how far Casimirs may be from those of the state, relative
 UNIT = 1e-6  # how far a quaternion may be from length 1
 
 
@@ -70,7 +71,36 @@ def model_for(run: xr.Dataset, system: Model | None) -> Model:
             f"expected a run of some lanes of its system, which has {system.batch[0]}, got {shown(lanes)} as lanes. "
             "Give the run as kr.simulate returned it, and its own system."
         )
-    return system.lanes(lanes)
+    model = system.lanes(lanes)
+    _require_its_casimirs(run, model)
+    return model
+
+
+def require_unchanged(run: xr.Dataset) -> None:
+    """Raises `InputError` for what is no longer the run that its attributes describe, which xarray keeps: 2 * run."""
+    record = RunRecord.from_attrs(run.attrs)
+    known = {"system", "parameters"} <= run.attrs.keys() and not record.is_own
+    if known and "time" in run.dims and not record.missing_from(run):
+        model_for(run, None)
+
+
+def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
+    """Raises `InputError` if the Casimirs of a run are not those of its state in the first row or the last one."""
+    casimirs, name = model.system.space.casimirs, "casimir"
+    if casimirs is None or name not in run or run.attrs.get("engine") == "cuda-float32" or "event" in run.dims:
+        return
+    ends = run.isel(time=[0, -1])
+    stored, attrs = np.asarray(read_values(ends[name])), run[name].attrs
+    with np.errstate(all="ignore"):
+        found = np.asarray(model.call(casimirs, *components(ends, model)))
+        sizes = [abs(found), *(attrs.get(k, 0.0) for k in ("evaluation_scale", "roundoff_scale"))]
+        scale = max(float(np.max(size, initial=0.0)) for size in sizes)
+        good = stored.size == found.size and (abs(stored.reshape(found.shape) - found) <= CASIMIR * scale).all()
+    if not good and np.isfinite(stored).all():
+        raise InputError(
+            "expected a run whose Casimirs are those of its state, got others. Usual cause: arithmetic on the run, "
+            "which changes its numbers and keeps its attributes; take the variables, such as 2 * run.energy."
+        )
 
 
 def is_upright(model: Model) -> bool:

@@ -57,7 +57,7 @@ class RunRecord:
     events: str | None = None  # JSON, their names, directions and checksums: an archive holds no code
     event_times: str | None = None  # JSON, (time, number of the event)
     rows_in_block: int
-    complete: bool = True
+    complete: int = 1  # a number: NetCDF has no truth values
     created: str
     versions: str  # JSON
     recovered: str | None = None

@@ -12,8 +12,8 @@ from kreisel.errors import InputError, RunError, explained
 from kreisel.method.observing import ORIENTATION, as_matrix
 from kreisel.record.contract import Frame
 from kreisel.runs.differentiable import attitude_near, differentiable
+from kreisel.runs.geometry import model_for
 from kreisel.runs.run_record import RunRecord
-from kreisel.runs.settings import check_model
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,8 +37,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
             "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "
             "or times of its own. Use kr.differentiable, with jax.vmap for ensembles."
         )
-    model = record.model if system is None else system
-    check_model(model)
+    model = model_for(run, system)
     f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
@@ -46,7 +45,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     jnp = jax.numpy
 
     space, n = model.system.space, model.n
-    start = [np.asarray(run[letter].values[0]) for letter in space.letters]
+    start = [np.asarray(run[letter].values[0], dtype=np.float64) for letter in space.letters]
     shown = [algebra.hat(x) if k == "skew" and n == 3 else x for k, x in zip(space.kinds, start, strict=True)]
     flat = [algebra.coordinates_of(k, x) for k, x in zip(space.kinds, shown, strict=True)]
     flat += [np.zeros(n * (n - 1) // 2)] * (ORIENTATION in run)

@@ -70,7 +70,7 @@ class Archive:
         with _disk(self.path, "be opened again" if self._begun else "be created"):
             if not self._begun:
                 self._make_room()
-                self._store.create(replace(describe(self.plan), complete=False).to_attrs(), self._overwrite)
+                self._store.create(replace(describe(self.plan), complete=0).to_attrs(), self._overwrite)
                 manifest.begin(self.part)
             try:
                 self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
@@ -238,7 +238,7 @@ def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
     manifest.unseal(part, snapshot.flushed // block)
     manifest.remove_scratch(part, unlisted=True)
     with edited(part) as group:
-        group.attrs.update({"complete": False, "steps": plan.steps, "rows_in_block": block})
+        group.attrs.update({"complete": 0, "steps": plan.steps, "rows_in_block": block})
         note_versions(group, versions())
         if snapshot.flushed:
             _resize(group, plan.rows)

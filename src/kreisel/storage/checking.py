@@ -179,7 +179,7 @@ def _trouble(part: xr.Variable) -> str | None:
 def recover(path: Path, out: Path) -> tuple[int, int]:
     """Write the rows that are whole in every variable to a new archive.  Returns their number and that of all rows.
 
-    The new archive has the attribute `recovered`, and complete = false where rows are lost.  Where the manifest itself
+    The new archive has the attribute `recovered`, and complete = 0 where rows are lost.  Where the manifest itself
     is lost, `recovered` says that the rows were not compared with it.  Raises `InputError` where nothing is whole, or
     `out` exists.
     """
@@ -202,7 +202,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
     note = "" if known else ", not compared with any checksum"
-    whole.attrs.update(complete=not lost, recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
+    whole.attrs.update(complete=int(not lost), recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         whole.to_zarr(out, zarr_format=3)

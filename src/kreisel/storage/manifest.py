@@ -102,7 +102,10 @@ def read(store: Path) -> Listed:
     """The manifest of a store.  Raises `InputError` where there is none, or it is damaged."""
     there = files(store)
     if not there:
-        raise InputError(f"{store} is damaged: {NAME} is missing.")
+        raise InputError(
+            f"{store} is damaged: {NAME} is missing. Usual cause: a copy of a run by its to_zarr, which is a plain "
+            "Dataset without checksums: xr.open_zarr opens it. kr.simulate(..., path=...) makes an archive."
+        )
     for path in there:
         for _ in _read_lines(path):
             pass

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 NEEDED = {  # attributes and their types
     **dict.fromkeys(("title", "system", "parameters", "start_sha256", "method", "options"), str),
     **dict.fromkeys(("n", "steps", "every", "rows_in_block", "projection"), int),
-    **{"dt": float, "complete": bool},
+    **{"dt": float, "complete": int},
 }
 MOST_INDEXED = 10**7  # times that are held in memory
 
@@ -154,7 +154,7 @@ def _until_checkpoint(path: Path, record: RunRecord) -> xr.Dataset:
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
     from kreisel.storage.continued import continued
 
-    attrs = {**metadata(path), "complete": False}
+    attrs = {**metadata(path), "complete": 0}
     snapshot, start, known = _checkpoint(path, record)
     first = snapshot.flushed
     whole = opened(path, known, True).isel(time=slice(0, first)) if first else xr.Dataset(attrs=attrs)

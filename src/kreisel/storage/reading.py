@@ -107,7 +107,8 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
         )
     as_made(run.attrs)
     last = [str(name) for name, v in run.variables.items() if "time" in v.dims[1:] or "lane" in v.dims[2:]]
-    if rows and (run["time"].dims != ("time",) or not run.sizes["time"] or (last and "kreisel_sweep" not in run.attrs)):
+    last = [] if "kreisel_sweep" in run.attrs else last
+    if last or (rows and (run["time"].dims != ("time",) or not run.sizes["time"])):
         raise InputError(
             f"expected a run with at least one row, and time, then lane as the first axes, got one with the times "
             f"{run['time'].shape}{' and ' + shown(last) if last else ''}. run.isel(time=[-1]) keeps the axis."

@@ -205,7 +205,7 @@ def _complete(part: Path) -> bool:
     try:
         return (
             is_plain(part / "zarr.json")
-            and json.loads((part / "zarr.json").read_bytes())["attributes"]["complete"] is True
+            and json.loads((part / "zarr.json").read_bytes())["attributes"]["complete"] == 1
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False

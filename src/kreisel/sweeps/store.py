@@ -198,7 +198,7 @@ class Store:
         with on_disk(self.path, "be finished", lambda: f" {LOST}"):
             if not manifest.whole(self.part):
                 manifest.remove_scratch(self.part)
-                self._store.seal(failed_lanes=self._failed(), complete=True)
+                self._store.seal(failed_lanes=self._failed(), complete=1)
             manifest.clear(self.part)
             self._store.take_name()
 

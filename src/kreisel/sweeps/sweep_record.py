@@ -32,7 +32,7 @@ class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
     sweep: str  # JSON
     lanes: Count
     block_lanes: Count
-    complete: bool = False
+    complete: int = 0  # a number: NetCDF has no truth values
     created: str
     versions: str  # JSON
     failed_lanes: int | None = None  # of one that is complete

@@ -11,7 +11,7 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for
+from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord
 from kreisel.storage.reading import read_values
 from kreisel.viewer.style import WIDTHS, Theme, theme_of
@@ -50,6 +50,8 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
     if not all(record.stepped for record in records):
         raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
+    for each in runs:
+        require_unchanged(each)
     if records[-1].system != records[0].system:
         raise InputError(f"Runs of one system can be compared, got {records[0].system} and {records[1].system}.")
     import matplotlib as mpl

@@ -15,7 +15,7 @@ from kreisel.forces.pairs import pairs_of
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.record.model import Model
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import continued, model_for
+from kreisel.runs.geometry import continued, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
 from kreisel.storage.reading import parsed
@@ -50,6 +50,7 @@ def scene(
     missing = record.missing_from(run)
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
+    require_unchanged(run)
     part, lanes = _lanes(run, lane)
     model = None if record.is_own else model_for(part, None)
     found = frames(part, record, model if model is None or pairs_of(model) is None else None)
