@@ -85,7 +85,6 @@ def record_lagrange_top(s: Setting) -> Sides:
     "Sections 5 and 6.2: (mLT left), (mLT operator inv1), L and U; (dmLT body), (dmLT W thru M), Hbar_eps, L_k, V_k, B_k",
     "velocity, flow, energy, step, deformed energy less the energy of the spin (E16) and both Lax pairs of the record, with +lambda A^T "
     "in U (E2), |A| = 1",
-    "E2, E16",
 )
 def record_lagrange_top_moving(s: Setting) -> Sides:
     W, P, A, alpha, e, lam = s.rotation(), s.vector(), s.unit(), s.scalar(), s.eps, s.lam
@@ -209,7 +208,6 @@ def _solved(A: Array, y: Array) -> Array:
     "record-lagrangians",
     "Sections 6.1, 6.2 and 7: (dmLT Lagr 1), (dmLT Lagr body), (dClebsch spec Lagr)",
     "the discrete Lagrangians of the records, |A| = 1, with 2/eps for Clebsch's (E1)",
-    "E1",
     numbers=("float",),
 )
 def record_lagrangians(s: Setting) -> Sides:
