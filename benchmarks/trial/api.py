@@ -84,44 +84,6 @@ def _ensemble(here: Around) -> Function:
     return ensemble
 
 
-def _gyroscope(name: str) -> Function:
-    from kreisel import physical
-
-    wheel = physical.Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
-    return lambda here: getattr(wheel, name)
-
-
-def _body(name: str) -> Function:
-    from kreisel import physical
-
-    return lambda here: getattr(physical.HeavyBody(1.0, (1.0, 2.0, 2.5), (0.0, 0.1, 0.2)), name)
-
-
-def _free_body(name: str) -> Function:
-    from kreisel import physical
-
-    return lambda here: getattr(physical.FreeBody((1.0, 2.0, 2.5)), name)
-
-
-def _ellipsoid(name: str) -> Function:
-    from kreisel import physical
-
-    return lambda here: getattr(physical.Ellipsoid((1.0, 2.0, 3.0), 10.0, 1.0), name)
-
-
-def _numbers_of(body: Any) -> list[Any]:
-    """All that a body tells of itself."""
-    names = [n for n in dir(type(body)) if isinstance(getattr(type(body), n), property)]
-    return [getattr(body, n) for n in names] + [ignored(body.model()), ignored(body.scales())]
-
-
-def _measured(here: Around) -> Function:
-    from kreisel import physical, units
-
-    wheel = physical.Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
-    return lambda run, **wanted: units.measured(run, wheel.scales(), **wanted)
-
-
 def _chart(name: str, analysis: str) -> Function:
     def get(here: Around) -> Function:
         from kreisel import analysis as of
@@ -187,7 +149,6 @@ def _arrays(found: Any) -> list[Any]:
 
 def calls() -> list[Call]:
     """Every function that is called."""
-    cut = {"value": "level", "rising": "rising", "system": "system"}
     return [
         *calls_of_surface(),
         call("model", "system name", "parameters", function_=_made, then_=ignored, weight_=14),
@@ -199,7 +160,6 @@ def calls() -> list[Call]:
         call("simulate", "model", "state", **RUN, **MORE, path="path", overwrite="flag", optional_=MAY, weight_=2),
         call("at", "model", "state", "times", method="method", dt="dt", order="order", orientation="orientation",
              optional_="method dt order orientation", weight_=6),
-        call("nutation", "model", "state", weight_=4, infinite_=True),
         call("propagator", "model", "state", "steps", dt="dt", method="method", order="order", project="flag",
              function_=_stepped, then_=_arrays, optional_="dt method order project", weight_=2),
         call("propagator", "model", "state", "times", dt="dt", method="method", order="order", function_=_placed,
@@ -224,53 +184,10 @@ def calls() -> list[Call]:
         call("accessor.view", "dataset", function_=_accessor("view"), then_=ignored, weight_=0.2),
         call("accessor.drift", "dataset", function_=_accessor("drift"), infinite_=True),
         call("accessor.text", "dataset", function_=_text, then_=ignored, weight_=0.5),
-        call("analysis.rotations", "run", then_=ignored),
-        call("analysis.quaternions", "run", weight_=2),
-        call("analysis.euler_angles", "run", system="system", optional_="system", weight_=2),
-        call("analysis.rates", "run", system="system", optional_="system", weight_=2, infinite_=True),
-        call("analysis.mean_rates", "run", system="system", optional_="system", weight_=2, infinite_=True),
-        call("analysis.events", "run", "quantity", **cut, optional_="value rising system", weight_=2),
-        call("analysis.section", "run", "quantity", **cut, optional_="value rising system", weight_=2),
-        call("analysis.return_map", "run", "quantity", "quantity", **cut, returns="returns",
-             optional_="value rising system returns", weight_=2),
-        call("analysis.frequencies", "run", "quantity", "lines", power="power", optional_="power",
-             then_=lambda lines: [lines.frequency, lines.amplitude], weight_=2),
-        call("analysis.power_spectrum", "run", "quantity", weight_=2),
-        call("analysis.compare", "run", "run", then_=lambda two: two.distance, weight_=2),
         call("charts.series", "run", theme="theme", function_=_chart("plot_series", "euler_angles"), weight_=0.1),
         call("charts.lines", "run", "quantity", function_=_chart("plot_lines", "frequencies"), weight_=0.1),
         call("charts.comparison", "run", "run", function_=_chart("plot_comparison", "compare"), weight_=0.1),
-        call("units.si", "mass", "unit", "name", weight_=3, infinite_=True),
-        call("units.measured", "run", function_=_measured, time="unit", energy="unit", optional_="time energy",
-             infinite_=True),
-        call("physical.Gyroscope", "mass", "moment", "moment", "lever", "rate", then_=_numbers_of, weight_=4),
-        call("physical.Gyroscope.flat", "mass", "moment", "lever", then_=_numbers_of, weight_=4),
-        call("physical.gyroscope.state", "angle", "rate", "rate", "rate", function_=_gyroscope("state"), weight_=4),
-        call("physical.gyroscope.orientation", "angle", function_=_gyroscope("orientation")),
-        call("physical.gyroscope.motion", "vector", "vector", function_=_gyroscope("motion"), infinite_=True),
-        call("physical.gyroscope.dt", "rate", function_=_gyroscope("dt"), weight_=2),
-        call("physical.gyroscope.slow", "rate", function_=_gyroscope("slow_precession"), weight_=2),
-        call("physical.gyroscope.steady", "angle", "rate", function_=_gyroscope("steady_precession"), weight_=2,
-             infinite_=True),
-        call("physical.gyroscope.nutation", "rate", function_=_gyroscope("nutation_rate"), weight_=2),
-        call("physical.HeavyBody", "mass", "vector", "vector", "rate", then_=_numbers_of, weight_=4),
-        call("physical.HeavyBody.about_centre", "mass", "vector", "vector", then_=_numbers_of, weight_=2),
-        call("physical.body.state", "vector", "vector", function_=_body("state"), weight_=3),
-        call("physical.body.angular_velocity", "vector", function_=_body("angular_velocity"), weight_=2),
-        call("physical.FreeBody", "vector", "mass", "rate", then_=_numbers_of, weight_=4),
-        call("physical.FreeBody.box", "mass", "vector", then_=_numbers_of, weight_=2),
-        call("physical.free_body.state", "vector", function_=_free_body("state"), weight_=3),
-        call("physical.free_body.angular_velocity", "vector", function_=_free_body("angular_velocity"), weight_=2),
-        call("physical.free_body.stability", "rate", function_=_free_body("stability"), then_=ignored, weight_=2),
-        call("physical.free_body.rotation", "vector", function_=_free_body("rotation"),
-             then_=lambda motion: [motion.momentum, motion.energy, motion.precession, motion.polhode(9)], weight_=3),
-        call("physical.Ellipsoid", "vector", "mass", "density", then_=_numbers_of, weight_=4),
-        call("physical.Ellipsoid.of_density", "vector", "density", "density", then_=_numbers_of, weight_=3),
-        call("physical.ellipsoid.state", "vector", "vector", function_=_ellipsoid("state"), weight_=3),
-        call("physical.Units", "mass", "lever", "rate", then_=ignored, weight_=2),
         call("lab.laws.check", "model", "seed", function_=_law, weight_=0.05, then_=ignored),
-        call("lab.investigate", "anything", n="dimension", eps="eps", degree="count", iterates="count", steps="count",
-             optional_="n eps degree iterates steps", then_=ignored, weight_=0.5),
     ]  # fmt: skip
 
 

@@ -351,5 +351,4 @@ KINDS: dict[str, Function] = {
     "count": _choice(1, 2, 5, 10, 0, -1),
     "dimension": _choice(3, 4, 5, 1, 0, -1),  # kernels for n = 10 take half a minute to compile
     "eps": _choice(None, 1, "1/3", 0, 0.25),
-    "words": _choice("m", "energy", "a", "P"),
 }

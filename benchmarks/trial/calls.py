@@ -20,6 +20,7 @@ from typing import Any
 
 import arguments
 import corruptions
+import grammar
 import numpy as np
 from forks import apart
 from pool import note
@@ -70,6 +71,9 @@ def case(rng: random.Random, folder: Path) -> str:
             if call.attribute and "has the components" in str(error):
                 return f"{call.group}: refused"
             raise
+    nonsense = [name for name, v in (*enumerate(given), *keywords.items()) if grammar.no_number(v)]
+    if nonsense:
+        raise AssertionError(f"accepted, though no number can be read from it: argument {nonsense[0]}")
     if printed.getvalue():
         raise AssertionError(f"it prints: {printed.getvalue()[:200]!r}")
     loud = [w for w in said if issubclass(w.category, RuntimeWarning) and w.category.__name__ != "ConservationWarning"]

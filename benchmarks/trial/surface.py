@@ -31,6 +31,7 @@ RESULTS = {"Comparison", "Lines", "Course", "Motion", "AxisStability", "FreeRota
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
         "Comparison.plot": 0.1}  # fmt: skip
+OFTEN = ("kr.", "analysis.", "Propagator.")
 INFINITE = {"physical.FreeBody.stability", "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
             "units.si", "analysis.rates", "analysis.mean_rates", "kr.drift",
             "analysis.angular_velocity", "analysis.compare", "kr.nutation"}  # fmt: skip
@@ -161,7 +162,6 @@ BY_CALL = {
     "lab.investigate(n)": "dimension",
     "lab.investigate(names)": "names",
 }
-WANTED = ("run", "sim", "state")  # never left out, though they may be odd
 
 
 class Unknown(AssertionError):
@@ -226,6 +226,7 @@ def _call(name: str, function: Callable[[Around], Function], value: Any) -> Call
         if p.kind in (p.VAR_KEYWORD, p.VAR_POSITIONAL):
             continue
         kind = BY_CALL.get(f"{name}({p.name})") or KIND_OF.get(p.name, p.name)
+        kind = "system" if kind == "model" and p.default is not p.empty else kind  # or none, as the run says it
         if kind not in KINDS:
             raise Unknown(f"{name}: the parameter {p.name} has no kind in benchmarks/trial/surface.py")
         if p.default is p.empty and p.kind is not p.KEYWORD_ONLY:
@@ -239,7 +240,7 @@ def _call(name: str, function: Callable[[Around], Function], value: Any) -> Call
         tuple(given),
         keywords,
         tuple(optional),
-        weight=SLOW.get(name, 1.0 if given or keywords else 0.05),
+        weight=SLOW.get(name, (2.0 if name.startswith(OFTEN) else 1.0) if given or keywords else 0.05),
         infinite=name in INFINITE,
         then=_used,
     )

@@ -98,6 +98,8 @@ def si(value: Any, unit: str, name: str) -> Any:
         parts = [si(v, unit, name) for v in value]
         return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
     if not _is_quantity(value):
+        if algebra.loses(value):
+            raise InputError(f"{name} must be numbers in SI units ({unit}), or a quantity, got {shown(value)}.")
         return value
     try:
         return _converted(value, unit, name).magnitude * 1.0

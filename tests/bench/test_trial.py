@@ -88,6 +88,43 @@ def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     assert any("check accepts it" in fault["what"] for fault in parts["corruptions"]["faults"])
 
 
+PUBLIC = """
+import inspect, sys
+sys.path.insert(0, {trial!r})
+import surface
+from kreisel import physical
+
+def unexplained(call):
+    function = call.function(None)
+    made = "__new__" if inspect.isclass(function) and issubclass(function, tuple) else "__init__"
+    function = getattr(function, made) if inspect.isclass(function) else function
+    return not hasattr(getattr(function, "__func__", function), "__wrapped__")
+
+calls = surface.surface()
+assert not [call.name for call in calls if unexplained(call)], [call.name for call in calls if unexplained(call)]
+
+def sink(tonnage):  # the control: neither explained, nor with a parameter that the trial knows
+    pass
+
+sink.__module__ = "kreisel.physical"
+physical.sink = sink
+physical.__all__ = [*physical.__all__, "sink"]
+try:
+    surface.surface()
+except surface.Unknown as error:
+    assert "tonnage" in str(error)
+    surface.KIND_OF["tonnage"] = "mass"
+    assert [call.name for call in surface.surface() if unexplained(call)] == ["physical.sink"]
+    print(len(calls))
+"""
+
+
+def test_every_public_function_is_called_by_the_trial_and_explains_its_arguments(tmp_path: Path) -> None:
+    code = PUBLIC.format(trial=str(TRIAL))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0 and int(done.stdout) > 120, done.stderr
+
+
 def test_the_page_says_what_the_result_says() -> None:
     spec = importlib.util.spec_from_file_location("telling", TRIAL / "telling.py")
     assert spec is not None and spec.loader is not None

@@ -40,6 +40,11 @@ class Body:
     radius: float | None = None
     lag: float = 0.0
 
+    def __post_init__(self) -> None:
+        self.state()
+        for name in ("love", "lag"):
+            self._not_negative(name)
+
     def principal(self) -> tuple[Array, Array]:
         """The moments (3,), and the orientation of the principal axes.  Raises `InputError`."""
         inertia = getattr(self.inertia, "inertia", self.inertia)

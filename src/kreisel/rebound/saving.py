@@ -47,9 +47,13 @@ def read(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
             found = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
-    fits = all(found[name].shape == (len(found["names"]), width) for name, width in SHAPES.items())
-    if int(found["format"]) != FORMAT or not fits or found["dt"].shape != ():
-        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {found['format']}.")
+    names = found["names"] if found["names"].ndim == 1 and found["names"].dtype.kind == "U" else np.empty(0, str)
+    fits = [found[name].shape == (len(names), width) for name, width in SHAPES.items()]
+    fits += [name.startswith("#") or name.isdecimal() for name in names.tolist()]
+    fits += [found[name].shape == () and found[name].dtype.kind in "if" for name in ("format", "dt")]
+    fits += [found["seen"].dtype == np.float64, found["simulation"].dtype == np.uint8]
+    if not all(fits) or found["format"] != FORMAT:
+        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {shown(found['format'])}.")
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")

@@ -49,6 +49,12 @@ class Design:
     draws: int | None = None
     rng: int | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("grid", "together", "random"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Mapping):
+                raise InputError(f"{name}: expected a dict, quantity -> values, got {shown(value)}.")
+
     @property
     def table(self) -> dict[str, Any]:
         """As [sweep] in a TOML file has it."""
