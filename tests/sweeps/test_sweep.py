@@ -573,13 +573,14 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
         ({"design": kr.Design(together=alphas, draws=1)}, "nothing is drawn"),
         ({"design": kr.Design(together={**alphas, "state.m[0]": [1.0, 2.0]})}, "the same number of values"),
         ({"design": kr.Design(together={"system.alpha": [object()]})}, "described by numbers"),
-        ({"design": kr.Design(grid=3)}, "must be a table"),
         ({"memory": 0}, "memory in"),
         ({"method": ["suris"]}, "method: expected a name"),
     ]
     for wrong, words in wrongs:
         with pytest.raises(kr.InputError, match=words):
             kr.sweep(top, x0, **{**options, **wrong})
+    with pytest.raises(kr.InputError, match="grid: expected a dict"):
+        kr.Design(grid=3)
     with pytest.raises(kr.InputError, match="is a sweep"):
         kr.resume(whole, extend=10)
     with pytest.raises(kr.InputError, match="drift of each lane"):
