@@ -151,6 +151,7 @@ PRINTED = {
     "record-kirchhoff": [(kirchhoff, CONTINUOUS), (clebsch_general, (*CONTINUOUS, "lax"))],
     "record-clebsch": [(clebsch, DISCRETE)],
     "record-clebsch-energy": [(clebsch, ("energy with eps",)), (neumann, ("energy with eps",))],
+    "record-spectra": [(m, ("spectrum",)) for m in (lagrange_top, lagrange_top_moving, clebsch, clebsch_general)],
     "record-lagrangians": [(module, ("lagrangian",)) for module in (lagrange_top, lagrange_top_moving, clebsch)],
     "neumann-flow": [(neumann, ("flow",))],
 }

@@ -205,6 +205,53 @@ def _solved(A: Array, y: Array) -> Array:
 
 
 @stated(
+    "record-spectra",
+    "Sections 5, 6.1, 6.2 and 7: det(l_k(lambda) - mu), det(L_k(lambda) - mu)",
+    "the integrals `spectrum` of the records are coefficients in lambda and mu of the characteristic polynomials of the printed matrices",
+)
+def record_spectra(s: Setting) -> Sides:
+    m, a, p, e = s.skew(), s.unit(), s.vector(), s.eps
+    for eps in (0 * e, e):
+        b = a - eps / 2 * (m @ a) + eps * eps / 4 * p
+        yield from _bordered(s, m, b, p, lagrange_top.spectrum(m, a, p=p, eps=eps), True)
+        B = a + eps / 2 * (m @ a) + eps * eps / 4 * p
+        yield from _bordered(s, m, B, p, lagrange_top_moving.spectrum(m, p, A=a, eps=eps), False)
+        kappa, Q, mu = eps * eps / 4, a + eps / 2 * (m @ a), s.scalar()
+        d = s.diagonal() / 4
+        for spectrum, at in (
+            (clebsch.spectrum(m, a, b=d, eps=eps), kappa),
+            (clebsch_general.spectrum(m, a, a=d), 0 * e),
+        ):
+            Q = Q if at is kappa else a
+            lam = abs(s.lam) + 1
+            nu, S = lam - at * mu, 1 + at * d
+            L = (lam * diagonal(d) + m + outer(Q) / lam) / S[:, None]
+            whole = lam * np.prod(S) * _at(characteristic(L), mu) - lam * np.prod(mu - nu * d)
+            places = [(k, i) for k in range(1, s.n + 1) for i in range(k - 1, -1, -2)]
+            terms = [v * mu ** (s.n - k) * nu**i for v, (k, i) in zip(spectrum, places, strict=True)]
+            yield np.asarray(whole), np.asarray(sum(terms))
+
+
+def _at(coefficients: list[Any], mu: Any) -> Any:
+    value = coefficients[0]
+    for c in coefficients[1:]:
+        value = value * mu + c
+    return value
+
+
+def _bordered(s: Setting, m: Array, b: Array, p: Array, spectrum: Array, whole: bool) -> Sides:
+    """Coefficients of mu^(n-1-k): -lambda^2 x + y - z/lambda^2, of which some records leave out the Casimirs z."""
+    rest, one, two = list(spectrum), abs(s.lam) + 1, abs(s.lam) + 2
+    found = [characteristic(_block(m, lam * b - p / lam, lam * b - p / lam)) for lam in (one, two)]
+    for k in range(0, s.n, 2):
+        x, y = rest.pop(0), rest.pop(0)
+        f, g = (np.asarray(lam * lam * c[k + 2]) for lam, c in zip((one, two), found, strict=True))
+        yield f - g, np.asarray(-(one**4 - two**4) * x + (one**2 - two**2) * y)
+        if whole and k:
+            yield f, np.asarray(-(one**4) * x + one**2 * y - rest.pop(0))
+
+
+@stated(
     "record-lagrangians",
     "Sections 6.1, 6.2 and 7: (dmLT Lagr 1), (dmLT Lagr body), (dClebsch spec Lagr)",
     "the discrete Lagrangians of the records, |A| = 1, with 2/eps for Clebsch's (E1)",
