@@ -343,9 +343,11 @@ def test_a_fit_of_rates_in_the_axes_given() -> None:
     want = case("free")
     Omega = xr.DataArray(want.Omega[:9], dims=("time", "axis"), attrs={"units": "rad/s"})
     time = xr.DataArray(np.linspace(0, 8, 9), dims="time", attrs={"units": "s"})
-    data = xr.Dataset({"Omega": Omega}, {"time": time})
+    stars = xr.DataArray(want.attitude[:9], dims=("time", "quaternion"))
+    data = xr.Dataset({"Omega": Omega, "g": stars}, {"time": time})
     begun = {"M": 1.05 * want.body.state(RATE).axial.M}
     asked: dict[str, Any] = {"free": ["M"], "x0": begun, "dt": want.body.dt(0.5)}
+    asked["orientation"] = want.body.orientation(TYPED)
     found = kr.fit(want.body.model(), data, **asked)
     assert same(found.state.axial.M, want.body.state(RATE).axial.M, 1e-7) and found.chi2 < 1e-12
     assert same(first_rate(found.run), DEGREES, 1e-5)

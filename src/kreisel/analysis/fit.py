@@ -131,8 +131,9 @@ def fit(
                    of the state (n = 3: axial vectors), "g" (the orientation), "Omega" (in the frame of the system),
                    "energy" and other integrals, one number such as "a[2]", or names of `observables`; NaN where
                    nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body was
-                   given, and units (time in "s", Omega in "rad/s") are read from attributes `units`; without them they
-                   are those of the system.  A variable sigma_NAME, which has the shape of NAME or is spread over it, is
+                   given and g the attitude of these axes, unless an attribute `axes` is "state", as of a run; units
+                   (time in "s", Omega in "rad/s") are read from attributes `units`, without them they are those of the
+                   system.  A variable sigma_NAME, which has the shape of NAME or is spread over it, is
                    the standard error of NAME.  Or a run, of which the state is taken.
     free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]"; a mapping
                    also says where the search begins, None for what the system and x0 have
@@ -141,8 +142,9 @@ def fit(
                    g.  Free as "orientation": the axial vector of X (the entries i < j) in g = orientation cay(X/2), in
                    the rest frame cay(X/2) orientation: the angles of a small rotation, rad
     dt             the step; times between two steps are reached by a shorter one.  Of a run its own, if not given
-    observables    name -> f(*components, *, ...) in jax.numpy, of one state; after the star parameters by letter, the
-                   orientation g as a matrix, the time t, and numbers of the instrument, which `free` starts
+    observables    name -> f(*components, *, ...) in jax.numpy, of one state, all of it along the axes of the state;
+                   after the star parameters by letter, the orientation g as a matrix, the time t, and numbers of the
+                   instrument, which `free` starts
     bounds         name -> (low, high)
     method, order  as for `kr.differentiable`, whose function is fitted: without projections
 

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import ORIENTATION, as_matrix, functions, with_orientation
-from kreisel.record.body_frame import AXES, BODY
+from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
@@ -254,7 +254,7 @@ def observed(
             f"observations: expected variables, and sigma_NAME for some NAME of them, got {shown(stray or names)}."
         )
     oriented = ORIENTATION in starts
-    shows = [_show(model, n, observables, data[n].attrs.get(AXES) == BODY, oriented) for n in names]
+    shows = [_show(model, n, observables, data[n].attrs.get(AXES), oriented) for n in names]
     sizes = [_size_of_unit(model, data[name], name) for name in names]
     values = [_numbers(data, name) / size for name, size in zip(names, sizes, strict=True)]
     time = _times(data) / _size_of_unit(model, data["time"], "time")
@@ -374,9 +374,10 @@ def _size(kind: str, n: int) -> tuple[int, ...]:
     return (n,) if kind == "vector" or (kind == "skew" and n == 3) else (n, n)
 
 
-def _show(model: Model, name: str, observables: dict[str, Any], in_body: bool, oriented: bool) -> Show:
-    """What a variable is in a state; `in_body`: with components along the axes in which the body was given.
+def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None, oriented: bool) -> Show:
+    """What a variable is in a state; `axes`: what the variable says of the axes of its components.
 
+    Without a word of them M and P are along the axes of the state, Omega and g along those in which the body was given.
     Raises `InputError` for unknown names.
     """
     space = model.system.space
@@ -386,11 +387,11 @@ def _show(model: Model, name: str, observables: dict[str, Any], in_body: bool, o
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
     if model.system.velocity is not None:
         table[VELOCITY] = lambda *state, **known: _in_body(model, call(model.system.velocity, state, known))
-    if letter in space.letters:
-        axes = model.body_frame.axes if in_body and model.body_frame is not None else None
-        return lambda by, own, t, known, given: (own[letter] if axes is None else axes @ own[letter])[index]
-    if letter == ORIENTATION and oriented:
-        return lambda by, own, t, known, given: own[letter][index]
+    if letter in space.letters or (letter == ORIENTATION and oriented):
+        turned = axes == BODY if letter in space.letters else axes != STATE
+        frame = model.body_frame if turned and model.body_frame is not None else BodyFrame()
+        turn = frame.attitude(np.eye(4)).T if letter == ORIENTATION else frame.axes
+        return lambda by, own, t, known, given: (turn @ own[letter] if frame.turned else own[letter])[index]
     if letter not in table:
         known_names = [*space.letters, *(ORIENTATION,) * oriented, *table, *observables]
         raise InputError(
