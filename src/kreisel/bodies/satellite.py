@@ -199,7 +199,7 @@ def check_plates(value, name):
 
 EARTH = 3.986004418e14  # mu, m^3/s^2, WGS 84
 PARAMETERS = (
-    Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments),
+    Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments, diagonal=True),
     Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),
     Parameter("eccentricity", "scalar", "of the orbit", check_eccentricity, 0.0),
     Parameter("inclination", "scalar", "of the orbit to the equator of the primary, rad", default=0.0),

@@ -22,7 +22,7 @@ from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record.calling import keywords
 from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
-from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers
+from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
 from kreisel.record.portable import Portable
@@ -238,12 +238,14 @@ def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[s
         kind = "vector" if np.shape(damping)[-1:] == (3,) and model.n == 3 else "scalar"
         meaning = "rate of linear damping, M' = -damping M, of all axes or of each"
         check = _alike if kind == "vector" and model.system.frame is Frame.REST else None
-        out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping)
+        out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping, diagonal=kind == "vector")
     if inertia is not None:
         check = _moments if model.system.translation is None else _positive
-        out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", check, inertia)
+        out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", check, inertia, diagonal=True)
     if coupling is not None:
         out[COUPLING] = Parameter(COUPLING, "symmetric", "K in M.KP, what H has beside", None, coupling)
+    for p in out.values():
+        require_one_reading(p, p.default, "kr.perturbed")
     return out
 
 

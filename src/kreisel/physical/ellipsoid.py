@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.physical.measures import (
@@ -126,7 +127,7 @@ class Ellipsoid:
         momentum = units.mass * units.length / units.time
         P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
         M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))
-        return self.model(units).state(M=M, P=P)
+        return self.model(units).state(M=algebra.hat(M), P=P)
 
     def scales(self, units: Units = SI) -> Scales:
         """The units of the variables of a run in these `units`, for `kreisel.units.measured`."""

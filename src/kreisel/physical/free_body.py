@@ -116,7 +116,7 @@ class FreeBody:
         """
         Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
-        return self.model().state(M=M)
+        return self.model().state(M=algebra.hat(M))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` for `kr.simulate`: that of the principal axes, from the attitude of the body axes.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.physical.inertia import inertia_tensor, mass_tensor, steiner
@@ -110,7 +111,7 @@ class HeavyBody:
         if (length == 0).any():
             raise InputError("up must not be the zero vector: it is the upward vertical along the body axes.")
         M = in_range("The momentum", lambda: Omega @ self.inertia / self.momentum_unit)
-        return self.model().state(M=M, P=up / length)
+        return self.model().state(M=algebra.hat(M), P=up / length)
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.

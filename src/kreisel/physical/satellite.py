@@ -182,9 +182,10 @@ class Satellite:
         """
         if spin is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
-            return self.model().state(M=self.inertia @ Omega @ self._principal_axes)
+            return self.model().state(M=algebra.hat(self.inertia @ Omega @ self._principal_axes))
         Omega = angular_velocity_of(spin, axis)
-        return self.model().state(M=in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes))
+        M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
+        return self.model().state(M=algebra.hat(M))
 
     @cached_property
     def _order(self) -> Array:

@@ -154,7 +154,7 @@ class SubmergedBody:
         nu = np.concatenate(np.broadcast_arrays(U - current, Omega), -1)
         momenta, (turn, shift) = nu @ self.mass_matrix, self._place
         P, M = momenta[..., :3], momenta[..., 3:]
-        return self.model().state(P=P @ turn, M=(M - np.cross(shift, P)) @ turn)
+        return self.model().state(P=P @ turn, M=algebra.hat((M - np.cross(shift, P)) @ turn))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` for `kr.simulate`, of the axes of the state, from the attitude of the body axes."""

@@ -19,6 +19,7 @@ from kreisel.algebra import Array, invariants
 from kreisel.algebra.reuse import KEPT
 from kreisel.display import show
 from kreisel.record.calling import Function, require_names
+from kreisel.record.given import require_one_reading
 from kreisel.record.model import Model
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ class PhaseSpace:
     in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
     vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` makes a random point of
-    random numbers draw(shape), where not every point of the coordinate space will do.
+    random numbers draw(shape), where not every point of the coordinate space will do.  `sites`: whether the n entries
+    of a vector are those of n sites.
     """
 
     name: str
@@ -53,6 +55,7 @@ class PhaseSpace:
     momentum: Function | None = None
     carried: tuple[int, ...] = (1,)
     draw: Function | None = None
+    sites: bool = False
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -129,6 +132,7 @@ class Parameter:
     meaning: str
     check: Function | None = None
     default: Any = None
+    diagonal: bool = False  # a vector: the diagonal of a matrix, so that n x n numbers may be meant as that
     distinct: bool = False  # the entries must be distinct
     positive: bool = False  # the entries must be positive
     fixed: str = ""
@@ -315,6 +319,10 @@ class System:
     def __call__(self, *unnamed: Any, **params: Any) -> Model:
         """The system with these parameters, by name.  Raises `InputError` as `Model` does."""
         require_names(unnamed, self.name, [p.letter for p in self.parameters])
+        sites = next((params.get(p.letter) for p in self.parameters if p.kind == "dimension"), None)
+        for p in self.parameters:
+            if p.letter in params:
+                require_one_reading(p, params[p.letter], self.name, sites if self.space.sites else None)
         return Model(self, params)
 
     def remade_by(self, function: Function, *arguments: Any) -> System:

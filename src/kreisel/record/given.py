@@ -64,13 +64,46 @@ def axes_of(p: Parameter, value: Array) -> int:
     return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
 
 
+def says_lanes(value: Any) -> bool:
+    """Whether an array of xarray names its axis of lanes."""
+    return "lane" in getattr(value, "dims", ())
+
+
+def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None) -> None:
+    """Raises `InputError` where lanes may be meant or not: k numbers for k `sites`, a matrix for its diagonal."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return  # which is told elsewhere
+    n, name = len(array) if array.ndim else 0, f"{system}'s parameter {p.letter}"
+    if says_lanes(value):
+        return
+    if p.kind == "scalar" and np.ndim(sites) == 0 and array.shape == (sites,):
+        raise InputError(
+            f"{name}: {n} numbers for {n} sites may be one for each lane, or one for each site. For {n} lanes give the "
+            f"shape ({n}, 1). No parameter here differs from site to site: for that write the flow yourself, as "
+            "kr.simulate takes it."
+        )
+    if p.diagonal and array.shape == (n, n) and n > 2 and (array == array.T).all():
+        raise InputError(
+            f"{name}: a symmetric array ({n}, {n}) may be a matrix, or the diagonals of {n} lanes. For a matrix turn "
+            f"to its principal axes and give its diagonal, {n} numbers; for lanes give xarray.DataArray(..., "
+            "dims=('lane', 'axis'))."
+        )
+
+
 def parameter(p: Parameter, system: str, value: Any) -> Array:
-    """The array of a parameter.  Raises `InputError` for another shape or kind of number."""
+    """The array of a parameter; a number in each lane may be (lanes, 1).
+
+    Raises `InputError` for another shape or kind of number.
+    """
     name = f"{system}'s parameter {p.letter}"
     array = numbers(value, name)
     if not array.size:
         raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
     axes = axes_of(p, array)
+    if p.kind == "scalar" and array.ndim == 2 and array.shape[1] == 1:
+        array = array[:, 0]
     if p.kind in ("vector", "symmetric") and array.ndim:
         check_dimension(array.shape[-1], name)
     if p.kind == "symmetric" and array.ndim == 1:
@@ -84,24 +117,31 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
         }
         raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front), got shape {array.shape}.")
     if p.kind == "symmetric":
-        _check_symmetric(array, name)
+        of_lanes = " For diagonals of several lanes give (lanes, n, n), D[..., None] * np.eye(n)."
+        _check_symmetric(array, name, of_lanes if array.ndim == 2 else "")
     return array
 
 
-def _check_symmetric(array: Array, name: str) -> None:
+def _check_symmetric(array: Array, name: str, more: str = "") -> None:
     if array.shape[-1] != array.shape[-2]:
-        raise InputError(f"{name} must be square, got shape {array.shape}.")
+        raise InputError(f"{name} must be square, got shape {array.shape}.{more}")
     worst = algebra.magnitude(array - array.mT)
     if worst > SKEW_TOLERANCE * algebra.magnitude(array):
-        raise InputError(f"{name} must be symmetric; {name.split()[-1]} - {name.split()[-1]}^T is up to {worst:.3g}.")
+        letter = name.split()[-1]
+        raise InputError(f"{name} must be symmetric; {letter} - {letter}^T is up to {worst:.3g}.{more}")
 
 
-def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool) -> Array:
-    """A component of a state; `of_bodies`: with an axis of bodies, so that 3 x 3 numbers are three axial vectors."""
+def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three_lanes: bool = False) -> Array:
+    """A component of a state; `of_bodies`: with an axis of bodies, so that 3 x 3 numbers are three axial vectors.
+
+    Else they are a skew matrix, or axial vectors where there are `three_lanes`.
+    """
     name = f"state component {letter}"
     array = numbers(value, name)
     if of_bodies and kind == "skew" and array.shape in ((3,), (3, 3)):
         return algebra.hat(np.atleast_2d(array))
+    if kind == "skew" and array.shape == (3, 3) == (n, n):
+        return _three_by_three(array, letter, says_lanes(value), three_lanes)
     if kind == "symmetric":
         if array.ndim < 2 or array.shape[-2:] != (n, n):
             raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}), got shape {array.shape}.")
@@ -116,18 +156,39 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool) -> Ar
         off = algebra.magnitude(array + array.mT)
         if off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1):
             return array / 2 - array.mT / 2  # halved first: the difference may overflow
-        if n != 3 or array.ndim == 2:
+        if n != 3:
             raise InputError(
                 f"{name} must be skew ({letter}^T = -{letter}); {letter} + {letter}^T is up to {off:.3g}. "
                 f"Usual cause: a full matrix where its skew part ({letter} - {letter}^T)/2 was meant."
             )
     if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
-        X = algebra.hat(array)
-        return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix
+        return _of_axial(array)
     axial = ", or an axial vector (..., 3)" if n == 3 else ""
     raise InputError(
         f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters, "
         f"got shape {array.shape}."
+    )
+
+
+def _of_axial(array: Array) -> Array:
+    X = algebra.hat(array)
+    return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix
+
+
+def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -> Array:
+    """3 x 3 numbers: a skew matrix, or three axial vectors, `lanes` by their dimension.  Raises `InputError`."""
+    off = algebra.magnitude(array + array.mT)
+    skew = off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1)
+    if lanes or (three_lanes and not skew):
+        return _of_axial(array)
+    if skew and not (three_lanes and algebra.magnitude(array)):
+        return array / 2 - array.mT / 2
+    which = "is skew, and there are three lanes" if skew else f"{letter} + {letter}^T is up to {off:.3g}"
+    raise InputError(
+        f"state component {letter}: 3 x 3 numbers may be a skew matrix, or the axial vectors of three lanes; {which}. "
+        f"For three lanes give matrices (3, 3, 3), kreisel.algebra.hat({letter}), or xarray.DataArray({letter}, "
+        f"dims=('lane', 'axis')); for one state its axial vector (3,), or of a full matrix its skew part "
+        f"({letter} - {letter}^T)/2."
     )
 
 

@@ -278,8 +278,10 @@ class Model:
     def _of_values(self, *values: Any) -> State:
         """The state with these components, in order.  Raises `InputError`."""
         space, parts = self.system.space, {}
+        vectors = [np.shape(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
+        three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
-            parts[letter] = component(letter, kind, value, self.n, self._in_pairs)
+            parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
             require_on_phase_space(space, parts)
             if self.system.check_state is not None:

@@ -44,6 +44,7 @@ SPINS_SPACE = PhaseSpace(
     casimirs=invariants.squared_lengths,
     sign=-1,
     carried=(),
+    sites=True,
 )
 LATTICE_SPACE = PhaseSpace(
     name="(S^2)^(2n)",
@@ -52,6 +53,7 @@ LATTICE_SPACE = PhaseSpace(
     casimirs=invariants.squared_lengths,
     sign=-1,
     carried=(),
+    sites=True,
     constraints={
         "|S|^2 - 1": lambda *spins: invariants.squared_lengths(*spins[:3]) - 1,
         "|T|^2 - 1": lambda *spins: invariants.squared_lengths(*spins[3:]) - 1,

@@ -121,7 +121,12 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
-        Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2. Adding a constant to b leaves the flow as it is"),
+        Parameter(
+            "b",
+            "vector",
+            "diagonal of B: H has -<P, BP>/2. Adding a constant to b leaves the flow as it is",
+            diagonal=True,
+        ),
     ),
     flow=flow,
     energy=energy,

@@ -54,8 +54,8 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
-        Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True),
-        Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2"),
+        Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
+        Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2", diagonal=True),
     ),
     flow=flow,
     energy=energy,

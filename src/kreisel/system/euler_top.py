@@ -146,6 +146,7 @@ SYSTEM = System(
             "J",
             "vector",
             "diagonal of the mass tensor (n = 3: I_1 = J_2 + J_3, ...)",
+            diagonal=True,
             check=check_diagonal,
             positive=True,
         ),

@@ -28,8 +28,8 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=FREE_SPACE,
     parameters=(
-        Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True),
-        Parameter("b", "vector", "diagonal of B"),
+        Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
+        Parameter("b", "vector", "diagonal of B", diagonal=True),
     ),
     flow=flow,
     energy=energy,

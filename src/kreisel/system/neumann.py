@@ -119,7 +119,7 @@ SYSTEM = System(
     source="Suris 2001, section 7, end",
     frame=Frame.MOVING,
     space=SPHERE_SPACE,
-    parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2"),),
+    parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2", diagonal=True),),
     flow=flow,
     energy=energy,
     velocity=velocity,

@@ -114,6 +114,7 @@ SYSTEM = System(
             "diagonal of B, distinct entries: H has -<x, Bx>/2",
             distinct,
             distinct=True,
+            diagonal=True,
         ),
         Parameter("mu", "vector", "strengths of the walls x_i = 0: H has mu_i^2/(2 x_i^2)", nonzero),
     ),

@@ -55,7 +55,7 @@ SYSTEM = replace(
     title="Steklov's case of a body in a fluid",
     source="Steklov 1893; Suris 2001, Conclusions",
     parameters=(
-        Parameter("b", "vector", "H has b_i M_i^2/2"),
+        Parameter("b", "vector", "H has b_i M_i^2/2", diagonal=True),
         Parameter("nu", "scalar", "strength of the mixed terms, not 0", nonzero),
     ),
     derive=coefficients,

@@ -76,7 +76,7 @@ SYSTEM = System(
     frame=Frame.MOVING,
     space=ADJOINT_PAIR_SPACE,
     parameters=(
-        Parameter("b", "vector", "diagonal of B"),
+        Parameter("b", "vector", "diagonal of B", diagonal=True),
         Parameter("s", "scalar", "how much of Steklov's H"),
         Parameter("l", "scalar", "how much of Lyapunov's H"),
     ),

@@ -62,6 +62,7 @@ SYSTEM = System(
             "J",
             "vector",
             "diagonal of the mass tensor of body and wheel (I_1 = J_2 + J_3, ...)",
+            diagonal=True,
             check=check_positive_diagonal,
             positive=True,
         ),
