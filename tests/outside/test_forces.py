@@ -13,7 +13,7 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.bodies import BODIES
-from kreisel.physical import EARTH, SOLAR_PRESSURE, Orbit, Plate, Primary, Satellite
+from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Primary, Satellite
 from torques import torque_on
 
 BALL = (0.01, 0.01, 0.01)  # kg m^2: gravity does not turn it
@@ -54,6 +54,12 @@ def test_the_field_points_north_over_the_equator() -> None:
     polar = Orbit(6_378_200.0, inclination="90 deg", primary=earth)
     assert felt(polar, polar.period / 4) == pytest.approx((0, 0, -6e-5), abs=2e-6)
     assert felt(polar, 3 * polar.period / 4) == pytest.approx((0, 0, -6e-5), abs=2e-6)
+
+
+def test_the_field_of_saturn_points_south() -> None:
+    """Pioneer 11: 0.20 +- 0.01 gauss R^3 for R = 60,000 km, not as the Earth's.  [Acuna, Ness 1980]"""
+    assert felt(Orbit(6.1e7, primary=SATURN._replace(radius=6e7)), 0.0)[2] < 0
+    assert SATURN.field / 6e7**3 == pytest.approx(0.20e-4, abs=0.015e-4)
 
 
 def swing(primary: Primary, tilt: float = np.radians(5)) -> tuple[np.ndarray, np.ndarray]:

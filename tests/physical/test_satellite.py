@@ -455,7 +455,10 @@ BAD = {
     "normal": (lambda: Satellite((1, 1, 1), LOW, plates=(Plate((0, 0, 0), (0, 0, 0), 1),)), "zero vector"),
     "mirror": (lambda: Satellite((1, 1, 1), LOW, mirror=0.8, diffuse=0.4), "at most 1"),
     "density": (lambda: Satellite((1, 1, 1), LOW, density=-1), ">= 0"),
-    "moments": (lambda: BODIES["satellite"](moments=(1, 1, 3), semi_major_axis=7e6), "none above the sum"),
+    "moments": (
+        lambda: BODIES["satellite"](moments=(1, 1, 3), semi_major_axis=7e6),
+        "exceeds the sum of the other two",
+    ),
     "ellipse": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, eccentricity=1.0), "ellipse"),
     "size": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=-7e6), "number > 0"),
     "light": (lambda: BODIES["satellite"](**SMALL, mirror=0.8, diffuse=0.4), "at most 1"),

@@ -29,9 +29,10 @@ class Primary(NamedTuple):
 
 
 # mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
-# The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.
+# The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.  That of Saturn: 21136 nT for
+# 60268 km, Burton et al., Geophysical Research Letters 37 (2010) L24105.
 EARTH = Primary("Earth", satellite.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3)
-SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7)
+SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
