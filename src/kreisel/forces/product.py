@@ -56,14 +56,7 @@ def product(models: Sequence[Any]) -> Model:
     factors, first = [], 0
     for i, m in enumerate(models, 1):
         count = len(m.system.space.letters)
-        factors.append(
-            Factor(
-                m.system,
-                slice(first, first + count),
-                str(i),
-                (*dict.fromkeys((*m.constants, *sorted(m.system.named))),),
-            )
-        )
+        factors.append(Factor(m.system, slice(first, first + count), str(i), tuple(m.constants)))
         first += count
     return Model(_record(models, factors).remade_by(_system_again, list(models)), {})
 
