@@ -12,6 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import AccuracyWarning, doubt
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.calling import call
+from kreisel.record.model import State
 from kreisel.runs.choosing import pilot
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import of_forces
@@ -100,7 +101,8 @@ def cause_of_no_numbers(plan: Plan, step: int) -> str:
 
 def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
     """(h, count) -> the components after some steps of the length h from the start; None if they are not finite."""
-    state = {letter: plan.start[letter] for letter in plan.model.system.space.letters}
+    space = plan.model.system.space
+    state = State({letter: plan.start[letter] for letter in space.letters}, dict(space.components))
     run = pilot(plan.model, state, plan.settings, plan.start.get(ORIENTATION), project=plan.settings.project)
 
     def steps(h: float, count: int) -> tuple[Array, ...] | None:
