@@ -32,7 +32,8 @@ SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
         "Comparison.plot": 0.1}  # fmt: skip
 OFTEN = ("kr.", "analysis.", "Propagator.")
-INFINITE = {"physical.FreeBody.stability", "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
+INFINITE = {"physical.Gyroscope.motion", "physical.Gyroscope.steady_precession",
+            "physical.FreeBody.stability", "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
             "units.si", "analysis.rates", "analysis.mean_rates", "kr.drift",
             "analysis.angular_velocity", "analysis.compare", "kr.nutation"}  # fmt: skip
 KIND_OF = {

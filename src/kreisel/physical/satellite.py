@@ -261,7 +261,8 @@ class Satellite:
         axis = self._axis(run, 0)
         time = np.asarray(run.time).reshape(-1, *[1] * (axis.ndim - 2))
         ratio = si_number(ratio, "1", "ratio")
-        angle = np.arctan2(axis @ across, axis @ along) - ratio * self.orbit.mean_motion * time
+        turned = in_range("ratio n t", lambda: ratio * self.orbit.mean_motion * time)
+        angle = np.arctan2(axis @ across, axis @ along) - turned
         return np.asarray(np.angle(np.exp(1j * angle)))
 
     @property

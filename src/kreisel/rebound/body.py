@@ -56,7 +56,10 @@ class Body:
                 f"inertia: expected three moments > 0, got {shown(moments.tolist())}. Usual cause: a rod without "
                 "thickness, or a point. Give it its thickness, or leave it a particle."
             )
-        return moments, body.orientation(self.orientation)
+        g = body.orientation(self.orientation)
+        if g.shape != (4,):
+            raise InputError(f"orientation: expected one unit quaternion (w, x, y, z), got {shown(self.orientation)}.")
+        return moments, g
 
     def angular_velocity(self) -> Array:
         """(3,).  Raises `InputError`."""

@@ -113,7 +113,9 @@ def body_of(model: Model) -> str | None:
 
 def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
     """Attributes of every variable, from the plan and the first block of a run."""
-    scales, frame = roundoff_scales(plan, first), plan.model.body_frame
+    with np.errstate(all="ignore"):  # of integrals near the range of doubles
+        scales = roundoff_scales(plan, first)
+    frame = plan.model.body_frame
     out: dict[str, dict[str, Any]] = {}
     for name, outcome in plan.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}

@@ -112,7 +112,13 @@ def root_within(value: Callable[[float], float], side: float, h: float) -> float
 
 def number_of(quantity: Any, state: Any) -> float:
     """The value of a user's function.  Raises `InputError` where it is no finite number."""
-    value = np.asarray(quantity(state))
+    try:
+        value = np.asarray(quantity(state))
+    except (TypeError, ValueError, LookupError, AttributeError) as error:
+        raise InputError(
+            f"until: expected a function of the state, such as lambda x: x['a'][2], got one that raises "
+            f"{type(error).__name__}: {error}."
+        ) from error
     if value.size != 1 or value.dtype.kind not in "iuf":
         raise InputError(f"until: expected a quantity that is one number, got {shown(value)}.")
     return finite_number(value.item(), "until: the quantity")
