@@ -225,3 +225,16 @@ def test_plot_draws_both_panels(top: object, x0: object) -> None:
     assert labels[0] == "suris" and "dop853" in [line.get_label() for line in drift.lines]
     other = kr.plot(random_run("clebsch", 4, dt=0.05, steps=50))
     assert len(other.subfigs[0].axes[0].lines) == 4
+
+
+def test_sources_that_were_not_used_are_not_cited() -> None:
+    """Moser and Veselov's map is cited by a run that steps it alone, Suris's of Clebsch's case by none of another."""
+
+    def cited(method: str) -> str:
+        body = kr.EulerTop(J=(1, 2, 3))
+        return kr.cite(kr.simulate(body, {"M": (1.0, 2.0, 0.3)}, dt=0.1, steps=2, method=method))
+
+    assert "moser1991" in cited("veselov")
+    for method in ("exact", "dop853"):
+        assert "moser1991" not in cited(method) and "@software{kreisel" in cited(method)
+    assert "moser1991" not in kr.cite(kr.EulerTop(J=(1, 2, 3))) and "moser1991" not in kr.cite(kr.EulerTop)

@@ -59,4 +59,5 @@ METHOD = Method(
     sources=("krajnik2021", "krajnik2020"),
     make=brickwork,
     rank=3,
+    of_map=True,
 )

@@ -99,4 +99,5 @@ METHOD = Method(
     sources=("suris2001",),
     make=lagrangian,
     rank=3,
+    of_map=True,
 )

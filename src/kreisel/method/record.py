@@ -9,6 +9,7 @@ from typing import Any
 
 from kreisel.errors import InputError, shown
 from kreisel.method.scheme import Scheme
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 
@@ -44,6 +45,7 @@ class Method:
     steps: bool = True
     words: str = ""  # for the orders, where no list says it
     composed: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    of_map: bool = False  # whether it steps the map of the system, which is cited then
 
     def __repr__(self) -> str:
         return f"<kreisel method {self.name!r}: {self.title}>"
@@ -88,6 +90,10 @@ class Method:
     def cited(self, order: Any) -> tuple[str, ...]:
         """Keys of refs.bib for a run of that order."""
         return (*self.sources, *self.composed.get(order or 0, ()))
+
+    def references(self, system: System) -> str:
+        """The sources of a system, and those of its map where this method steps it."""
+        return system.source + (f"; {system.map.source}" if self.of_map and system.map is not None else "")
 
     def summary(self) -> dict[str, Any]:
         """The record as plain data."""

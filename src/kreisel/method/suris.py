@@ -86,4 +86,5 @@ METHOD = Method(
     sources=("suris2001",),
     make=suris,
     rank=4,
+    of_map=True,
 )

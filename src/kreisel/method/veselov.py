@@ -101,4 +101,5 @@ METHOD = Method(
     make=veselov,
     rank=2,
     composed=COMPOSED,
+    of_map=True,
 )

@@ -39,9 +39,11 @@ def cite(what: xr.Dataset | Model | System) -> str:
 
     method: str | None = None
     order: int | tuple[int, ...] | None = None
-    if isinstance(what, Model | System):
-        method = default_method(what) if isinstance(what, Model) else None
-        references, version = _sources(what.system if isinstance(what, Model) else what), kreisel.__version__
+    if isinstance(what, Model):
+        method, version = default_method(what), kreisel.__version__
+        references = METHODS[method].references(what.system)
+    elif isinstance(what, System):
+        references, version = what.source, kreisel.__version__
     else:
         attrs = getattr(what, "attrs", None)
         if not isinstance(attrs, Mapping) or "kreisel_format" not in attrs:
@@ -66,10 +68,6 @@ def bibliography() -> dict[str, str]:
     """The entries of refs.bib by key."""
     text = importlib.resources.files("kreisel").joinpath("refs.bib").read_text(encoding="utf-8")
     return {re.split(r"[{,]", entry)[1]: entry.strip() for entry in re.split(r"\n(?=@)", text) if entry.strip()}
-
-
-def _sources(system: System) -> str:
-    return system.source + (f"; {system.map.source}" if system.map is not None else "")
 
 
 def _keys(text: str, known: Iterable[str]) -> tuple[list[str], list[str]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
+from kreisel.method import find
 from kreisel.record.model import Model
 from kreisel.runs.integration import block_rows
 from kreisel.runs.operations import events_of, operations_of
@@ -59,7 +60,7 @@ def describe(plan: Plan) -> RunRecord:
     return RunRecord(
         title=f"{system.title}: {plan.scheme.name}",
         source=f"kreisel {versions()['kreisel']}",
-        references=system.source + (f"; {system.map.source}" if system.map else ""),
+        references=find(plan.scheme.name).references(system),
         system=system.name,
         system_sha256=operations_of(model),
         equations=system.equations,
