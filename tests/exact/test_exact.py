@@ -244,10 +244,9 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     place = ((phases[:, 0] + np.uint64(1 << (63 - orbit.places))) >> np.uint64(64 - orbit.places)).astype(int)
     x = (phases[:, 0] << np.uint64(orbit.places)).astype(np.int64) * 2.0**-63
     numbers = sum(f * x[:, None] ** k for k, f in enumerate(np.moveaxis([orbit.place(int(j)) for j in place], 1, 0)))
-    halves = [np.stack([np.cos(a), np.sin(a), 0 * a], -1) for a in (phases[:, 1:] * (np.pi * 2.0**-64)).T]
+    halves = [np.stack([np.cos(a), np.sin(a), 0 * a], -1) for a in (phases[:, 1:] * (2 * np.pi * 2.0**-64)).T]
     wanted = orbit.row(numbers, *halves, **orbit.constants)
-    same = np.where((wanted[2] * alone[:, 0, 6:]).sum(-1) < 0, -1, 1)[:, None]  # q and -q are one rotation
-    wanted = layout.flatten((*wanted[:2], same * wanted[2]), ["skew", "vector", "quaternion"])
+    wanted = layout.flatten(wanted, ["skew", "vector", "quaternion"])
     assert off(alone[:, 0], wanted) < DOUBLE
 
 
@@ -541,3 +540,27 @@ def test_beside_the_critical_sleeping_top(e: float) -> None:
         assert abs(run.a.values[i] - np.array(b1, dtype=float)).max() < 4e-15
         turn = np.array(q, dtype=float)
         assert min(abs(run.g.values[i] - s * turn).max() for s in (1, -1)) < 2e-15
+
+
+@pytest.mark.parametrize("above", [1e-12, 1e-6, 1e-4, 6e-4])
+def test_a_top_that_spins_upright_just_above_the_critical_rate(above: float) -> None:
+    """m = J e_3 stays, and the body turns by J t about it: nothing else can happen, in both frames and by both ways."""
+    J, q = 2 + above, np.array([np.cos(0.5), 0.0, 0.0, np.sin(0.5)])
+    rest, inside = kr.LagrangeTop(p=(0, 0, 1)), kr.LagrangeTopMoving(A=(0, 0, 1))
+    half = J * 1e4 / 2 + 0.5
+    for top, letters in ((rest, "ma"), (inside, "MP")):
+        start = dict(zip(letters, ((0, 0, J), (0, 0, 1.0)), strict=True))
+        run = kr.at(top, start, [0.0, 1e4], orientation=q)
+        assert (run[letters[0]].values[-1] == [0, 0, J]).all() and (run[letters[1]].values[-1] == [0, 0, 1]).all()
+        assert abs(abs(run.g.values[-1] @ [np.cos(half), 0, 0, np.sin(half)]) - 1) < 1e-12
+        run = kr.simulate(top, start, dt=0.5, steps=4, method="exact", progress=False)
+        assert (run[letters[0]].values == [0, 0, J]).all()
+
+
+@pytest.mark.parametrize(
+    "body", [kr.Clebsch(b=(-0.9, -0.6, -0.25)), kr.KirchhoffRevolution(a1=1.3, a3=0.4, c1=0.9, c3=0.25)]
+)
+def test_a_step_of_too_many_pairs_is_refused_before_anything_is_allocated(body: object) -> None:
+    start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}
+    with pytest.raises(kr.InputError, match="dt: expected at most"):
+        kr.simulate(body, start, dt=1e12, steps=1, method="exact", progress=False)

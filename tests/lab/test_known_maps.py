@@ -116,3 +116,17 @@ def test_a_cubic_growth_is_not_exponential() -> None:
     assert found.recurrence is None and not found.exponential
     assert growth.fitted_growth(tuple(int(1.6**k) + k % 3 for k in range(14))).exponential
     assert growth.growth(of_name("skew product over McMillan's"), 14).power == 3
+
+
+@pytest.mark.parametrize("after", [0, 1])
+def test_six_degrees_tell_a_quadratic(after: int) -> None:
+    """2k^2 + 1, as of many maps of the plane, has entropy 0; with one term less nothing is claimed."""
+    d = (*(5,) * after, *(2 * k * k + 1 for k in range(6)))
+    found = growth.fitted_growth(d)
+    assert (found.power, found.entropy, found.uncertainty, found.after) == (2, 0.0, 0.0, after)
+    assert "growth like k^2, entropy 0" in found.verdict
+    few = growth.fitted_growth(d[:-1])
+    assert few.recurrence is None and "entropy" not in few.verdict
+    assert (
+        growth.fitted_growth((1, 2, 4, 8, 16, 31)).power != 2
+    )  # 16 regions of a circle: a polynomial of degree 4 later

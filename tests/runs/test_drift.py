@@ -251,3 +251,19 @@ def test_lanes_of_a_sweep_shout(top: System, x0: object, tmp_path: Path, strict:
     (tmp_path / "sweep.toml").write_text(text)
     done = do(app, ["sweep", str(tmp_path / "sweep.toml"), "--workers", "0", "--json", "--overwrite"])
     assert done.exit_code == NOT_CONSERVED and json.loads(done.stdout)["broken"][0].startswith("lane 1: ")
+
+
+def test_drift_says_that_there_is_nothing_to_judge() -> None:
+    """An empty table would look like a run without drift."""
+    body, start = kr.EulerTop(J=(1, 2, 3)), {"M": (0.3, -0.4, 1.2)}
+    run = kr.simulate(body, start, dt=0.1, steps=10, observe=[], progress=False)
+    with pytest.raises(kr.InputError, match="saved none, observe="):
+        kr.drift(run)
+    with pytest.raises(kr.InputError, match="a Dataset without system"):
+        kr.drift(xr.Dataset({"x": ("time", [1.0, 2.0])}, {"time": [0.0, 1.0]}))
+    bare = run.copy()
+    for variable in bare.variables.values():
+        variable.attrs.clear()
+    bare.attrs.pop("observe")
+    with pytest.raises(kr.InputError, match="variables have no attributes"):
+        kr.drift(bare)

@@ -51,6 +51,7 @@ from kreisel.algebra.cayley import (
 )
 from kreisel.algebra.floats import floats, is_number, loses
 from kreisel.algebra.orientation import (
+    continued,
     double_turn,
     inverse_turn,
     quaternion_product,
@@ -95,6 +96,7 @@ __all__ = [
     "cayley_plane",
     "complex_number",
     "conjugate",
+    "continued",
     "coordinates",
     "coordinates_of",
     "cross",

@@ -45,6 +45,19 @@ def unit(q: Array) -> Array:
     return q / sqrt(vec(dot(q, q)))
 
 
+def continued(q: Array, times: Array | None = None) -> Array:
+    """Unit quaternions (rows, ..., 4), each of the two signs of its rotation that is nearer to the row before.
+
+    `times` (rows,): in their order.
+    """
+    if times is not None:
+        order = np.argsort(times, kind="stable")
+        return continued(q[order])[np.argsort(order, kind="stable")]
+    flips = np.where(dot(q[1:], q[:-1]) < 0, -1.0, 1.0)
+    signs = np.concatenate([np.ones_like(q[:1, ..., 0]), np.cumprod(flips, axis=0)])
+    return np.asarray(q * signs[..., None])
+
+
 def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
     """R_y R_x g, or g (R_y R_x)^T with `right`, R_x the half-turn about x: the turn from x to y by twice their angle.
 

@@ -17,7 +17,6 @@ from kreisel.runs.geometry import (
     attitude_of,
     axes_of_state,
     components,
-    continued,
     fixed_vector,
     is_upright,
     model_for,
@@ -56,7 +55,7 @@ def quaternions(run: xr.Dataset) -> Array:
     body of `kr.physical` g is the attitude of the axes in which it was given, not of the axes of the state: do not
     pass it to `body.attitude`.  Raises `InputError` for a run without an orientation.
     """
-    return continued(attitude_of(a_run(run)))
+    return algebra.continued(attitude_of(a_run(run)))
 
 
 @explained

@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
-from kreisel.runs.drift import drift
+from kreisel.runs.drift import table_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import finite_number
 
@@ -76,7 +76,7 @@ def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
     if run.sizes.get("lane") != other.sizes.get("lane"):
         raise InputError("Both runs must have the same lanes; take one lane of each with isel(lane=...).")
     i, j = _common(np.asarray(run["time"].values), np.asarray(other["time"].values))
-    tables = [drift(each).max_change for each in (run, other)]
+    tables = [table_of(each).max_change for each in (run, other)]
     both = tables[0].index.intersection(tables[1].index, sort=False)
     table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
     with np.errstate(all="ignore"):

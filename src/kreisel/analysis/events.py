@@ -72,10 +72,10 @@ def events(
         values = algebra.axial(v) if kind == "skew" and model.n == 3 else v
         data[letter] = (("event", *run[letter].dims[run[letter].ndim - values.ndim + 1 :]), values[order])
     if oriented:
-        data[ORIENTATION] = (
-            ("event", "quaternion"),
-            algebra.unit_quaternion(state[len(model.system.space.letters)][order]),
-        )
+        q = algebra.unit_quaternion(state[len(model.system.space.letters)])
+        for of_lane in (lane == k for k in np.unique(lane)):
+            q[of_lane] = algebra.continued(q[of_lane], (time[place] + h)[of_lane])
+        data[ORIENTATION] = (("event", "quaternion"), q[order])
     coords = {"time": ("event", (time[place] + h)[order])}
     if "lane" in run.dims:
         coords["lane"] = ("event", run["lane"].values[lane][order])

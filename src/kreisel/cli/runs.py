@@ -71,7 +71,7 @@ def run(
     Exit code 3 says that something which the method conserves is not conserved; the archive is kept.
     """
     from kreisel.runs.config import read
-    from kreisel.runs.drift import broken, drift
+    from kreisel.runs.drift import broken, table_of
     from kreisel.runs.own import load_system
     from kreisel.runs.run_record import RunRecord
     from kreisel.runs.simulate import simulate
@@ -88,7 +88,7 @@ def run(
     with warnings_in_the_table():
         result = simulate(model, state, **settings, path=asked.path, overwrite=overwrite)
     seconds = time.perf_counter() - begun
-    table, record = drift(result), RunRecord.from_attrs(result.attrs)
+    table, record = table_of(result), RunRecord.from_attrs(result.attrs)
     summary = {
         "archive": str(asked.path),
         "figure": str(asked.figure) if figure else None,
@@ -147,13 +147,13 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
-    from kreisel.runs.drift import broken, drift
+    from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.runs.simulate import resume as go_on
 
     with warnings_in_the_table():
         result = go_on(archive, extend=extend)
-    table, record = drift(result), RunRecord.from_attrs(result.attrs)
+    table, record = table_of(result), RunRecord.from_attrs(result.attrs)
     if as_json:
         summary = {"archive": str(archive), "steps": record.steps, "drift": records(table)}
         print_json({**summary, "broken": broken(table)})
@@ -217,7 +217,7 @@ def check(
     out: Annotated[Path | None, a_path("Write the rows that are whole to a new archive.", "--recover")] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
-    from kreisel.runs.drift import broken, drift
+    from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.checking import check_archive, recover
     from kreisel.sweeps.broken_lanes import broken_lanes
@@ -226,7 +226,7 @@ def check(
     if out is not None:
         kept, rows = recover(archive, out)
         say(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
-    table = drift(result) if result is not None and "kreisel_sweep" not in result.attrs else None
+    table = table_of(result) if result is not None and "kreisel_sweep" not in result.attrs else None
     if result is not None:
         lost = broken(table) if table is not None else [] if faults else broken_lanes(result)
         faults += lost

@@ -44,7 +44,7 @@ AXES = {**FORMS, **BELOW, **TURN, **LEAN, "size": 0, "inverse": 0, "still": 0}
 
 def gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
     """The exact flow of a body with a wheel; see the module."""
-    observe, outcomes = observer(model, None, None, ("casimir", "energy"), oriented=oriented, continuous=oriented)
+    observe, outcomes = observer(model, None, None, ("casimir", "energy"), oriented=oriented)
     letters = [p.letter for p in model.system.parameters]
 
     def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -120,12 +120,16 @@ class TopMotion:
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
                 "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
+        three = self.m, self.b, self.p  # along one line, the top is asleep, or hangs, and spins
+        steady = known.A > 0 and not any(algebra.cross(v, self.b).any() for v in three)
+        self.apart = known.separatrix or steady  # without a period: it tends to a steady motion, or is one
+        self.steady = steady
         self.places, self.part = LEAST_PLACES, ctx.one
         ctx.dps, self.binary = self._digits(reach), BINARY
         self.nutation = Nutation(ctx, known)
         self.begin()
         fastest = self._clock(reach, spin_factor)
-        if self.places > LEAPT and not known.separatrix and known.A and known.P2:
+        if self.places > LEAPT and not self.apart and known.A and known.P2:
             take_fewer_parts(self, fastest)
 
     def begin(self) -> None:
@@ -153,6 +157,8 @@ class TopMotion:
         if scale == 0:
             return DIGITS
         periods = max(0, int(ctx.log10(1 + reach * ctx.sqrt(scale))) + 1)
+        if self.steady:
+            return DIGITS + periods
         if known.separatrix:
             away = self.e_foldings()
             return DIGITS + periods + (int(2 * (SETTLED + away) / math.log(10)) if math.isfinite(away) else 0)
@@ -178,8 +184,8 @@ class TopMotion:
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         turn = 2 * ctx.pi
         self.settled = 0
-        turns = [0, 0] if known.separatrix else [nutation.period_turn(dual) / turn for dual in (False, True)]
-        self.means = [(t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
+        turns = [0, 0] if self.apart else [nutation.period_turn(dual) / turn for dual in (False, True)]
+        self.means = [t and (t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
         bp = ctx.sqrt(mp_number(ctx, known.A * known.P2))
         most: list[
             tuple[MpNumber, MpNumber, MpNumber]
@@ -191,11 +197,11 @@ class TopMotion:
         rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
         scaled = [tuple(float(v / rate) for v in three) for three in most]
         bounds = np.max([_majorants(m, w, other, float(bp / rate**2)) for m, w, other in scaled], 0)
-        unit = 1 / rate if known.separatrix else nutation.half_period
+        unit = 1 / rate if self.apart else nutation.half_period
         halvings = 0
         while (h := float(unit * rate / 2**halvings)) > 1 or left_out(bounds, h) > TAIL:
             halvings += 1
-        if known.separatrix:
+        if self.apart:
             self.part = 2 * unit / 2**halvings
             self.settled = self._settled()
             self.places = max(LEAST_PLACES, (2 * self.settled + 1).bit_length())
@@ -213,7 +219,7 @@ class TopMotion:
 
         For x3 = 2 (|b||p| - E) then: C <= 0 at b.p = |b||p|, so x2 <= 2 (|b||p| - E) <= x3 always.
         """
-        away, (x1, _, x3) = self.e_foldings(), self.nutation.x
+        away, (x1, _, x3) = math.inf if self.steady else self.e_foldings(), self.nutation.x
         if not math.isfinite(away):
             return 0
         return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))
@@ -274,7 +280,7 @@ class TopMotion:
         for _ in range(leap.count):
             old = b
             hat_m, b, a = darboux(hat_m, b, self._mp[2], sign * leap.eps, leap.r)
-            q = algebra.quaternion_product(half_turns(a, old), q)
+            q = algebra.quaternion_product(half_turns(leap.eps * a, old), q)  # eps a: its sign is continuous in h
         turn, spin = (v if sign > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
@@ -303,6 +309,20 @@ class TopMotion:
         ctx = self.ctx
         return np.concatenate([[ctx.cos(angle / 2)], self._along(axis) * ctx.sin(angle / 2)])
 
+    def _other_sign(self) -> int:
+        """Whether the quaternion, freed of the mean turns, has the other sign after a period."""
+        if self.apart:
+            return 0
+        before, after = (self.jump(side * self.part * (1 << (self.places - 1)))[2] for side in (-1, 1))
+        return int(algebra.dot(before, after) < 0)
+
+    def _place_of_two(self, j: int, inside: bool) -> Array:
+        """`place` of part j of two periods, after the first of which the quaternion has the other sign."""
+        out = self.place(j, inside)
+        odd = (j + (1 << (self.places - 1))) >> self.places & 1
+        out[:, 6:] *= 1 - 2 * odd
+        return out
+
     # -- phases, in integers ---------------------------------------------------------------------------
 
     def orbit(
@@ -319,9 +339,12 @@ class TopMotion:
         of a map: the flow over tau, then a turn about p.
         """
         tau, theta = (self.ctx.one, self.ctx.zero) if step is None else step
-        units = (tau / self.part, tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1]))
+        turns = tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1])
+        units = (tau / self.part, *(v / 2 for v in turns))  # of half the angles
         nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
-        rates = (nutating >> self.places, left, right)
+        twice = self._other_sign()
+        places = self.places + twice
+        rates = (nutating >> places, left, right)
         up, axis = (_unit_vector(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
         rates = (rates[0], -rates[2], -rates[1]) if inside else rates
 
@@ -341,17 +364,17 @@ class TopMotion:
             bits = self.bits - low
             most, at = self.settled << bits, scaled * nutating
             kept = np.minimum(np.maximum(at, -most), most)
-            asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part, self.bits)))
+            asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part / 2, self.bits)))
             beyond = ((at - kept) * asleep) >> self.bits
             turns = [scaled * left, scaled * right + beyond]
-            return turns_of([kept >> self.places, *([-t for t in turns[::-1]] if inside else turns)], bits)
+            return turns_of([kept >> places, *([-t for t in turns[::-1]] if inside else turns)], bits)
 
         return Orbit(
-            phases=phases_to_rest if self.integrals.separatrix else phases,
-            rates=None if self.integrals.separatrix else rates,
+            phases=phases_to_rest if self.apart else phases,
+            rates=None if self.apart else rates,
             bits=self.bits,
-            places=self.places,
-            place=cache(partial(self.place, inside=inside)),
+            places=places,
+            place=cache(partial(self._place_of_two if twice else self.place, inside=inside)),
             row=row,
             constants={"up": up, "axis": axis, "start": np.asarray(start, dtype=np.float64), **constants},
         )

@@ -36,6 +36,7 @@ NEWTON_STEPS = 14
 SETTLED = 64  # residual in units of the last place of the extended numbers
 BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 errors are four to twenty times as large
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
+MOST_COPIES = 1_000_000  # of a pair in a step: tens of megabytes a lane
 
 State = tuple[Array, ...]
 
@@ -131,7 +132,13 @@ def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callab
 
 def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
     """(copies, mu): the pair with parameter mu, ([lane]), is the flow over dt/copies."""
-    copies = max(1, int(np.ceil(dt * float(np.max(_rate(model, state))) / REACH)))
+    fastest = float(np.max(_rate(model, state)))
+    if dt * fastest > MOST_COPIES * REACH:
+        raise InputError(
+            f"dt: expected at most {MOST_COPIES * REACH / fastest:.3g}, {MOST_COPIES:,} pairs of maps of "
+            f"{model.system.name}, for method='exact', got {dt:g}. Use a smaller dt, and every=... to save as few rows."
+        )
+    copies = max(1, int(np.ceil(dt * fastest / REACH)))
     record: Any = model.system.baecklund
     first = np.asarray(complex(pade_zeros(2)[0]) / dt)
     alive = np.isfinite(model.call(record.point, *state, mu=first)).all()

@@ -255,7 +255,7 @@ class Rotor:
     # -- phases --------------------------------------------------------------------------------------------
 
     def orbit(self) -> Orbit:
-        """The states (M,) or (M, g).  The second phase is a quarter of psi, so that g is continuous in time."""
+        """The states (M,) or (M, g).  The second phase is half of psi, so that g is continuous in time."""
         ctx, direction = self.ctx, 0 if self.steady else self.axes.chi * self.s
         parts = direction * self.lam / self.part if direction else ctx.zero
         moving, turning = (int(ctx.floor(ctx.ldexp(v, self.bits))) for v in (parts, self.mean / (4 * ctx.pi)))
@@ -313,5 +313,5 @@ def _state(place: Array, left: Array, right: Array) -> tuple[Array, ...]:
 
 def _oriented(place: Array, left: Array, right: Array, *, start: Array, turned: Array) -> tuple[Array, ...]:
     cos, sin = cos_sin(left)
-    before = algebra.vec((cos - sin) * (cos + sin)) * start + algebra.vec(2 * sin * cos) * turned
+    before = algebra.vec(cos) * start + algebra.vec(sin) * turned
     return algebra.hat(place[..., :3]), algebra.quaternion_product(before, place[..., 3:])

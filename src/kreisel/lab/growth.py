@@ -68,7 +68,8 @@ class Growth:
         """One line."""
         shown = ", ".join(map(str, self.degrees))
         if self.recurrence is None:
-            return f"degrees {shown}: entropy {self.entropy:.3g} +- {self.uncertainty:.2g} (no recurrence found)"
+            estimate = f"entropy {self.entropy:.3g} +- {self.uncertainty:.2g} (no recurrence found)"
+            return f"degrees {shown}: {estimate if self.exponential else 'no exponential growth seen, too few to tell'}"
         if self.power is not None:
             return f"degrees {shown}: growth like k^{self.power}, entropy 0"
         return f"degrees {shown}: exponential growth, entropy {self.entropy:.9g}"
@@ -168,7 +169,7 @@ def _degree(flint: Any, values: Array, coset: int, p: int) -> int | None:
 def fitted_growth(d: tuple[int, ...]) -> Growth:
     """The growth of a sequence of degrees: by a linear recurrence that further terms confirm, else by estimates."""
     for after in range(max(1, len(d) // 3)):
-        found = _recurrence(d[after:])
+        found = _polynomial(d[after:]) or _recurrence(d[after:])
         if found is not None:
             power, entropy = _roots(found)
             return Growth(d, found, after, power, entropy, 0.0)
@@ -176,6 +177,17 @@ def fitted_growth(d: tuple[int, ...]) -> Growth:
     if not late:
         return Growth(d, None, 0, None, math.nan, math.inf)
     return Growth(d, None, 0, None, late[-1], max(late) - min(late) + abs(late[-1] - late[0]))
+
+
+def _polynomial(d: tuple[int, ...]) -> tuple[int, ...] | None:
+    """The recurrence of a polynomial in k, (x - 1)^order, if three terms more than its coefficients confirm it.
+
+    Six degrees tell that they are 2k^2 + 1, where a recurrence of unknown coefficients takes nine.
+    """
+    for order in range(1, len(d) - 2):
+        if not np.diff(np.array(d, dtype=object), order).any():
+            return tuple((-1) ** (order - j) * math.comb(order, j) for j in range(order + 1))
+    return None
 
 
 def _recurrence(d: tuple[int, ...]) -> tuple[int, ...] | None:

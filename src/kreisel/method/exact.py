@@ -140,7 +140,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         return gyrostat(model, dt, oriented)
     if not free and system.top is None:
         return exact_pair(model, dt, oriented)
-    observe, outcomes = observer(model, None, None, oriented=oriented, continuous=free)
+    observe, outcomes = observer(model, None, None, oriented=oriented)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     return Scheme(
         name="exact",

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer, turned_by_map
+from kreisel.method.observing import observer, turned_by_map, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import JaxSteps, Scheme
 from kreisel.record.calling import Function, call
@@ -19,7 +18,7 @@ SINGULAR = 1e-12
 
 
 def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
-    """The implicit map of a discrete Lagrangian with step eps = dt; the orientation is carried as a matrix.
+    """The implicit map of a discrete Lagrangian with step eps = dt; the orientation is carried along.
 
     Poisson, so that Casimirs are conserved; of the integrals, those that the record names.  Raises `InputError` for
     other orders than the map's own, and for an orientation of a group that is not SO(n).
@@ -37,15 +36,6 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     observe, outcomes = observer(model, dt, None, oriented=oriented)
     count = len(space.letters)
 
-    def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
-        return (*x0[:count], *(as_matrix(model, g) for g in x0[count:]))
-
-    def observe_all(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
-        out = observe(z, only, **constants)
-        if len(z) > count and model.n == 3:
-            out[ORIENTATION] = algebra.unit_quaternion(z[count])
-        return out
-
     def explain(z: tuple[Array, ...], consts: Mapping[str, Array]) -> str:
         if float(call(phi.regularity, z[:count], consts)) < SINGULAR:
             return (
@@ -60,14 +50,14 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
 
     return Scheme(
         name="lagrangian",
-        components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()),
+        components=with_orientation(model, oriented),
         constants={**model.constants, "eps": dt},
         axes={**model.axes, "eps": 0},
         n=model.n,
-        prepare=prepare,
+        prepare=tuple,
         motion=JaxSteps(_stepper(phi, model.system.frame, count), explain),
-        observe=observe_all,
-        reopen=prepare,
+        observe=observe,
+        reopen=tuple,
         outcomes=outcomes,
         options={"order": phi.order},
         recordable=False,

@@ -106,21 +106,18 @@ def observer(
     conserved: Collection[str] = (),
     meanings: Mapping[str, str] | None = None,
     oriented: bool = False,
-    continuous: bool = False,
 ) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
     """`observe` and its outcomes, with that of the orientation where there is one.
 
     `to_user` takes the map's own variables to the user's.
 
     `observe(z, only)` leaves out what is not named in `only`, beside the state, where that is given.
-
-    `continuous`: the method carries of q and -q the one that is continuous in time, which stays.
     """
     space = model.system.space
     table = functions(model, eps, 1 if to_user is None else 2, conserved, meanings)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
-    outcomes |= {ORIENTATION: orientation_outcome(model, continuous)} if oriented else {}
+    outcomes |= {ORIENTATION: orientation_outcome(model)} if oriented else {}
 
     def observe(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
@@ -133,16 +130,10 @@ def observer(
             value = function(*(own if takes_own else user), **known)
             out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
         if len(z) > count:
-            either = not continuous and model.n == 3 and z[count].shape[-1] == 4
-            out[ORIENTATION] = _one_of_two(z[count]) if either else z[count]
+            out[ORIENTATION] = z[count]  # of q and -q a method carries the one that is continuous in time
         return out
 
     return observe, outcomes
-
-
-def _one_of_two(q: Array) -> Array:
-    """Of q and -q, which are the same rotation, the one with w >= 0."""
-    return algebra.sign(q[..., :1]) * q
 
 
 def _entries(X: Array) -> Array:
@@ -179,9 +170,8 @@ def held_by_orientation(
     return held
 
 
-def orientation_outcome(model: Model, continuous: bool = False) -> Outcome:
-    """What g means in the frame of the system; `continuous` as in `observer`."""
+def orientation_outcome(model: Model) -> Outcome:
+    """What g means in the frame of the system."""
     carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
-    sign = "continuous in time" if continuous else "w >= 0"
-    form = f"unit quaternion (w, x, y, z), {sign}" if model.n == 3 else "orthogonal matrix"
+    form = "unit quaternion (w, x, y, z), continuous in time" if model.n == 3 else "orthogonal matrix"
     return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])

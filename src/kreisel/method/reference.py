@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.forces.kicks import Body
@@ -18,7 +20,7 @@ from kreisel.method.driven import (
     with_work,
     zero,
 )
-from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer
+from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer, with_orientation
 from kreisel.method.record import Method
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.calling import call
@@ -32,8 +34,9 @@ RTOL, ATOL = 1e-9, 1e-12
 def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The flow, integrated by SciPy's adaptive DOP853 with rtol 1e-9 and atol 1e-12 or as asked, reported every dt.
 
-    The orientation is carried as a matrix: g' = omega g in the rest frame, g' = g Omega in the moving frame.  Of a
-    perturbed body also the time, t' = 1, and the work, where its forces need them.
+    The orientation is carried along, g' = omega g in the rest frame, g' = g Omega in the moving frame, for n = 3 as a
+    quaternion, 2 q' = omega q or q Omega.  Of a perturbed body also the time, t' = 1, and the work, where its forces
+    need them.
     """
     observe, outcomes = observer(model, None, None, oriented=oriented)
     space, record = model.system.space, model.system.perturbation
@@ -44,17 +47,18 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     beside = ((TIME, "scalar"),) * timed + ((WORK, "scalar"),) * driven
 
     def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
-        return (*x0[:count], *(as_matrix(model, g) for g in x0[count:]), *(zero(model.system, x0) for _ in beside))
+        return (*x0, *(zero(model.system, x0) for _ in beside))
 
     def where(z: tuple[Array, ...]) -> dict[str, Array]:
-        return dict(zip((ORIENTATION,) * oriented + (TIME,) * timed, z[count:], strict=False))
+        g = tuple(as_matrix(model, algebra.unit(q) if model.n == 3 else q) for q in z[count:end])
+        return dict(zip((ORIENTATION,) * oriented + (TIME,) * timed, (*g, *z[end:]), strict=False))
 
     def rate(*z: Array, **consts: Array) -> tuple[Array, ...]:
         own, known = z[:count], {**consts, **where(z)}
         out = tuple(call(model.system.flow, own, known))
         for g in z[count:end]:
             omega = call(model.system.velocity, own, known)
-            out += (omega @ g if model.system.frame is Frame.REST else g @ omega,)
+            out += (turning(model.system.frame, omega, g),)
         out += (1.0,) * timed
         return (*out, power(model, own, known)) if driven else out
 
@@ -62,7 +66,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         known = where(z) if record is not None else {}
         out = observe(z[:end], only, **{**constants, **known})
         if oriented and model.n == 3:
-            out[ORIENTATION] = algebra.unit_quaternion(z[count])
+            out[ORIENTATION] = algebra.unit(z[count])
         return with_work(out, z[-1]) if driven else out
 
     if driven:
@@ -70,7 +74,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     outcomes |= outcomes_of_totals(model, "not conserved by this method")
     return Scheme(
         name="dop853",
-        components=space.components + (((ORIENTATION, "matrix"),) if oriented else ()) + beside,
+        components=with_orientation(model, oriented) + beside,
         constants=of_bodies(model),
         axes=model.axes,
         n=model.n,
@@ -82,9 +86,18 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
         recordable=model.system.numbers != "jax",
         coupling=coupling_of(
-            model, lambda z, known: Body(z[:count], z[count] if oriented else None, where(z).get(TIME)), driven
+            model, lambda z, known: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), driven
         ),
     )
+
+
+def turning(frame: Frame, omega: Array, g: Array) -> Array:
+    """The rate of an orientation, a matrix or for n = 3 a quaternion, from omega or Omega as a matrix."""
+    if g.shape[-1] == omega.shape[-1]:
+        return omega @ g if frame is Frame.REST else g @ omega
+    pure = np.concatenate([0 * g[..., :1], algebra.axial(omega) / 2], -1)
+    pair = (pure, g) if frame is Frame.REST else (g, pure)
+    return algebra.quaternion_product(*pair)
 
 
 def with_tolerance(scheme: Scheme, tol: float) -> Scheme:

@@ -300,7 +300,7 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
         bound += ", and O(dt^2) where a force has a corner"
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
-    plain, outcomes = observer(model, None, None, names, {"energy": energy}, body.oriented, continuous=True)
+    plain, outcomes = observer(model, None, None, names, {"energy": energy}, body.oriented)
     if body.driven:
         outcomes |= outcomes_of_work(oscillates)
     outcomes |= outcomes_of_totals(model, oscillates)

@@ -14,7 +14,7 @@ from kreisel.display import show
 from kreisel.errors import InputError
 from kreisel.record.model import Model
 from kreisel.runs.citing import cite
-from kreisel.runs.drift import broken, drift
+from kreisel.runs.drift import broken, drift, table_of
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Kreisel:
         return cite(self._run)
 
     def __repr__(self) -> str:
-        record, table = RunRecord.of(self._run, "title", "n", "steps", rows=False), self.drift()
+        record, table = RunRecord.of(self._run, "title", "n", "steps", rows=False), table_of(self._run)
         head = f"<{record.title}, n = {record.n}, {record.pace if record.stepped else 'in closed form'}>"
         return "\n".join([head, table.to_string(), *broken(table)])
 

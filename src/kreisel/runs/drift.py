@@ -63,13 +63,30 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
     In an ensemble each row is that of the worst lane: the one with the largest change relative to its rounding errors.
     Beyond some hundred lanes they share one scale of rounding, the largest.  Variables are read in blocks of rows: an
-    archive may be longer than memory.
+    archive may be longer than memory.  The table is empty for systems without Casimirs and integrals.  Raises
+    `InputError` for what is not a run, and for a run with observe=[].
     """
+    table = table_of(run)
+    if table.empty and "observe" in run.attrs:
+        raise InputError(
+            "expected a run with Casimirs or integrals, got one that saved none, observe=[]. Run it again without "
+            "observe, or with the names of some."
+        )
+    if table.empty and not any(v.attrs.get("kind") == "state" for v in run.variables.values()):
+        raise InputError(
+            "expected a run with Casimirs or integrals, got a Dataset whose variables have no attributes. Usual cause: "
+            "an operation of xarray, which drops them; xarray.set_options(keep_attrs=True) keeps them."
+        )
+    return table
+
+
+def table_of(run: xr.Dataset) -> pd.DataFrame:
+    """The table of `drift`, which is empty for a run that saved no Casimirs and integrals."""
     import pandas as pd
 
     if "kreisel_sweep" in getattr(run, "attrs", {}):
         raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
-    if not a_run(run, rows=False)["time"].size or run["time"].dims not in ((), ("time",)):
+    if not a_run(run, "system", rows=False)["time"].size or run["time"].dims not in ((), ("time",)):
         raise InputError(f"expected a run with at least one row along time, got the times {run['time'].shape}.")
     require_unchanged(run)
     rows = _rows(run, _watched(run))

@@ -165,9 +165,7 @@ def attitude_of(run: xr.Dataset) -> Array:
 
 def continued(q: Array) -> Array:
     """Unit quaternions (time, ..., 4), of q and -q each the one nearer to the row before; w >= 0 in the first row."""
-    flips = np.where(algebra.dot(q[1:], q[:-1]) < 0, -1.0, 1.0)
-    first = np.where(q[:1, ..., 0] < 0, -1.0, 1.0)
-    return np.asarray(q * np.cumprod(np.concatenate([first, flips]), axis=0)[..., None])
+    return algebra.continued(q * np.where(q[:1, ..., :1] < 0, -1.0, 1.0))
 
 
 def axes_of_state(run: xr.Dataset) -> Array:

@@ -19,7 +19,8 @@ from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.driven import COUNT
-from kreisel.method.scheme import Flow, Orbits, Scheme
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import Flow, Jump, Orbits, Scheme
 from kreisel.record.lanes import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
@@ -107,6 +108,7 @@ class Propagator(StateForms):
         self._at_rest: dict[int, deque[Engine]] = {}
         self._jumps: dict[int, Jumps] = {}
         self._jumping = made.orbits is not None and made.orbits.jump is not None
+        self._of_top = made.orbits is not None and isinstance(made.orbits.jump, Jump)
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
     def __reduce__(self) -> Any:  # kernels stay where they are
@@ -292,7 +294,7 @@ class Propagator(StateForms):
                 jumps = self._jumps[len(z)] = Jumps(self._scheme, len(z))
             out, right = jumps.at(z, when)
             if right.item() if right.size == 1 else right.all():
-                return out
+                return self._in_one_sheet(out, when)
         from kreisel.kernels.exact.engine import ClosedForm
 
         with np.errstate(over="ignore"):
@@ -304,6 +306,13 @@ class Propagator(StateForms):
         with np.errstate(all="ignore"):
             out = known[1].at(when)
         self._orbits = known  # the last motion, for further times of it
+        return self._in_one_sheet(out, when)
+
+    def _in_one_sheet(self, out: Floats, when: Floats) -> Floats:
+        """The states (times, lanes, d) with quaternions that keep their sign in the order of time: jumps do not."""
+        if self._oriented and len(when) > 1 and self._of_top:
+            place = self._column_of(ORIENTATION)
+            out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], when)
         return out
 
     def _rows(self, engine: Engine, x: Floats, z: Floats, count: int, every: int) -> Floats:

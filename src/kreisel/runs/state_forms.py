@@ -18,7 +18,7 @@ from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION, with_orientation
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.model import Model
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import Settings, initial_orientation
@@ -102,7 +102,8 @@ class StateForms:
 
         given = replace(made, components=natural)
         into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
-        out_of = compiled_rows(made, returned, lanes, ("return", self.settings.observe))
+        by_arrays = isinstance(made.motion, Flow)  # as the rows of a run
+        out_of = None if by_arrays else compiled_rows(made, returned, lanes, ("return", self.settings.observe))
         found = (
             into[0]
             if into

@@ -61,11 +61,11 @@ def state_html(state: State) -> str:
 
 def run_html(run: xr.Dataset) -> str:
     """What a run is, and how far its Casimirs and integrals drift."""
-    from kreisel.runs.drift import broken, drift
+    from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
 
     needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
-    record, found = RunRecord.of(run, *needed, rows=False), drift(run)
+    record, found = RunRecord.of(run, *needed, rows=False), table_of(run)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
     steps = f"{record.pace}, " if record.stepped else ""
     rows = f"{run.sizes.get('time', 1):,} saved states"

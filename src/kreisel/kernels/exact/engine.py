@@ -28,7 +28,7 @@ from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin, States
 
 AT_ONCE = 4096  # times that a function is asked for
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
-CIRCLE_BITS = 8  # half-turns in a table, as a power of two
+CIRCLE_BITS = 9  # angles in a table, as a power of two
 WORD = (1 << 64) - 1
 NO_PHASES, NO_PLACES = np.empty((0, 3), dtype=np.uint64), np.empty(0, dtype=np.int64)
 ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
@@ -228,10 +228,10 @@ def words(numbers: list[int]) -> Array:
 
 @cache
 def circle() -> Floats:
-    """Cos and then sin of the multiples of pi/2^CIRCLE_BITS below pi."""
+    """Cos and then sin of the multiples of 2 pi/2^CIRCLE_BITS below 2 pi."""
     import mpmath
 
-    angles = [mpmath.mpf(i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
+    angles = [mpmath.mpf(2 * i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
     with mpmath.workdps(30):
         return np.array([float(f(a)) for f in (mpmath.cospi, mpmath.sinpi) for a in angles])
 
@@ -359,7 +359,7 @@ def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], 
         "bits": CIRCLE_BITS,
         "shift": 64 - CIRCLE_BITS,
         "half": 1 << (63 - CIRCLE_BITS),
-        "rest": float(np.pi) * 2.0 ** -(64 + CIRCLE_BITS),
+        "rest": float(np.pi) * 2.0 ** -(63 + CIRCLE_BITS),
     }
     source = HEAD.format(name=f"{name} in closed form") + ROWS.format(
         width=WIDTH,
