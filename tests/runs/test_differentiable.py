@@ -121,7 +121,7 @@ def test_derivatives_are_those_of_differences(case: int, letter: str, more: Any)
 SPREAD = np.random.default_rng(1).normal(size=(6, 6))
 OFF_ITS_BOUNDS: dict[str, dict[str, Any]] = {  # where differences have room
     "satellite": {"eccentricity": 0.01, "density": 1e-13, "pressure": 5e-6, "mirror": 0.2, "diffuse": 0.3,
-                  "field": 7.6e15, "dipole": (0.01, -0.02, 0.01), "torque": (1e-8, 2e-8, -1e-8), "degree_3": np.ones(7),
+                  "field": -7.6e15, "dipole": (0.01, -0.02, 0.01), "torque": (1e-8, 2e-8, -1e-8), "degree_3": [1] * 7,
                   "degree_4": np.ones(9), "plates": [[0.0, 0.6, 0.8, 0.1, 0.2, 0.3, 0.01]], "inclination": 1.7,
                   "node": 0.4, "perigee": 0.7, "sun": (0.6, 0.0, 0.8)},
     "submerged-body": {"mass_matrix": SPREAD @ SPREAD.T + np.diag([30.0, 40, 50, 10, 20, 35]),
@@ -217,7 +217,7 @@ def test_a_motion_has_derivatives_by_every_parameter(name: str) -> None:
         with red.double():
             value, found = jax.jvp(end, (one,), (by_one,))
         expected = by_differences(other)
-        scale = max(abs(expected).max(), 1e-9 * abs(np.asarray(value)).max())
+        scale = max(abs(expected).max(), 1e-6 * abs(np.asarray(value)).max())  # rounding in differences
         assert abs(np.asarray(found) - expected).max() <= 1e-5 * scale, letters
 
 
