@@ -309,7 +309,7 @@ def kinds() -> dict[str, Any]:
         "primary": _choice(example("Primary"), None, "Earth", example("Primary")._replace(mu=0.0)),
         "project": _choice(True, False),
         "quaternion": _quaternion,
-        "reach": _choice(1.0, 0.0, -1.0, np.nan, np.inf, 1e300),
+        "reach": lambda *case: grammar.never_long(_choice(1.0, 0.0, -1.0, np.nan, np.inf, 1e300)(*case)),
         "rng": _choice(0, 1, None, -1),
         "run of a body": _rows,
         "scales": _scales,
