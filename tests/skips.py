@@ -15,6 +15,7 @@ REASONS = (  # beginnings of the reasons that pytest shows
     "the names are those of x86-64",  # environment variables by which libraries choose their code
     "the loop is looked for in registers of AVX",
     "no llvm-mca that reads this assembly",  # older than the processor
+    "no fork and no flock",  # Windows
     "no file system may be mounted here",  # needs root; another test stands in
     "no browser",  # none is installed beside Python
     "no Node",  # of another language, as the browser

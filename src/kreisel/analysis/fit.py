@@ -133,8 +133,7 @@ def fit(
                    nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body was
                    given and g the attitude of these axes, unless an attribute `axes` is "state", as of a run; units
                    (time in "s", Omega in "rad/s") are read from attributes `units`, without them they are those of the
-                   system.  A variable sigma_NAME, which has the shape of NAME or is spread over it, is
-                   the standard error of NAME.  Or a run, of which the state is taken.
+                   system.  sigma_NAME, broadcast to the shape of NAME, is its standard error.  Or a run: its state.
     free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]"; a mapping
                    also says where the search begins, None for what the system and x0 have
     x0             the state at time 0, or where its search begins; without it the first row of `observations`

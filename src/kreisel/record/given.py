@@ -74,7 +74,7 @@ def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        return  # which is told elsewhere
+        return  # reported elsewhere
     n, name = len(array) if array.ndim else 0, f"{system}'s parameter {p.letter}"
     if says_lanes(value):
         return

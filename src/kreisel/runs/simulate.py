@@ -84,8 +84,7 @@ def simulate(
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
     Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when a state is no longer finite, an
     implicit step is not solved or the archive cannot be written.  Warns: `ConservationWarning` where what the method
-    conserves is not (`kr.drift`, column broken), `AccuracyWarning` of steps beyond half a turn, steps too long for
-    the forces and errors too large.
+    conserves is not (`kr.drift`, column broken), `AccuracyWarning` of steps beyond half a turn or too long for forces.
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
