@@ -53,6 +53,13 @@ class Scale:
     unit: str
     size: float
 
+    def __post_init__(self) -> None:
+        size = floats(self.size)
+        if size.ndim or np.isnan(size) or not isinstance(self.unit, str):
+            raise InputError(
+                f"Scale: expected a unit and its size, a number, got {shown(self.unit)}, {shown(self.size)}."
+            )
+
     def scaled(self, value: Any, name: str = "the value") -> Any:
         """A measured value, with units or in SI, as the scaled system has it.  Raises `InputError`."""
         array = floats(si(value, self.unit, name))
