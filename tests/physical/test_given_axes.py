@@ -350,7 +350,7 @@ def test_a_fit_of_rates_in_the_axes_given() -> None:
     asked["orientation"] = want.body.orientation(TYPED)
     found = kr.fit(want.body.model(), data, **asked)
     assert same(found.state.axial.M, want.body.state(RATE).axial.M, 1e-7) and found.chi2 < 1e-12
-    assert same(first_rate(found.run), DEGREES, 1e-5)
+    assert same(first_rate(found.run), DEGREES, 1e-5) and "along the axes of the state" in repr(found)
     axes = np.linalg.eigh(TENSOR)[1]
     along_principal = data.assign(Omega=data.Omega.copy(data=data.Omega.values @ axes))
     assert kr.fit(want.body.model(), along_principal, **asked).chi2 > 1e-4

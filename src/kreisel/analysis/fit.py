@@ -97,7 +97,10 @@ class Fit:
         error = "" if self.sigma is None else f"; sigma = {self.sigma:.4g} from the residuals"
         at = f"; at a bound: {', '.join(self.at_bound)}, whose errors mean little" if self.at_bound else ""
         end = "" if self.converged else f"; NOT CONVERGED: {self.message}"
-        return f"chi^2 = {self.chi2:.6g} for {self.dof} degrees of freedom{error}{at}{end}"
+        frame = self.model.body_frame
+        axes = "; vectors in the body are along the axes of the state, model.body_frame.vectors(v) along those given"
+        turned = axes if frame is not None and frame.turned else ""
+        return f"chi^2 = {self.chi2:.6g} for {self.dof} degrees of freedom{error}{at}{turned}{end}"
 
     def __repr__(self) -> str:
         return f"Fit of {self.model.system.name}: {self._summary}\n{self.table.to_string(float_format='{:.6g}'.format)}"
@@ -134,8 +137,8 @@ def fit(
                    given and g the attitude of these axes, unless an attribute `axes` is "state", as of a run; units
                    (time in "s", Omega in "rad/s") are read from attributes `units`, without them they are those of the
                    system.  sigma_NAME, broadcast to the shape of NAME, is its standard error.  Or a run: its state.
-    free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]"; a mapping
-                   also says where the search begins, None for what the system and x0 have
+    free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]", along the
+                   axes of the state; a mapping also says where the search begins, None for what the system and x0 have
     x0             the state at time 0, or where its search begins; without it the first row of `observations`
     orientation    the attitude at time 0, as for `kr.simulate`, or where its search begins: needed by forces that take
                    g.  Free as "orientation": the axial vector of X (the entries i < j) in g = orientation cay(X/2), in
