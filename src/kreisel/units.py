@@ -114,6 +114,16 @@ def si(value: Any, unit: str, name: str) -> Any:
         raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
 
 
+def size_in_si(given: str | None, unit: str, size: float, name: str) -> float:
+    """The size in SI of the unit of a variable with the attribute `units`, `given`.
+
+    Without one, or "1", it is that of the state: `size` times `unit`.  Raises `InputError` for another dimension.
+    """
+    if given is None or given == "1":
+        return size
+    return 1.0 if given == unit else float(si(([1.0], given), unit, name)[0])
+
+
 def _one_unit(value: Sequence[Any]) -> bool:
     """Whether it is (numbers, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a quantity by itself."""
     if len(value) != 2 or not isinstance(value[1], str) or isinstance(value[0], str) or _is_quantity(value[0]):

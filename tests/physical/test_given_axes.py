@@ -354,6 +354,24 @@ def test_a_fit_of_rates_in_the_axes_given() -> None:
     axes = np.linalg.eigh(TENSOR)[1]
     along_principal = data.assign(Omega=data.Omega.copy(data=data.Omega.values @ axes))
     assert kr.fit(want.body.model(), along_principal, **asked).chi2 > 1e-4
+    degrees = data.assign(Omega=np.rad2deg(Omega).assign_attrs(units="deg/s"))
+    degrees = degrees.assign_coords(time=(1000 * time).assign_attrs(units="ms"))
+    assert same(kr.fit(want.body.model(), degrees, **asked).state.axial.M, found.state.axial.M, 1e-7)
+    unnamed = data.assign(Omega=np.rad2deg(Omega).drop_attrs(), sigma_Omega=1e-3, sigma_g=1e-2)
+    with pytest.warns(kr.InputWarning, match="other units"):
+        kr.fit(want.body.model(), unnamed, **asked)
+    with pytest.raises(kr.InputError, match="dimension of rad/s"):
+        kr.fit(want.body.model(), data.assign(Omega=Omega.assign_attrs(units="m/s")), **asked)
+
+
+def test_an_impulse_in_the_axes_given() -> None:
+    """I (Omega after - Omega before) = J, with J taken to the axes of the state as units.md says."""
+    body, J = case("satellite").body, np.array([1e-3, -2e-3, 3e-4])
+    asked: dict[str, Any] = {"dt": 0.1, "steps": 1, "orientation": body.orientation(TYPED)}
+    impulse = {"time": 0.1, "M": J @ body.body.principal.axes}
+    runs = [kr.simulate(body.model(), body.state(RATE), **asked, **more) for more in ({}, {"impulses": impulse})]
+    before, after = (analysis.angular_velocity(run)[1].values for run in runs)
+    assert same(TENSOR @ (after - before), J, 1e-14)
 
 
 def test_bodies_by_name() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel import units
+from kreisel import analysis, units
 from kreisel.physical import Ellipsoid, FreeBody, Gyroscope, HeavyBody, Units
 
 pint = pytest.importorskip("pint")
@@ -167,6 +167,21 @@ def test_a_run_in_si_and_other_units() -> None:
         units.quantity(run.m.drop_attrs())
 
 
+def test_rates_are_those_of_steady_precession() -> None:
+    """In rad/s, the roots of Goldstein's quadratic; from variables in any unit, which they state."""
+    slow, _ = PLAIN.steady_precession(1.2, 40.0)
+    run = kr.simulate(PLAIN.model(), PLAIN.state(1.2, 40.0, precession=slow), dt=PLAIN.dt("1 ms"), steps=50)
+    rates = analysis.rates(run)
+    assert np.allclose(rates.precession, slow, rtol=1e-9) and np.allclose(rates.spin, 40, rtol=1e-9)
+    assert rates.precession.units == rates.spin.units == "rad/s" and rates.tilt.units == "rad"
+    in_units = [units.measured(run, m=unit).m for unit in ("kg m^2/s", "g cm^2/s")]
+    for m in (run.m, run.m.values, *in_units):
+        motion = PLAIN.motion(m, run.a)
+        assert np.allclose(motion.precession, slow, rtol=1e-9) and np.allclose(motion.spin, 40, rtol=1e-9)
+    with pytest.raises(kr.InputError, match=r"dimension of kg m\^2/s"):
+        PLAIN.motion(run.m.assign_attrs(units="kg"), run.a)
+
+
 # -- any body on a fixed point ------------------------------------------------------------------------
 
 
@@ -181,7 +196,10 @@ def test_a_heavy_body_in_joules_and_back() -> None:
     joules = OMEGA @ BODY.inertia @ OMEGA / 2 + BODY.mass * BODY.gravity * BODY.arm @ UP
     assert float(si.energy[0]) == pytest.approx(joules, rel=1e-13)
     assert np.allclose(si.M[0], BODY.inertia @ OMEGA, rtol=1e-13)
-    assert np.allclose(BODY.angular_velocity(run.M)[0], OMEGA, rtol=1e-13)
+    for M in (run.M, si.M, units.measured(run, M="g cm^2/s").M):
+        assert np.allclose(BODY.angular_velocity(M)[0], OMEGA, rtol=1e-13)
+    with pytest.raises(kr.InputError, match=r"row of units\.measured"):
+        kr.simulate(BODY.model(), units.measured(run, M="g cm^2/s").isel(time=-1), dt=0.1, steps=1)
     assert float(abs(si.energy - si.energy[0]).max()) < 1e-9 * joules
 
 

@@ -392,6 +392,8 @@ def test_the_tangent_of_a_run_is_poisson(model: Any, start: Any, method: str) ->
     assert abs(1.001 * J @ T @ J.T - there).max() > 1e-5
     moved = kr.simulate(model, model.state(m=start["m"] + [0, 0, 1e-6], a=start["a"]), dt=0.1, steps=100, method=method)
     assert np.allclose((moved.a[-1] - run.a[-1]) / 1e-6, -J[3:, 0], atol=1e-4)  # m_12 = -(axial m)_3
+    with pytest.raises(kr.InputError, match="some steps"):
+        kr.tangent(run.isel(time=[1]))
 
 
 def test_the_tangent_of_an_attitude_is_symplectic() -> None:
@@ -399,6 +401,10 @@ def test_the_tangent_of_an_attitude_is_symplectic() -> None:
     body = kr.perturbed(kr.EulerTop(J=(1, 2, 3)), potential=lambda g, t: g[2, 0] * np.cos(t) + g[0, 1])
     run = kr.simulate(body, {"M": MOVING["M"]}, dt=0.1, steps=12, orientation=(0.5, 0.5, -0.5, 0.5), order=(2, 2))
     J, one, none = kr.tangent(run, system=body), np.eye(3), np.zeros((3, 3))
+    first, then = (kr.tangent(run.isel(time=part), system=body) for part in (slice(0, 6), slice(5, None)))
+    assert abs(then @ first - J).max() < 1e-11 * abs(J).max() and abs(first @ then - J).max() > 1e-4
+    with pytest.warns(kr.InputWarning, match="begins at 0"):
+        kr.simulate(body, run.isel(time=5), dt=0.1, steps=1, orientation=run.g.values[5], order=(2, 2))
 
     def tensor(row: int) -> np.ndarray:
         return np.block([[body.system.space.tensor(algebra.hat(run.M.values[row])), one], [-one, none]])

@@ -134,16 +134,19 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
         theta' = <omega, e x k>/sin(theta)                            nutation
         spin = <omega, k>                                             total angular velocity about the axis
 
-    Returns a Dataset with tilt, precession, own_turn, nutation and spin, (time) or (time, lane), in radians and the
-    run's unit of time; NaN on the vertical.  Raises `InputError` for systems without a vertical and an axis, or n > 3.
+    Returns a Dataset with tilt, precession, own_turn, nutation and spin, (time) or (time, lane); NaN on the vertical.
+    Rates are in rad/s for a body of `kr.physical`, which the run knows, else in the inverse unit of time of the run:
+    the attribute `units` of each says which.  Raises `InputError` for systems without a vertical and an axis, or n > 3.
     """
     import xarray as xr
 
     model = model_for(run, system)
-    values = _rates(model, components(run, model))
+    values, known = _rates(model, components(run, model)), RunRecord.from_attrs(run.attrs).body_frame
+    unit, size = ("1", 1.0) if known is None else ("rad/s", known.time_unit)
+    data = {k: (v, "rad") if k == "tilt" else (v / size, unit) for k, v in values.items()}
     lead = run[model.system.space.letters[0]].dims[: 1 + ("lane" in run.dims)]
     return xr.Dataset(
-        {name: (lead, v, {"units": "rad"}) for name, v in values.items()},
+        {name: (lead, v, {"units": u}) for name, (v, u) in data.items()},
         {k: run[k] for k in lead if k in run.coords},
         _described(run),
     )

@@ -19,7 +19,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, observed, turn_coordinates, unknowns
-from kreisel.errors import AccuracyWarning, InputError, RunError, explained
+from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body_frame import AXES
 from kreisel.record.model import Model, State
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 SINGULAR = 1e-10  # least singular value over the largest, of a Jacobian with columns of length 1
 NAMED = 0.05  # share in a combination below which a coordinate is not named
 PRECISION = 1e-12
+OFF = 10  # errors of an observation, root mean square: beyond it the motion is another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,6 +353,12 @@ def _as_fit(
     names = [u.name for u in unknown]
     covariance = covariance_of(np.asarray(found.jac), names)
     chi2, dof = 2 * float(found.cost), seen.size - len(unknown)
+    if seen.weighted and chi2 > OFF**2 * max(dof, 1):
+        doubt(
+            f"fit: the observations are {np.sqrt(chi2 / max(dof, 1)):.3g} of their errors away from the motion found. "
+            "Usual cause: rates or times in other units than those of the system (give them the attribute units), "
+            "times that do not begin where x0 is, or a search that began too far away."
+        )
     sigma = None
     if not seen.weighted:
         sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan

@@ -18,6 +18,7 @@ from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
+from kreisel.units import size_in_si
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -277,10 +278,10 @@ def observed(
 def _size_of_unit(model: Model, variable: Any, name: str) -> float:
     """The size of the system's unit in that of a variable with the attribute `units`, for bodies of `kr.physical`."""
     frame, letter = model.body_frame, parse_quantity(name)[0]
-    if frame is None:
+    if frame is None or letter not in (VELOCITY, *frame.units):
         return 1.0
-    unit, size = ("rad/s", 1 / frame.time_unit) if letter == VELOCITY else frame.units.get(letter, ("1", 1.0))
-    return size if variable.attrs.get("units") == unit else 1.0
+    unit, size = ("rad/s", 1 / frame.time_unit) if letter == VELOCITY else frame.units[letter]
+    return size / size_in_si(variable.attrs.get("units"), unit, size, name)
 
 
 def _numbers(data: Any, name: str) -> Array:

@@ -24,7 +24,7 @@ from kreisel.physical.measures import (
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.system.lagrange_top import SYSTEM as LagrangeTop
-from kreisel.units import Scales
+from kreisel.units import Scales, size_in_si
 
 PIVOT = "transverse_moment not about the pivot: add mass lever^2"
 
@@ -129,8 +129,13 @@ class Gyroscope:
         return np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
 
     def motion(self, m: Any, a: Any) -> Motion:
-        """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN."""
-        m, a = si_numbers(m, "1", "m"), si_numbers(a, "1", "a")
+        """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN.
+
+        An array is taken as m of a state; a variable states its units.
+        """
+        units, unit = getattr(m, "attrs", {}).get("units"), self.momentum_unit
+        m = si_numbers(m, "1", "m") * (size_in_si(units, "kg m^2/s", unit, "m") / unit)
+        a = si_numbers(a, "1", "a")
         try:
             m, a = np.broadcast_arrays(m, a)
         except ValueError:

@@ -15,7 +15,7 @@ from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
 from kreisel.record.lanes import by_lane
-from kreisel.units import Scale, Scales, si
+from kreisel.units import Scale, Scales, si, size_in_si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
@@ -129,7 +129,7 @@ def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
     A variable states its units and axes in its attributes; an array is taken as the state has it.
     """
     attrs, (unit, size) = getattr(M, "attrs", {}), frame.units["M"]
-    momentum = si_numbers(M, "1", "M") * (1.0 if attrs.get("units") == unit else size)
+    momentum = si_numbers(M, "1", "M") * size_in_si(attrs.get("units"), unit, size, "M")
     return momentum if attrs.get(AXES) == BODY else frame.vectors(momentum)
 
 

@@ -13,13 +13,14 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.bodies import BODIES
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, doubt, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.lanes import by_lane
 from kreisel.record.model import Model, State
+from kreisel.record.perturbation import TIME
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
@@ -237,6 +238,7 @@ def checked_state(model: Model, x0: Any) -> State:
         missing = [letter for letter in model.system.space.letters if letter not in x0]
         if missing:
             raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
+        _warn_of_clock(model, x0)
         x0 = {letter: x0[letter] for letter in model.system.space.letters}
         _require_units_of_state(model, x0)
     if isinstance(x0, State):  # its 3 x 3 matrix is that of one state, however many lanes the parameters have
@@ -244,13 +246,23 @@ def checked_state(model: Model, x0: Any) -> State:
     return model.state(**{str(letter): value for letter, value in x0.items()})
 
 
+def _warn_of_clock(model: Model, row: Any) -> None:
+    """Warns with `InputWarning` of a later row of a run, if a force depends on the time, which begins at 0 again."""
+    record, time = model.system.perturbation, np.asarray(row.coords.get("time", 0.0))
+    if record is not None and record.names(TIME) and time.shape == () and time != 0:
+        doubt(
+            f"x0 is the row of a run at time {float(time):g}, and a force of {model.system.name} depends on the time, "
+            "which begins at 0 here. To go on from there, lengthen the run by kr.resume(path, extend=steps), or use "
+            f"kr.propagator(...).steps(x, n, time={float(time):g})."
+        )
+
+
 def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
     """Raises `InputError` for a row of `units.measured`, along other axes or in other units than those of the state."""
     frame = model.body_frame or BodyFrame()
     for letter, value in x0.items():
-        unit, size = frame.units.get(letter, ("1", 1.0))
-        turned = frame.turned and value.attrs.get(AXES) == BODY
-        if turned or (size != 1 and value.attrs.get("units", "1") == unit):
+        given, turned = value.attrs.get("units", "1"), frame.turned and value.attrs.get(AXES) == BODY
+        if turned or (frame.units and given not in ("1", frame.attributes(letter)["units"])):
             raise InputError(
                 f"x0: expected {letter} in the units and along the axes of the state, got others. Usual cause: a row "
                 "of units.measured. Give a row of the run itself."

@@ -59,7 +59,7 @@ def simulate(
 
     system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`
     x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
-                 arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble
+                 arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble.  The time begins at 0 always
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
     times        of the rows, in order, in place of `steps` and `every`; a row between two steps does not change them
@@ -74,7 +74,7 @@ def simulate(
     project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
                  of the run): what rounding does to them is undone; False shows the map as it is
     observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
-    impulses     what is added to a momentum at a time, before the row there: {"time": 2.0, "m": (0, 0, 0.1)}, or a list
+    impulses     added to a momentum as the state has it, before the row there: {"time": 2.0, "m": (0, 0, 1)}, or a list
     events       `kr.Event(quantity, action)` or a list: where a quantity changes its sign the run stops, or an action
                  changes the state; an attribute of the run, event_times, has when
     path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory

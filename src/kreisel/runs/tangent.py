@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from kreisel.record.model import Model
 
+ON_STEP = 1e-6  # of a step: times so close to it are its own
+
 
 @explained
 def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
@@ -28,8 +30,9 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     Those of the Poisson tensor: entries i < j of a skew matrix, then the vectors; J T(start) J^T = T(end) where the
     method is Poisson.  Of a run with orientation then the entries i < j of the skew X with dg = g X (moving frame) or
     dg = X g (rest frame).  `system`: that of the run, if it is of your own.  By `kr.differentiable` along the
-    definition, without projections.  Needs the extra `reduction`.  Raises `InputError` for ensembles, for runs with
-    impulses, events or times of their own, and as `differentiable`; `RunError` where J is not finite.
+    definition, without projections.  Of a part of a run, `run.isel(time=slice(...))`, from its first row to its last.
+    Needs the extra `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or times of their
+    own, for one row, and as `differentiable`; `RunError` where J is not finite.
     """
     record = RunRecord.of(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
@@ -37,7 +40,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
             "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "
             "or times of its own. Use kr.differentiable, with jax.vmap for ensembles."
         )
-    model = model_for(run, system)
+    model, steps = model_for(run, system), _steps_of(run, record.dt)
     f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
@@ -66,7 +69,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
             state[letter] = algebra.axial(X) if kind == "skew" and n == 3 else X
         if ORIENTATION in run:
             state[ORIENTATION] = attitude_near(by, model, pieces[-1], run.g.values[0])
-        out = f(state, dt=record.dt, steps=record.steps)
+        out = f(state, dt=record.dt, steps=steps, time=float(run["time"][0]))
         whole = [algebra.hat(out[k]) if kind == "skew" and n == 3 else out[k] for k, kind in space.components]
         parts = [algebra.coordinates_of(k, v) for k, v in zip(space.kinds, whole, strict=True)]
         return jnp.concatenate(parts + ([coordinates_of_turn(out[ORIENTATION])] if ORIENTATION in run else []))
@@ -76,3 +79,11 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     if not np.isfinite(J).all():
         raise RunError("tangent: the Jacobian is not finite. Usual cause: dt too long, or a run too long for doubles.")
     return J
+
+
+def _steps_of(run: xr.Dataset, dt: float) -> int:
+    """How many steps lie between the first row and the last one.  Raises `InputError`."""
+    steps = float(run["time"][-1] - run["time"][0]) / dt
+    if round(steps) < 1 or abs(steps - round(steps)) > ON_STEP:
+        raise InputError(f"tangent: expected rows with some steps of {dt:g} from the first to the last, got {steps:g}.")
+    return round(steps)

@@ -52,7 +52,7 @@ def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
             colour = colours.colours[number % len(colours.colours)]
             axes.plot(data["time"].values[rows], values[rows], color=colour, linewidth=0.8)
             units = data[name].attrs.get("units", "")
-            axes.set_ylabel(f"{name}\n({units})" if units else str(name))
+            axes.set_ylabel(f"{name}\n({units})" if units not in ("", "1") else str(name))
         panels[-1].set_xlabel("time")
         made.suptitle(str(data.attrs.get("title", "")), fontsize=10)
     return made
