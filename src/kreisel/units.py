@@ -41,6 +41,7 @@ KEPT = (
     "created",
     "versions",
 )
+SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep
 MOST_AXES = 4  # of lists within lists
 RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
 
@@ -176,7 +177,8 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
             f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}. A run of a body of "
             "kr.physical knows them; for another system say which units its variables have."
         )
-    turned, scales = (run, scales) if frame is None else _with_velocity(run, frame, scales)
+    turned, scales = (run, scales) if frame is None else _with_velocity(_of_sweep(run, frame), frame, scales)
+    scales = scales if frame is None else {**_scales_of_summaries(run, frame, scales), **scales}
     for name in wanted:
         if name not in scales or name not in turned.variables:
             there = ", ".join(k for k in scales if k in turned.variables)
@@ -198,6 +200,26 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
         out = out.assign_coords({name: variable * size}) if name in run.coords else out.assign({name: variable * size})
         out[name].attrs = {**attrs, "units": unit}
     return out
+
+
+def _of_summary(run: xr.Dataset) -> dict[str, str]:
+    """Summaries of a sweep, such as M_max, by name: the variable that each is of."""
+    kinds = {str(name): variable.attrs.get("kind") for name, variable in run.variables.items()}
+    return {name: name.rpartition("_")[0] for name, kind in kinds.items() if kind in SUMMARIES}
+
+
+def _of_sweep(run: xr.Dataset, frame: BodyFrame) -> xr.Dataset:
+    """A run, or a sweep whose summaries say along which axes they are."""
+    axes = {name: frame.attributes(letter).get(AXES) for name, letter in _of_summary(run).items()}
+    said = {name: run[name].assign_attrs({AXES: value}) for name, value in axes.items() if value is not None}
+    return run.assign(said)
+
+
+def _scales_of_summaries(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> dict[str, Scale]:
+    """The units of the summaries of a sweep."""
+    rate, found = Scale("rad/s", 1 / frame.time_unit), _of_summary(run)
+    known = {name: rate if name.endswith("_frequency") else scales.get(of) for name, of in found.items()}
+    return {name: scale for name, scale in known.items() if scale is not None}
 
 
 def _with_velocity(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> tuple[xr.Dataset, Scales]:

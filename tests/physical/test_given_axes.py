@@ -306,6 +306,25 @@ def test_the_axes_survive(tmp_path: Path) -> None:
     assert same(q[0], TYPED, 1e-12) and same(q[1], TYPED, 1e-12)
 
 
+def test_a_sweep_is_exported_in_si(tmp_path: Path) -> None:
+    """The momentum I Omega and the energy Omega I Omega/2 at the start, of a body with another unit of time."""
+    body, energy = case("free").body, np.full(2, RATE @ TENSOR @ RATE / 2)
+    state = body.state(RATE)
+    design = kr.Design(grid={"state.M[0]": [float(state.axial.M[0])] * 2})
+    save = ["trajectories", "drift", "extremes", "frequencies"]
+    made: Any = {"path": tmp_path / "s.zarr", "workers": 0, "steps": 32, "dt": 0.1, "save": save}
+    swept = kr.sweep(body.model(), state, design, orientation=body.orientation(TYPED), **made)
+    kr.export(swept, tmp_path / "s.nc")
+    with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as si:
+        assert same(si.M[0], np.array(2 * [TENSOR @ RATE]), 1e-14) and si.M.units == "kg m^2/s" and si.M.axes == "body"
+        assert same(si.energy[0], energy, 1e-14) and same(si.energy_start, energy, 1e-14)
+        assert si.energy_start.units == si.energy_drift.units == "J" and si.M_frequency.units == "rad/s"
+        principal = TENSOR @ RATE @ body.principal.axes
+        near = (si.M_min <= principal + 1e-12) & (principal - 1e-12 <= si.M_max)
+        assert near.all() and si.M_max.units == "kg m^2/s" and si.M_max.axes == si.M_frequency.axes == "state"
+        assert "kreisel_sweep" in si.attrs
+
+
 def test_models_of_the_same_moments_have_axes_of_their_own() -> None:
     """Kernels are kept by parameters; axes are not among them."""
     moments, axes = np.linalg.eigh(TENSOR)
@@ -334,7 +353,7 @@ def test_nothing_is_turned_twice() -> None:
     for case_ in (want, other):
         with pytest.raises(kr.InputError, match=r"row of units\.measured"):
             kr.simulate(case_.body.model(), units.measured(case_.run).isel(time=-1), dt=0.1, steps=1)
-        kr.simulate(case_.body.model(), case_.run.isel(time=-1), dt=0.1, steps=1, orientation=TYPED)
+        kr.simulate(case_.body.model(), case_.run.isel(time=0), dt=0.1, steps=1, orientation=TYPED)
 
 
 def test_a_fit_of_rates_in_the_axes_given() -> None:

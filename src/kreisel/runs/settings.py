@@ -238,9 +238,9 @@ def checked_state(model: Model, x0: Any) -> State:
         missing = [letter for letter in model.system.space.letters if letter not in x0]
         if missing:
             raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
-        _warn_of_clock(model, x0)
-        x0 = {letter: x0[letter] for letter in model.system.space.letters}
+        row, x0 = x0, {letter: x0[letter] for letter in model.system.space.letters}
         _require_units_of_state(model, x0)
+        _warn_of_clock(model, row)
     if isinstance(x0, State):  # its 3 x 3 matrix is that of one state, however many lanes the parameters have
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
     return model.state(**{str(letter): value for letter, value in x0.items()})

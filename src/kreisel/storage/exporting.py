@@ -39,8 +39,8 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
     out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
 
     A run of a body of `kr.physical` is exported as `kreisel.units.measured` returns it: in SI units, vectors and the
-    attitude g along the axes in which the body was given, with the angular velocity Omega along these axes; the
-    trajectories of a sweep of bodies along these axes too.
+    attitude g along the axes in which the body was given, with the angular velocity Omega along these axes; a sweep of
+    bodies in SI units too, its trajectories along these axes, minima, maxima and frequencies along those of the state.
 
     NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
     and lane (of `kr.analysis` for each event or frequency), a column for each component, such as "m[2]", and the
@@ -203,10 +203,10 @@ def _of_body(run: xr.Dataset) -> bool:
 
 
 def _presented(run: xr.Dataset) -> xr.Dataset:
-    """A Dataset as a file shows it: that of a body along the axes in which it was given."""
+    """A Dataset as a file shows it: that of a body in SI units, along the axes in which it was given."""
     if not _of_body(run):
         return run
-    return in_body_axes(run) if "kreisel_sweep" in run.attrs else measured(run)
+    return measured(run).assign_attrs(in_body_axes(run).attrs if "kreisel_sweep" in run.attrs else {})
 
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
