@@ -541,6 +541,14 @@ def test_slips_by_name_are_warned_of_before_the_run() -> None:
     assert "inclination = 97.5 rad" in words and "within 563 m" in words and "points south" in words
 
 
+@pytest.mark.parametrize("cause", [{"dipole": (0, 0, 1)}, {"density": 1e-12}, {"pressure": 4.5e-6}])
+def test_causes_without_an_effect_are_doubted(cause: dict[str, Any]) -> None:
+    """A dipole without a field, air and light without plates."""
+    model = BODIES["satellite"](moments=(0.03, 0.04, 0.05), semi_major_axis=7e6, **cause)
+    with pytest.warns(kr.InputWarning, match=f"{next(iter(cause))}: expected (field|plates) too"):
+        kr.simulate(model, model.state(M=(0, 0, 3e-5)), dt=30, steps=2, orientation=(1, 0, 0, 0), progress=False)
+
+
 def test_toutatis_has_its_published_periods() -> None:
     """A spin in the long-axis mode has both; in a run with the Sun the long axis goes round in 7.35 days."""
     toutatis = kr.physical.Asteroid.toutatis()

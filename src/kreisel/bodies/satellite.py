@@ -136,10 +136,22 @@ def doubtful_orbit(*, pericentre, mu, radius, field, name="primary"):
         )
 
 
-def doubts(*, semi_major_axis, eccentricity, inclination, node, perigee, mu, radius, field):
+def doubtful_actions(*, field, dipole, plates, density, pressure):
+    """Sentences on causes without an effect."""
+    if np.any(dipole) and not np.any(field):
+        yield "dipole: expected field too, that of the primary, -7.59e15 T m^3 for the Earth, got 0: nothing turns it."
+    for name, value in {"density": density, "pressure": pressure}.items():
+        if np.any(value) and not np.any(plates[..., 6]):
+            yield f"{name}: expected plates too, on which it acts, got none: the satellite does not feel it."
+
+
+def doubts(
+    *, semi_major_axis, eccentricity, inclination, node, perigee, mu, radius, field, dipole, plates, density, pressure
+):
     for name, value in {"inclination": inclination, "node": node, "perigee": perigee}.items():
         yield from doubtful_angle(value, name)
     yield from doubtful_orbit(pericentre=semi_major_axis * (1 - eccentricity), mu=mu, radius=radius, field=field)
+    yield from doubtful_actions(field=field, dipole=dipole, plates=plates, density=density, pressure=pressure)
 
 
 def check_moments(value, name):
