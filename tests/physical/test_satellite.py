@@ -346,6 +346,18 @@ def test_angles_are_those_of_pointing() -> None:
     assert found == pytest.approx([-0.2, 0.1, 0.3], abs=1e-12)
 
 
+def test_rest_against_the_orbit_in_any_attitude() -> None:
+    """The angular velocity in space is r x v/r^2."""
+    body, (r, v) = Satellite(TENSOR, ELLIPSE), ELLIPSE.at(0.0)
+    lanes = np.stack([body.pointing(pitch=0.3), body.pointing(yaw=0.4, roll=0.3)])
+    Omega = body.angular_velocity(body.state(attitude=lanes).axial.M)
+    for q, rate in zip(lanes, Omega, strict=True):
+        assert algebra.rotation_matrix(q) @ rate == pytest.approx(np.cross(r, v) / (r @ r), abs=1e-15)
+    assert body.state().axial.M == pytest.approx(body.state(attitude=lanes[0]).axial.M, abs=1e-18)
+    with pytest.raises(kr.InputError, match="none with a spin"):
+        body.state((0, 0, 1), attitude=lanes[0])
+
+
 def test_librations_have_the_frequencies_of_linear_theory() -> None:
     body = Satellite((0.4, 0.9, 1.0), LOW)
     run = librated(body, 60.0, 4000, 2, yaw=1e-4, pitch=1e-4, roll=1e-4)

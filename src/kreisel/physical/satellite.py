@@ -15,7 +15,16 @@ from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
-from kreisel.physical.measures import body_frame, convert_fields, in_range, scales_of, si_number, si_numbers, three
+from kreisel.physical.measures import (
+    attitude_quaternion,
+    body_frame,
+    convert_fields,
+    in_range,
+    scales_of,
+    si_number,
+    si_numbers,
+    three,
+)
 from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.runs.geometry import orientation_of
@@ -174,16 +183,23 @@ class Satellite:
         made = BODIES["satellite-with-wheel" if wheel else "satellite"](**given, **wheel)
         return made.of_body(body_frame(self.scales(), along))
 
-    def state(self, spin: Any = None, axis: Any = None) -> State:
+    def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
 
         spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: that of the frame of the orbit
-               at t = 0, about the axis that `pointing()` puts along its normal
+               at t = 0, of a body at rest against it
+        attitude   without a spin: of the body axes at t = 0, a unit quaternion (..., 4); default: `pointing()`, or that
+               turned in pitch.  Raises `InputError` with a spin, which is along the body axes in any attitude
         """
-        if spin is None:
+        if spin is None and attitude is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
-            return self.model().state(M=algebra.hat(self.inertia @ Omega @ self._principal_axes))
-        Omega = angular_velocity_of(spin, axis)
+        elif spin is None:
+            R = algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
+            Omega = self.orbit.rate() * self.orbit.frame(0.0)[:, 2] @ R
+        elif attitude is not None:
+            raise InputError("attitude: expected none with a spin, which is along the body axes whatever the attitude.")
+        else:
+            Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
         return self.model().state(M=algebra.hat(M))
 
