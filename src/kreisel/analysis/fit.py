@@ -136,7 +136,7 @@ def fit(
                    "energy" and other integrals, one number such as "a[2]", or names of `observables`; NaN where
                    nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body was
                    given and g the attitude of these axes, unless an attribute `axes` is "state", as of a run; units
-                   (time in "s", Omega in "rad/s") are read from attributes `units`, without them they are those of the
+                   (time in "ms", Omega in "deg/s") are read from attributes `units`, without them they are those of the
                    system.  sigma_NAME, broadcast to the shape of NAME, is its standard error.  Or a run: its state.
     free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]", along the
                    axes of the state; a mapping also says where the search begins, None for what the system and x0 have
@@ -155,7 +155,7 @@ def fit(
     start: where phases may be off by half a turn, fit a short time first.  The covariance is that of the linear
     problem at the minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for names, shapes and times that
     do not fit, and where the observations leave a combination of the unknowns undetermined, which it names; `RunError`
-    where the motion is lost at the start.  Warns with `AccuracyWarning` where the search did not converge.
+    where the motion is lost at the start.  Warns: `AccuracyWarning` of no convergence, `InputWarning` of a poor fit.
     """
     check_model(system)
     within(evaluations, "evaluations", 1, 10**6)
