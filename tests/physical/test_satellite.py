@@ -346,6 +346,14 @@ def test_angles_are_those_of_pointing() -> None:
     assert found == pytest.approx([-0.2, 0.1, 0.3], abs=1e-12)
 
 
+def test_a_run_on_another_orbit_has_no_angles() -> None:
+    run = librated(Satellite(TENSOR, ELLIPSE), 1.0, 1, 1)
+    other = Satellite(TENSOR, Orbit("7000 km", 0.02, "51.7 deg", "20 deg", "70 deg"))
+    for read in (other.angles, other.obliquity, lambda run: other.resonant_angle(run, 1.0)):
+        with pytest.raises(kr.InputError, match="run of this body, got one with another inclination"):
+            read(run)
+
+
 def test_rest_against_the_orbit_in_any_attitude() -> None:
     """The angular velocity in space is r x v/r^2."""
     body, (r, v) = Satellite(TENSOR, ELLIPSE), ELLIPSE.at(0.0)

@@ -27,7 +27,7 @@ from kreisel.physical.measures import (
 )
 from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
-from kreisel.runs.geometry import orientation_of
+from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.units import Scales
 
 if TYPE_CHECKING:
@@ -247,6 +247,7 @@ class Satellite:
     def angles(self, run: xr.Dataset) -> Angles:
         """Pitch, roll and yaw (...) of a run against the frame of the orbit, from -pi to pi."""
         g = algebra.rotation_matrix(orientation_of(run))
+        require_of_body(run, self.orbit.elements)
         frame = self.orbit.frame(np.asarray(run.time))
         lanes = g.ndim - frame.ndim
         frame = frame.reshape(*frame.shape[:-2], *(1,) * lanes, 3, 3)
@@ -260,6 +261,7 @@ class Satellite:
     def _axis(self, run: xr.Dataset, which: int) -> Array:
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""
         g = algebra.rotation_matrix(orientation_of(run))
+        require_of_body(run, self.orbit.elements)
         return np.asarray(g @ (self._principal_axes.T @ self._axes_of_orbit[:, which]))
 
     def obliquity(self, run: xr.Dataset) -> Array:

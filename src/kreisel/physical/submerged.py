@@ -30,7 +30,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.record.model import Model, State
-from kreisel.runs.geometry import orientation_of
+from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.storage.reading import place
 from kreisel.units import Scales
 
@@ -172,6 +172,7 @@ class SubmergedBody:
         """Where O is in space at each row of a run, from `start`, and how it moves."""
         turn, shift = self._place
         g = algebra.rotation_matrix(orientation_of(run)) @ turn.T  # of the body axes
+        require_of_body(run, {"mass_matrix": self.mass_matrix})
         arm = algebra.act(g, shift)
         time = np.asarray(run.time).reshape(-1, *[1] * (arm.ndim - 1))
         x = path(run).values - (arm - arm[0]) + self.current * (time - time[0])

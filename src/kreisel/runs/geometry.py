@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 
 CASIMIR = 1e-8  # how far Casimirs may be from those of the state, relative
+SAME = 1e-9  # relative: parameters of one body
 UNIT = 1e-6  # how far a quaternion may be from length 1
 
 
@@ -100,6 +102,19 @@ def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
         raise InputError(
             "expected a run whose Casimirs are those of its state, got others. Usual cause: arithmetic on the run, "
             "which changes its numbers and keeps its attributes; take the variables, such as 2 * run.energy."
+        )
+
+
+def require_of_body(run: xr.Dataset, known: Mapping[str, Any]) -> None:
+    """Raises `InputError` for a run of a body with other parameters than those known, or that vary in a sweep."""
+    record = RunRecord.from_attrs(run.attrs)
+    found = {} if "parameters" not in run.attrs or record.is_own else record.model.params
+    varied = [k for k in known for name in run.coords if f"{name}[".startswith(f"system.{k}[")]
+    others = [k for k in known if k in found and not np.allclose(found[k], known[k], SAME, 0.0)]
+    if varied or others:
+        raise InputError(
+            f"expected a run of this body, got one with another {(varied + others)[0]}. Usual cause: a run of another "
+            "body or orbit, or lanes of several: take each with a body of its own."
         )
 
 
