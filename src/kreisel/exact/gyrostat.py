@@ -1,12 +1,13 @@
 """method="exact" of the gyrostat, n = 3, M' = M x (w M - b): the addition theorem of `kreisel.exact.quadrics`.
 
-A step is a few equal maps, whose coefficients are found once a trajectory in extended precision; long ones are made
+A step is a few equal maps, whose coefficients are found once a trajectory in extended precision; long times are made
 shorter by whole periods.  The orientation turns by g z(psi) p, p M(t) = M the shortest turn, z(psi) that about M by
 
     psi' = L Omega.(M + M(t))/(L^2 + M.M(t)),   Omega = w M(t) - b,
 
 which is integrated by Gauss's rule at points of the motion.  The turn of a map is linear in the state half-way; the
-matrix is fitted to those, and a step takes forms for it too.
+matrix is fitted to those, and a step takes forms for it too.  Over a period it is a turn about M, by a mean of psi'
+in many digits, with any e L in place of the first M.
 """
 
 from __future__ import annotations
@@ -14,14 +15,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.exact.gyrostat_step import curve_of, motion
 from kreisel.exact.nutation import rationals
-from kreisel.exact.quadrics import BELOW, FORMS, change, coefficients, curve, forms, invariants, length, moved, quartic
+from kreisel.exact.quadrics import (
+    BELOW,
+    FORMS,
+    NEAR,
+    change,
+    coefficients,
+    curve,
+    forms,
+    invariants,
+    length,
+    moved,
+    quartic,
+)
 from kreisel.exact.turning import turn
 from kreisel.method.observing import observer, with_orientation
 from kreisel.method.scheme import Orbits, Scheme, States, Steps
@@ -35,8 +50,24 @@ NODES, SAMPLES = 8, 64  # of Gauss's rule; points of a motion, 0.4 e-foldings ap
 MOST_TURN, MOST_MAPS = 6.0, 4096  # radians of a map with orientation; maps of a step
 SETTLED = 22.0  # e-foldings, after which a motion without a period stands still
 DIGITS = 40  # of a period, beyond those that close roots and long times use up
+TWICE = 16 * np.arctan(np.longdouble(1))  # two turns, after which a quaternion is the same
+FEWEST, TURN_DIGITS = 16, 22  # points of a period; digits of its turn, beyond those that long times use up
+DIRECTIONS = np.array([e for e in np.ndindex(3, 3, 3) if e != (1, 1, 1)]) - 1
 
-NODE, WEIGHT = np.polynomial.legendre.leggauss(NODES)
+
+def _gauss() -> tuple[Array, Array]:
+    """The nodes and weights of Gauss's rule between 0 and 1, whose sum has to be 1 in extended precision."""
+    x: Array = np.polynomial.legendre.leggauss(NODES)[0].astype(np.longdouble)
+    for _ in range(3):
+        before, here = np.ones_like(x), x
+        for k in range(2, NODES + 1):
+            before, here = here, ((2 * k - 1) * x * here - (k - 1) * before) / k
+        slope = NODES * (before - x * here) / (1 - x * x)
+        x = x - here / slope
+    return (1 + x) / 2, 1 / ((1 - x * x) * slope * slope)
+
+
+NODE, WEIGHT = _gauss()
 TURN = {"turn_" + k: v for k, v in FORMS.items()}  # of the vector of a quaternion
 LEAN = {"lean_" + k: max(0, v - 1) for k, v in FORMS.items()}  # and of its scalar
 AXES = {**FORMS, **BELOW, **TURN, **LEAN, "size": 0, "inverse": 0, "still": 0}
@@ -52,7 +83,7 @@ def gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
         time = np.full(body.L.shape, dt, dtype=np.longdouble)
         if not oriented:
             for lane in np.argwhere(body.speed * dt > FAR):
-                (time[tuple(lane)],), _ = body.remainders(tuple(lane), [Fraction(dt)])
+                (time[tuple(lane)],), _, _ = body.remainders(tuple(lane), [Fraction(dt)])
         known, stage, maps = body.numbers(time)
         stages = {k: np.repeat(np.expand_dims(v.astype(float), time.ndim), maps, time.ndim) for k, v in stage.items()}
         return {k: v.astype(float) for k, v in known.items()}, stages
@@ -112,6 +143,7 @@ class Body:
         with np.errstate(all="ignore"):
             self.L, self._K = curve(self.x, self.w, self.b)
             self.speed = length(self._K)
+            self._pace = self.speed * (1 + oriented)  # no map is too long for its turns, which are integrated
             if oriented:
                 fastest = abs(self.w * self.x).sum(-1) + abs(self.b).sum(-1)
                 self.speed = 2 * np.maximum(self.speed, fastest / MOST_TURN)
@@ -124,8 +156,8 @@ class Body:
         most = float(np.max(self.speed * abs(time)))
         if most > MOST_MAPS:
             raise InputError(
-                f"Expected a time of at most {MOST_MAPS} maps, got {most:.3g} of them. Usual cause: a long time with "
-                "the orientation, where whole periods are not left out. Use shorter times, or no orientation."
+                f"Expected a step of at most {MOST_MAPS} maps, got {most:.3g} of them. Usual cause: a long step with "
+                "the orientation, where whole periods are not left out. Use a shorter dt, kr.at, or no orientation."
             )
         maps = max(1, math.ceil(most))
         part = time / maps
@@ -160,16 +192,51 @@ class Body:
         return (matrix.mT[..., None, None] * half[..., None, :, :, :]).sum(-3)
 
     def _turns(self, x: Array, K: Array, part: Array) -> Array:
+        """The quaternions of a map from each x (..., SAMPLES, 3)."""
+        return self._turned(x, [_spread(k) for k in _nodes(K)], part, self.w)
+
+    def _turned(self, x: Array, nodes: list[dict[str, Array]], part: Array, w: Array) -> Array:
         """The quaternions of a map from each x (..., SAMPLES, 3), by Gauss's rule."""
-        size, w, b = (v[..., None, :] for v in (algebra.vec(self.L), self.w, self.b))
+        size, w, b = (v[..., None, :] for v in (algebra.vec(self.L), w, self.b))
         angle = np.zeros(x.shape[:-1], dtype=x.dtype)
-        for node, weight in zip((1 + NODE) / 2, WEIGHT / 2, strict=True):
-            there = x + change(x, _spread(forms(K * np.longdouble(node))))
-            rate = algebra.dot(w * size * there - b, x + there) / (1 + algebra.dot(x, there))
-            angle = angle + np.longdouble(weight) * rate
+        for known, weight in zip(nodes[:-1], WEIGHT, strict=True):
+            angle = angle + weight * rate(x, x + change(x, known), size, w, b)
         rest = -b * (size == 0)  # M = 0: the body turns against its wheel
-        z = turn((algebra.vec(angle) * x + rest) * part[..., None, None])
-        return algebra.unit(algebra.quaternion_product(z, lift(x, x + change(x, _spread(forms(K))))))
+        z = turn(algebra.vec(angle) * part[..., None, None] * x + rest * part[..., None, None])
+        return algebra.unit(algebra.quaternion_product(z, lift(x, x + change(x, nodes[-1]))))
+
+    def after(self, times: list[Fraction], g: tuple[Array, ...]) -> tuple[Array, ...]:
+        """M (times, 3) and the orientation, if any, of one lane.
+
+        All but one w is in common: without it M moves the same way, with it the body also turns evenly about M.
+        """
+        start, (w, b) = rationals(self.M), self._exactly(())
+        common, w = w[0], w - w[0]
+        left, angle, ended = remainders(start, w, b, times, self._oriented)
+        time, w = np.array(left, dtype=np.longdouble), _wides(w)
+        maps = max(1, math.ceil(float(np.max(self._pace * abs(time)))))
+        part = time / maps
+        _, K = curve(self.x, w, _wides(b))
+        nodes = _nodes(K * algebra.mat(part)) if g else [forms(K * algebra.mat(part))]
+        M = self.x + np.zeros((len(times), 1), dtype=np.longdouble)
+        x = M * self.inverse
+        q = turn(algebra.vec(angle) * x)
+        if g:
+            q = algebra.quaternion_product(q, turn(algebra.vec(evenly(start, common, times)) * x))
+        spread = [_spread(k) for k in nodes]
+        for _ in range(maps):
+            if g:
+                q = algebra.quaternion_product(q, self._turned(x[:, None], spread, part, w)[:, 0])
+            step = change(x, nodes[-1])
+            M, x = M + step * self.L, x + step
+        for k in np.flatnonzero(ended):
+            M[k] = self.at_rest(M[k])
+            end = M[k] * self.inverse
+            beyond = algebra.dot(w * M[k] - self.b, end) * (_wide(times[k]) - time[k])
+            beyond = beyond - TWICE * np.rint(beyond / TWICE)
+            last = algebra.quaternion_product(algebra.unit(lift(x[k], end)), turn(beyond * end))
+            q[k] = algebra.quaternion_product(q[k], last)
+        return M, *(algebra.unit(algebra.quaternion_product(v, q)) for v in g)
 
     def at_rest(self, M: Array) -> Array:
         """The momentum at rest that is nearest, M x (w M - b) = 0, of one lane."""
@@ -180,11 +247,25 @@ class Body:
             M = M - np.linalg.lstsq(slopes, lack.astype(float), rcond=None)[0]
         return M
 
-    def remainders(self, lane: tuple[int, ...], times: list[Fraction]) -> tuple[list[np.longdouble], Array]:
+    def remainders(self, lane: tuple[int, ...], times: list[Fraction]) -> tuple[list[np.longdouble], Array, Array]:
         """`remainders` of one lane, from the numbers as they are given."""
+        return remainders(rationals(self.M[lane]), *self._exactly(lane), times, self._oriented)
+
+    def _exactly(self, lane: tuple[int, ...]) -> tuple[Array, Array]:
+        """w and b of one lane as rationals."""
         given = {k: rationals(np.broadcast_to(v, self.x.shape)[lane]) for k, v in self._parameters.items()}
         w, b = call(self._system.gyrostat, (), given)
-        return remainders(rationals(self.M[lane]), w, b, times)
+        return w, b
+
+
+def rate(e: Array, x: Array, size: Array, w: Array, b: Array) -> Array:
+    """psi' at M = size x, counted from the unit vector e."""
+    return algebra.dot(w * size * x - b, e + x) / (1 + algebra.dot(e, x))
+
+
+def _nodes(K: Array) -> list[dict[str, Array]]:
+    """The forms at the nodes of Gauss's rule and after the whole map."""
+    return [forms(K * node) for node in [*NODE, 1]]
 
 
 def _spread(known: Mapping[str, Array]) -> dict[str, Array]:
@@ -200,33 +281,33 @@ def _orbit(model: Model, oriented: bool) -> Callable[..., States]:
 
         def states(mantissa: Array, exponent: Array) -> tuple[Array, ...]:
             times = [Fraction(int(m)) * Fraction(2) ** int(e) for m, e in zip(mantissa, exponent, strict=True)]
-            left, ended = [np.longdouble(float(t)) for t in times], [False]
-            if not oriented:
-                left, ended = body.remainders((), times)
-            known, stage, maps = body.numbers(np.array(left))
-            z = tuple(v + np.zeros((len(left), *v.shape), dtype=np.longdouble) for v in z0)
-            for _ in range(maps):
-                z = step(*z, **{**known, **stage})
-            M = algebra.axial(z[0])
-            for k in np.flatnonzero(ended):
-                M[k] = body.at_rest(M[k])
-            return algebra.hat(M.astype(float)), *(v.astype(float) for v in z[1:])
+            M, *g = body.after(times, z0[1:])
+            return algebra.hat(M.astype(float)), *(v.astype(float) for v in g)
 
         return states
 
     return orbit
 
 
-def remainders(M: Array, w: Array, b: Array, times: list[Fraction]) -> tuple[list[np.longdouble], Array]:
-    """Times less whole periods, at most half a period in size, from rationals; and where the motion has ended.
+def remainders(
+    M: Array, w: Array, b: Array, times: list[Fraction], oriented: bool
+) -> tuple[list[np.longdouble], Array, Array]:
+    """Times less whole periods, at most half a period in size, from rationals; the turn about M in these periods, if
+    asked for; and where the motion has ended.
 
     That is where there is no period: such times are made so short that the motion is just about to end.
     """
     import mpmath
 
-    square = algebra.dot(M, M)
-    if square == 0:
-        return [np.longdouble(0)] * len(times), np.zeros(len(times), dtype=bool)
+    ctx, never = mpmath.MPContext(), np.zeros(len(times), dtype=bool)
+    square, Omega, none = algebra.dot(M, M), w * M - b, np.zeros(len(times), dtype=np.longdouble)
+    longest = max(abs(t) for t in times)
+    if not algebra.cross(M, Omega).any():  # it stands still in the body, which turns evenly
+        spin = algebra.dot(Omega, Omega) if oriented else Fraction(0)
+        ctx.dps = DIGITS + _figures(longest**2 * spin + 1)
+        period = 4 * ctx.pi / ctx.sqrt(_many(ctx, spin)) if spin else None
+        left = [_without(ctx, _many(ctx, t), period)[0] if spin else np.longdouble(0) for t in times]
+        return left, none, never
     K = np.diag([*w, (algebra.dot(M, w * M) - 2 * algebra.dot(b, M)) / square])
     K[:3, 3], K[3, :3] = -b, b / square
     K = K - np.diag([K.trace() / 4] * 4)
@@ -238,12 +319,10 @@ def remainders(M: Array, w: Array, b: Array, times: list[Fraction]) -> tuple[lis
         if double >= 0:
             most = _settled(M, w, b, _wide(double)) if double else np.longdouble(np.inf)
             clipped = [np.clip(_wide(t), -most, most) for t in times]
-            return clipped, abs(np.array(clipped)) == most
-    ctx = mpmath.MPContext()
-    longest = max(abs(t) for t in times) ** 4 * max(abs(g2), abs(g3)) + 1
+            return clipped, none, abs(np.array(clipped)) == most
     small = abs(left) / (abs(g2) ** 3 + 27 * g3**2) if left else Fraction(1)
-    ctx.dps = DIGITS + sum(len(str(int(x))) for x in (longest, 1 / small))
-    g2, g3, left = (ctx.mpf(x.numerator) / x.denominator for x in (g2, g3, left / 27))
+    ctx.dps = DIGITS + _figures(longest**4 * max(abs(g2), abs(g3)) + 1) + _figures(1 / small)
+    g2, g3, left = (_many(ctx, x) for x in (g2, g3, left / 27))
     if left >= 0:
         root = ctx.sqrt(g2 / 3) * ctx.cos(ctx.atan2(ctx.sqrt(left), g3) / 3)
     else:
@@ -251,15 +330,81 @@ def remainders(M: Array, w: Array, b: Array, times: list[Fraction]) -> tuple[lis
         root = part + g2 / (12 * part)
     apart = ctx.sqrt(g2 - 3 * root * root) / 2 if left > 0 else 1j * ctx.sqrt(abs(3 * root * root - g2)) / 2
     period = 2 * ctx.re(ctx.elliprf(0, 1.5 * root - apart, 1.5 * root + apart))
-    exactly = [ctx.mpf(t.numerator) / t.denominator for t in times]
-    left = [np.longdouble(ctx.nstr(t - period * ctx.nint(t / period), 25)) for t in exactly]
-    return left, np.zeros(len(times), dtype=bool)
+    parts = [_without(ctx, _many(ctx, t), period) for t in times]
+    whole = [count for _, count in parts]
+    if oriented and any(whole):
+        fastest = max(abs(g2 / 3) ** 0.25, abs(g3) ** (1 / ctx.mpf(6)))
+        digits = TURN_DIGITS + _figures(max(abs(n) for n in whole))
+        angle = turn_of_a_period(ctx, M, w, b, fastest, period, digits)
+        none = np.array([_without(ctx, n * angle, 4 * ctx.pi)[0] for n in whole])
+    return [rest for rest, _ in parts], none, never
+
+
+def evenly(M: Array, w: Fraction, times: list[Fraction]) -> Array:
+    """w |M| t less whole turns, two by two."""
+    import mpmath
+
+    ctx, square = mpmath.MPContext(), algebra.dot(M, M) * w * w
+    ctx.dps = DIGITS + _figures(max(abs(t) for t in times) ** 2 * square)
+    speed = ctx.sqrt(_many(ctx, square)) * (-1 if w < 0 else 1)
+    return np.array([_without(ctx, speed * _many(ctx, t), 4 * ctx.pi)[0] for t in times])
+
+
+def turn_of_a_period(ctx: Any, M: Array, w: Array, b: Array, fastest: Any, period: Any, digits: int) -> Any:
+    """The turn about M in a period, to so many digits: a mean over points of the period, doubled until it settles.
+
+    The error falls exponentially with the points, so that of the next mean is the square of the last change.  Points
+    lie around few of them; `fastest` is sqrt(max |e_i|).
+    """
+    M, w, b = (np.array([[_many(ctx, v) for v in x]], dtype=object) for x in (M, w, b))
+    size = np.array([ctx.sqrt(algebra.dot(M, M)[0])], dtype=object)
+    starts = max(3, math.ceil(float(period * fastest) / NEAR))
+    falls = 9 * (2 * NEAR * starts / float(period * fastest)) ** 2  # of the terms of the series half-way between two
+    orders = 4 + math.ceil(ctx.dps * math.log(10) / math.log(falls))
+    curve = curve_of(M / algebra.vec(size), size, period / starts, w, b, orders)
+    points = [curve.x]
+    for _ in range(starts - 1):
+        points.append(motion(curve._replace(x=points[-1]))(ctx.mpf(1)))
+    x = np.concatenate(points)
+    at = motion(curve._replace(x=x))
+
+    ends = x.astype(float)
+    e = max(DIRECTIONS, key=lambda e: (ends @ e).min() / math.sqrt(e @ e))
+    e = e / ctx.sqrt(int(e @ e))
+
+    def mean(first: int) -> Any:
+        """Over `few` points about each start."""
+        times = [[ctx.mpf(2 * k + first) / (2 * few) - 0.5] for k in range(few)]
+        x = at(np.array(times, dtype=object)).reshape(-1, 3)
+        return rate(e, x, algebra.vec(size), w, b).sum() / len(x)
+
+    few = max(2, FEWEST // starts)
+    coarse = mean(0)
+    while True:
+        fine = (coarse + mean(1)) / 2
+        if abs(fine - coarse) * period < ctx.mpf(10) ** (-digits / 2 - 1):
+            return fine * period
+        few, coarse = 2 * few, fine
+
+
+def _figures(x: Any) -> int:
+    return len(str(int(x)))
+
+
+def _many(ctx: Any, x: Fraction) -> Any:
+    return ctx.mpf(x.numerator) / x.denominator
+
+
+def _without(ctx: Any, x: Any, period: Any) -> tuple[np.longdouble, int]:
+    """x less whole periods, and their number."""
+    count = ctx.nint(x / period)
+    return np.longdouble(ctx.nstr(x - period * count, 25)), int(count)
 
 
 def _settled(M: Array, w: Array, b: Array, double: np.longdouble) -> np.longdouble:
     """The time after which a motion on a separatrix stands still: SETTLED e-foldings, and those to leave the start."""
     growth = 2 * np.sqrt(3 * double)
-    M, w, b = (np.array([_wide(v) for v in x], dtype=np.longdouble) for x in (M, w, b))
+    M, w, b = (_wides(x) for x in (M, w, b))
     away = algebra.magnitude(algebra.cross(M, w * M - b)) / (growth * algebra.magnitude(M))
     return (SETTLED + max(0, -np.log(away)) if away else 0 * growth) / growth
 
@@ -267,3 +412,7 @@ def _settled(M: Array, w: Array, b: Array, double: np.longdouble) -> np.longdoub
 def _wide(x: Fraction) -> np.longdouble:
     high = float(x)
     return np.longdouble(high) + np.longdouble(float(x - Fraction(high)))
+
+
+def _wides(x: Array) -> Array:
+    return np.array([_wide(v) for v in x], dtype=np.longdouble)

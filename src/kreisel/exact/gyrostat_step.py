@@ -39,7 +39,10 @@ Four = tuple[Array, Array]  # a vector (..., 3) and a last component
 
 
 class Curve(NamedTuple):
-    """L, x = M/L, K = ((diagonal, -b), (b^T, last)) in units of the step, and s2, s3, s4 of its quartic."""
+    """L, x = M/L, K = ((diagonal, -b), (b^T, last)) in units of the step, and s2, s3, s4 of its quartic.
+
+    Also the coefficients of t^4, t^6, ... in t^2 wp(t) - 1.
+    """
 
     size: Array
     x: Array
@@ -47,6 +50,7 @@ class Curve(NamedTuple):
     b: Array
     last: Array
     quartic: tuple[Array, Array, Array]
+    laurent: list[Array]
 
     def times(self, X: Four) -> Four:
         """K X."""
@@ -57,7 +61,7 @@ class Curve(NamedTuple):
 def step(M: Array, g: Array, *, h: Array, w: Array, b: Array) -> tuple[Array, Array]:
     """(M, g) after the time h: M, w, b (..., 3), g (..., 4) a unit quaternion."""
     curve = _curve(M, h, w, b)
-    x, at = curve.x, _motion(curve)
+    x, at = curve.x, motion(curve)
     L, psi = algebra.vec(curve.size), 0 * curve.size
     for node, share in zip(*_rule(), strict=True):
         y = at(node)
@@ -74,7 +78,7 @@ def reach(M: Array, h: Array, *, w: Array, b: Array) -> Array:
     turn of M in the body.
     """
     curve = _curve(M, h, w, b)
-    at, (g2, g3), Omega = _motion(curve), invariants(*curve.quartic), w * M - b
+    at, (g2, g3), Omega = motion(curve), invariants(*curve.quartic), w * M - b
     out = algebra.dot(Omega, Omega) * h * h / MOST_TURN**2
     for measure in (g2 * g2 / (3 * LONGEST**4) ** 2, g3 * g3 / LONGEST**12):
         out = algebra.maximum(out, measure)
@@ -92,8 +96,12 @@ def _rule() -> tuple[list[float], list[float]]:
 def _curve(M: Array, h: Array, w: Array, b: Array) -> Curve:
     M = M + TINY
     L = algebra.sqrt(algebra.dot(M, M))
-    x = M / algebra.vec(L)
-    energy = algebra.dot(x, w * M) - 2 * algebra.dot(b, x)
+    return curve_of(M / algebra.vec(L), L, h, w, b)
+
+
+def curve_of(x: Array, L: Array, h: Array, w: Array, b: Array, orders: int = ORDERS) -> Curve:
+    """That of M = L x and the step h, with Laurent's series to so many orders."""
+    energy = L * algebra.dot(x, w * x) - 2 * algebra.dot(b, x)
     trace = (L * (w[..., 0] + w[..., 1] + w[..., 2]) + energy) / 4
     diagonal = algebra.vec(h) * (algebra.vec(L) * w - algebra.vec(trace))
     b, last = algebra.vec(h) * b, h * (energy - trace)
@@ -106,11 +114,12 @@ def _curve(M: Array, h: Array, w: Array, b: Array) -> Curve:
     fourth = algebra.dot(squares, squares) - 2 * algebra.dot(squares, b * b) + bb * bb
     fourth = fourth - 2 * algebra.dot(u, u) + corner * corner
     s2 = -second / 2
-    return Curve(L, x, diagonal, b, last, (s2, third / 3, (2 * s2 * s2 - fourth) / 4))
+    quartic = s2, third / 3, (2 * s2 * s2 - fourth) / 4
+    return Curve(L, x, diagonal, b, last, quartic, _laurent(*invariants(*quartic), orders))
 
 
-def _motion(curve: Curve) -> Any:
-    """M/L at a time in units of the step, a float."""
+def motion(curve: Curve) -> Any:
+    """M/L at a time in units of the step."""
     x, K = curve.x, curve.times
     one = 1 + 0 * curve.last
     X, column = [(x, one)], [(0 * x, one)]  # K^a X and K^a e_4
@@ -121,33 +130,30 @@ def _motion(curve: Curve) -> Any:
     (a, a4), (c, c4) = ((v, -last) for v, last in X[:2])
     inner, outer = algebra.vec(c4) * a - algebra.vec(a4) * c, algebra.cross(a, c)
 
-    def rotated(times: int, power: int) -> Four:
-        """K^times P (K^power)^T e_4; the row is -C times the column, since C K is symmetric."""
-        row, last = column[power]
-        out = algebra.vec(last) * outer - algebra.cross(row, inner), algebra.dot(outer, row)
-        for _ in range(times):
-            out = K(out)
-        return out
+    def rotated(column: Four) -> Four:
+        """P (K^k)^T e_4; the row is -C times the column K^k e_4, since C K is symmetric."""
+        row, last = column
+        return algebra.vec(last) * outer - algebra.cross(row, inner), algebra.dot(outer, row)
 
-    evens, odds = [], []
-    for k in (0, 1, 2):
-        parts = [(math.comb(2 * k, a), X[a], X[2 * k - a][1], rotated(a, 2 * k - a)) for a in range(2 * k + 1)]
-        evens.append(_sum([(count * last, v) for count, v, last, _ in parts]))
-        odds.append(_sum([(count, v) for count, _, _, v in parts]))
-    laurent = _laurent(*invariants(*curve.quartic))
+    rows, evens, odds = [rotated(v) for v in column], [], []
+    for k in (0, 2, 4):
+        evens.append(_sum([(math.comb(k, a) * X[k - a][1], X[a]) for a in range(k + 1)]))
+        odd = rows[0]
+        for a in reversed(range(k)):
+            (x, last), (row, corner), count = K(odd), rows[k - a], math.comb(k, a)
+            odd = x + count * row, last + count * corner
+        odds.append(odd)
+    below = [_sum([(third, column[k]), (N, column[k + 1])]) for k in range(4)]
+    vectors = [*evens, *odds, *below, _sum([(N, column[0])])]
 
-    def at(t: float) -> Array:
+    def at(t: Any) -> Array:
         s2, s3, s4 = (s * t**k for s, k in zip(curve.quartic, (2, 3, 4), strict=True))
-        p, slope = _doubled(laurent, invariants(s2, s3, s4), t)
+        p, slope = _doubled(curve.laurent, invariants(s2, s3, s4), t)
         even, odd, gamma, last = weights(p, s2, s3, s4)
-        parts = [(even[k] * t ** (2 * k), evens[k]) for k in (0, 1, 2)]
-        parts += [(slope / 2 * odd[k] * t ** (2 * k + 1), odds[k]) for k in (0, 1, 2)]
-        # of K^0 e_4 to K^4 e_4
-        of_columns = [-gamma[k] * t ** (3 + k) * third for k in range(4)] + [0 * N]
-        for k in range(4):
-            of_columns[k + 1] = of_columns[k + 1] - gamma[k] * t ** (3 + k) * N
-        of_columns[0] = of_columns[0] - last * t * t * N
-        y, below = _sum([*parts, *zip(of_columns, column, strict=True)])
+        factors = [even[k] * t ** (2 * k) for k in (0, 1, 2)]
+        factors += [slope / 2 * odd[k] * t ** (2 * k + 1) for k in (0, 1, 2)]
+        factors += [*(-gamma[k] * t ** (3 + k) for k in range(4)), -last * t * t]
+        y, below = _sum(list(zip(factors, vectors, strict=True)))
         return y / algebra.vec(below)
 
     return at
@@ -161,11 +167,11 @@ def _sum(parts: list[tuple[Any, Four]]) -> Four:
     return out
 
 
-def _laurent(g2: Array, g3: Array) -> list[Array]:
+def _laurent(g2: Array, g3: Array, orders: int) -> list[Array]:
     """The coefficients of t^4, t^6, ... in t^2 wp(t) - 1."""
     c = [g2 / 20, g3 / 28]
-    for k in range(4, ORDERS + 1):
-        c.append(3 / ((2 * k + 1) * (k - 3)) * sum(c[m - 2] * c[k - m - 2] for m in range(2, k - 1)))
+    for k in range(4, orders + 1):
+        c.append(3 * sum(c[m - 2] * c[k - m - 2] for m in range(2, k - 1)) / ((2 * k + 1) * (k - 3)))
     return c
 
 
