@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -229,7 +230,9 @@ BAD = {
     "suffix": (lambda: kr.analysis.write_aem(run_of(ELLIPSOID), "x.txt", epoch="2026-01-01"), "ends in .aem"),
     "name": (lambda: kr.analysis.write_aem(run_of(ELLIPSOID), "x.aem", epoch="2026-01-01", name="a\nb"), "a word"),
     "lanes": (
-        lambda: kr.analysis.write_aem(run_of(kr.Clebsch(b=np.eye(3) - 2)), "x.aem", epoch="2026-01-01"),
+        lambda: kr.analysis.write_aem(
+            run_of(kr.Clebsch(b=xr.DataArray(np.eye(3) - 2, dims=("lane", "axis")))), "x.aem", epoch="2026-01-01"
+        ),
         "several lanes",
     ),
 }

@@ -336,7 +336,7 @@ def test_kernels_of_a_body_go_with_it() -> None:
 
 
 @POSIX
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning", "ignore:.*fork.*:RuntimeWarning")
 def test_a_fork_while_another_thread_computes() -> None:
     """A lock of a property or of the table of kernels that a thread holds would be held in the child without end."""
     begun, end = threading.Event(), threading.Event()

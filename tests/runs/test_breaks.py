@@ -254,7 +254,7 @@ def test_archives_do_not_depend_on_the_clock(
         ({"steps": 9, "impulses": "kick"}, "impulses: expected a dict such as"),
         ({"steps": 9, "impulses": {"time": 0.5, "P": (0, 0, 1)}}, "impulses: expected what is added to M"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": (0, 0)}}, "impulses: expected 3 finite numbers"),
-        ({"steps": 9, "impulses": {"time": 0.5, "M": "x"}}, "impulses: expected numbers for M"),
+        ({"steps": 9, "impulses": {"time": 0.5, "M": "x"}}, "impulses: expected finite numbers for M"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": (0, 0, 1)}, "method": "dop853"}, "whose steps may differ"),
         ({"steps": 9, "events": height}, "events: expected kr.Event"),
         ({"steps": 9, "events": kr.Event(lambda x: x["P"])}, "a quantity that is one number"),

@@ -175,7 +175,7 @@ def test_axial_and_matrix_states_are_the_same(top: object) -> None:
 def test_drift_measures_change_and_slope() -> None:
     time = np.linspace(0, 10, 11)
     attrs = {"kind": "integral", "conserved": 1, "roundoff_scale": [2.0], "evaluation_scale": [5.0]}
-    run = xr.Dataset({"I": ("time", 5 + 0.5 * time, attrs)}, {"time": time}, {"dt": 0.1})
+    run = xr.Dataset({"I": ("time", 5 + 0.5 * time, attrs)}, {"time": time}, {"dt": 0.1, "system": "mine"})
     row = kr.drift(run).loc["I"]
     assert (row.start, row.max_change) == (5.0, 5.0)
     assert row.slope == pytest.approx(0.5)

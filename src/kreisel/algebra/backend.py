@@ -152,6 +152,12 @@ def together(re: Array, im: Array) -> Array:
     return complex_number(re, im)
 
 
+def joined(*parts: Array) -> Array:
+    """The parts along the last axis, in the library of those that are not NumPy's."""
+    other = next((x for x in parts if not isinstance(x, np.ndarray) and hasattr(x, "__array_namespace__")), None)
+    return np.concatenate(parts, -1) if other is None else other.__array_namespace__().concatenate(parts, -1)
+
+
 def log(x: Array) -> Array:
     """Natural logarithm of a scalar or a batch; dual numbers bring their own.
 
@@ -168,7 +174,9 @@ def sqrt(x: Array) -> Array:
     """Square root of a scalar or a batch; recording scalars bring their own."""
     if holds_objects(x):  # plain numbers may stand among others
         return objects((v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat), x.shape)
-    return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
+    if hasattr(x, "sqrt"):
+        return x.sqrt()
+    return x.__array_namespace__().sqrt(x) if hasattr(x, "__array_namespace__") else np.sqrt(x)
 
 
 def maximum(x: Array, y: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.algebra.backend import Array, identity, mat, sqrt, vec
+from kreisel.algebra.backend import Array, identity, joined, mat, sqrt, vec
 from kreisel.algebra.cayley import cayley_columns
 from kreisel.algebra.skew import act, axial, cross, dot, hat
 
@@ -26,18 +26,18 @@ def _is_matrix(X: Array, g: Array) -> bool:
 def _half_turn(X: Array) -> Array:
     """(1, u): cay(hat(u)) is the rotation of the unnormalised quaternion 1 + u."""
     u = axial(X)
-    return np.concatenate([1 + 0 * u[..., :1], u], -1)
+    return joined(1 + 0 * u[..., :1], u)
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
     """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
     s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
-    return np.concatenate([s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v)], -1)
+    return joined(s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v))
 
 
 def inverse_turn(q: Array) -> Array:
     """The inverse (w, -x, -y, -z) of a unit quaternion (..., 4)."""
-    return np.concatenate([q[..., :1], -q[..., 1:]], -1)
+    return joined(q[..., :1], -q[..., 1:])
 
 
 def unit(q: Array) -> Array:
@@ -68,9 +68,9 @@ def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
         for axis in (x, y):
             h = axis[..., :, None] * (2 / mat(dot(axis, axis)) * act(h.mT, axis)[..., None, :]) - h
         return h.mT if right else h
-    turn = np.concatenate([vec(dot(x, y)) + 0 * x[..., :1], cross(x, y)], -1)
+    turn = joined(vec(dot(x, y)) + 0 * x[..., :1], cross(x, y))
     if right:
-        return unit(quaternion_product(g, np.concatenate([turn[..., :1], -turn[..., 1:]], -1)))
+        return unit(quaternion_product(g, inverse_turn(turn)))
     return unit(quaternion_product(turn, g))
 
 
