@@ -27,7 +27,10 @@ SMALL = 1e-4  # an error of a pilot that goes like h^order
 MOST_HALVINGS = 12
 ROUND_OFF = 1e-15
 LEAST_TOLERANCE = 1e-14
-SAFETY = 16.0  # the error may grow faster elsewhere on the torus: up to 11 times as fast, 64 bodies in water
+# The error may grow faster elsewhere on the torus.  At t = 100, tol = 1e-9, of 512 random bodies of Clebsch's case, the
+# error was up to 14 times that of the pilot, above 4 times it for 45 of them; at most 0.47 tol with 16, 0.95 tol with
+# 8, whose steps are 3 % longer, 1.9 tol with 4.
+SAFETY = 16.0
 
 
 @dataclass(frozen=True)
