@@ -17,6 +17,7 @@ from kreisel.kernels.printing import Line
 from kreisel.method import Scheme, scheme
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
+from sizes import FULL
 
 DT = 0.1
 
@@ -56,7 +57,7 @@ CASES = [
     ("neumann", 9, "suris", 1),
     ("neumann", 10, "baecklund", 4),
     ("clebsch", 10, "suris", 1),
-    ("clebsch", 9, "baecklund", 2),
+    *[("clebsch", 9, "baecklund", 2)] * FULL,
 ]
 
 

@@ -148,7 +148,7 @@ def test_long_chains_run_in_loops_over_the_sites() -> None:
     sources = []
     for n in (24, 48):
         model, z = start("spin-chain", n)
-        plan = scheme(model, "midpoint", 0.1, 4, False)
+        plan = scheme(model, "midpoint", 0.1, 2, False)
         engine = CpuEngine(plan, layout.flatten(plan.prepare(z), plan.kinds)[None])
         out = np.empty((1, 1, engine.z.shape[1]))
         engine.advance(out, 3)
