@@ -115,14 +115,14 @@ def si(value: Any, unit: str, name: str) -> Any:
         raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
 
 
-def size_in_si(given: str | None, unit: str, size: float, name: str) -> float:
-    """The size in SI of the unit of a variable with the attribute `units`, `given`.
+def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> float:
+    """The size in SI of the unit of a variable, from its attribute `units`.
 
     Without one, or "1", it is that of the state: `size` times `unit`.  Raises `InputError` for another dimension.
     """
-    if given is None or given == "1":
+    if attribute is None or attribute == "1":
         return size
-    return 1.0 if given == unit else float(si(([1.0], given), unit, name)[0])
+    return 1.0 if attribute == unit else float(si(([1.0], attribute), unit, name)[0])
 
 
 def _one_unit(value: Sequence[Any]) -> bool:
