@@ -26,7 +26,8 @@ MODULES = {
 }
 # Called with kinds of their own in `api.py`, or constructors of results, whose fields nobody checks.
 ELSEWHERE = {"kr.open_run", "kr.resume", "kr.sweep", "kr.export", "kr.systems", "kr.methods", "kr.failures"}
-INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", "units.size_in_si"}  # of other modules of the package
+# Called by other modules of the package.
+INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", "units.size_in_si"}
 RESULTS = {"Comparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate", "Primary", "Harmonics"}
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
