@@ -92,6 +92,8 @@ def si(value: Any, unit: str, name: str) -> Any:
     numbers with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
     other dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
     """
+    if not isinstance(unit, str):
+        raise InputError(f"unit: expected text such as 'kg m^2', got {shown(unit)}.")
     if hasattr(value, "to_value"):
         try:
             return value.to_value(unit)

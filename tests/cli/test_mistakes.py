@@ -342,6 +342,21 @@ def test_numbers_in_messages_are_written_as_numbers() -> None:
         kr.simulate(TOP, X0, dt=0.1, steps=(np.float64(0.5), np.int64(3)))
 
 
+def test_nonsense_found_by_the_trial() -> None:
+    recursive: list[Any] = []
+    recursive.append(recursive)
+    run = kr.simulate(TOP, X0, dt=0.1, steps=2, orientation=(1, 0, 0, 0))
+    for call, words in (
+        (lambda: kr.HeisenbergChain(n=recursive), "n"),
+        (lambda: kr.Kirchhoff(C=np.ones((3, 3)), B=-np.eye(3)).state(M=(1, 2, 3), P=[[-1], [1, 2]]), "P"),
+        (lambda: kr.fit(TOP, run.isel(time=0), free=["a"], dt=0.1), "x0"),
+        (lambda: kr.units.si(1.0, np.array(["2020-01-01"], dtype="M8[D]"), "mass"), "unit"),
+        (lambda: physical.FreeBody((1, 2, 2.5)).rotation(5e-324, axis=(1, 1, 1)), "range of doubles"),
+    ):
+        with pytest.raises(kr.InputError, match=words):
+            call()
+
+
 def test_no_private_name_and_no_name_itself_is_suggested() -> None:
     assert "Did you mean" not in kr.errors.hint("n", ["n", "_n"])
     with pytest.raises(AttributeError) as error:

@@ -201,7 +201,8 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
     """The first row, as a state.  Raises `InputError`."""
     letters = model.system.space.letters
     missing = [k for k in letters if k not in observations]
-    if missing or not len(observations[letters[0]]) or float(observations["time"][0]) != 0:
+    rows = 0 if missing or not observations[letters[0]].ndim else len(observations[letters[0]])
+    if not rows or not observations["time"].ndim or float(observations["time"][0]) != 0:
         raise InputError(
             f"x0: expected the state at time 0, where the search begins, got none, and no observation of "
             f"{', '.join(missing or letters)} at time 0. Give x0=system.state(...)."

@@ -165,6 +165,7 @@ class FreeBody:
                 f"spin: expected one angular velocity that is not zero, got {shown(spin)}. Usual cause: several at a "
                 "time; take them one by one."
             )
+        in_range("The square of the spin", lambda: 1 / (Omega @ Omega))
         motion = FreeRotation(self.inertia, self.principal, Omega)
         in_range("The precession", lambda: motion.precession)
         return motion

@@ -78,7 +78,7 @@ def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None
     n, name = len(array) if array.ndim else 0, f"{system}'s parameter {p.letter}"
     if says_lanes(value):
         return
-    if p.kind == "scalar" and np.ndim(sites) == 0 and array.shape == (sites,):
+    if p.kind == "scalar" and isinstance(sites, int | float | np.number) and array.shape == (sites,):
         raise InputError(
             f"{name}: {n} numbers for {n} sites may be one for each lane, or one for each site. For {n} lanes give the "
             f"shape ({n}, 1). No parameter here differs from site to site: for that write the flow yourself, as "
@@ -215,6 +215,14 @@ def check_dimension(n: int, name: str) -> None:
             f"{name}: expected n of at most {MOST_N:,}, got {n:,}. Usual cause: a batch of states or parameters "
             "without the axis of the vectors at its end."
         )
+
+
+def shape_of(value: Any) -> tuple[int, ...]:
+    """The shape of a value, () of lists without one, which `component` refuses."""
+    try:
+        return np.shape(value)
+    except (TypeError, ValueError):
+        return ()
 
 
 def component_axes(kind: str) -> int:

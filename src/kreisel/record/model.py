@@ -18,7 +18,15 @@ from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Function, call, require_names
-from kreisel.record.given import PARAMETER_AXES, axes_of, component, parameter, require_on_phase_space, whole_dimension
+from kreisel.record.given import (
+    PARAMETER_AXES,
+    axes_of,
+    component,
+    parameter,
+    require_on_phase_space,
+    shape_of,
+    whole_dimension,
+)
 from kreisel.record.lanes import by_lane, text_of
 
 if TYPE_CHECKING:
@@ -278,7 +286,7 @@ class Model:
     def _of_values(self, *values: Any) -> State:
         """The state with these components, in order.  Raises `InputError`."""
         space, parts = self.system.space, {}
-        vectors = [np.shape(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
+        vectors = [shape_of(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
         three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
