@@ -92,8 +92,9 @@ def si(value: Any, unit: str, name: str) -> Any:
     numbers with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
     other dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
     """
-    if not isinstance(unit, str):
-        raise InputError(f"unit: expected text such as 'kg m^2', got {shown(unit)}.")
+    for part, text in (("unit", unit), ("name", name)):
+        if not isinstance(text, str):
+            raise InputError(f"{part}: expected text such as 'kg m^2' or 'inertia', got {shown(text)}.")
     if hasattr(value, "to_value"):
         try:
             return value.to_value(unit)
@@ -108,8 +109,8 @@ def si(value: Any, unit: str, name: str) -> Any:
         parts = [si(v, unit, name) for v in value]
         return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
     if not _is_quantity(value):
-        if algebra.loses(value):
-            raise InputError(f"{name} must be numbers in SI units ({unit}), or a quantity, got {shown(value)}.")
+        if algebra.loses(value) or isinstance(value, complex) or getattr(value, "dtype", np.dtype(float)).kind == "c":
+            raise InputError(f"{name} must be real numbers in SI units ({unit}), or a quantity, got {shown(value)}.")
         return value
     try:
         return _converted(value, unit, name).magnitude * 1.0

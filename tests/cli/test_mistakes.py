@@ -351,6 +351,7 @@ def test_nonsense_found_by_the_trial() -> None:
         (lambda: kr.Kirchhoff(C=np.ones((3, 3)), B=-np.eye(3)).state(M=(1, 2, 3), P=[[-1], [1, 2]]), "P"),
         (lambda: kr.fit(TOP, run.isel(time=0), free=["a"], dt=0.1), "x0"),
         (lambda: kr.units.si(1.0, np.array(["2020-01-01"], dtype="M8[D]"), "mass"), "unit"),
+        (lambda: kr.units.si(np.array([0.1 + 0j]), "kg m^2", "inertia"), "inertia must be real"),
         (lambda: physical.FreeBody((1, 2, 2.5)).rotation(5e-324, axis=(1, 1, 1)), "range of doubles"),
     ):
         with pytest.raises(kr.InputError, match=words):

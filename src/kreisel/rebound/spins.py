@@ -40,7 +40,10 @@ class Spins:
 
     def __init__(self, sim: Any, names: Iterable[int | str], z: Array, c: Array, kick: float | None):
         check_simulation(sim)
-        self.sim, self.names = sim, list(names)
+        try:
+            self.sim, self.names = sim, list(names)
+        except TypeError:
+            raise InputError(f"Spins: expected names of particles in a list, got {shown(names)}.") from None
         z, c = algebra.floats(z), algebra.floats(c)
         shapes = (len(self.names), 7), (len(self.names), compiled.COLUMNS)
         if (z.shape, c.shape) != shapes or not (np.isfinite(z).all() and np.isfinite(c).all()):
