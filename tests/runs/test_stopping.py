@@ -47,9 +47,9 @@ def test_dop853_gives_up_where_it_would_not_end(size: float, top: object) -> Non
 
 def test_dop853_without_a_first_step() -> None:
     """SciPy's choice of the first step is NaN where the right-hand side overflows, and its loop then never ends."""
-    body = kr.HeavyTop(J=(1, 2, 2.5), A=(0, 0, 1))
+    body = kr.Kirchhoff(C=[[0, 1, 2], [1, 0, 3], [2, 3, 0]], B=(-1, -2, -3))
     x0 = body.state(M=(1e200, 2e200, 3e200), P=(1e200, -1e200, 2e200))
-    with pytest.raises(kr.RunError, match=r"DOP853 expected .*, got (nan|steps as short).*Usual cause"):
+    with pytest.raises(kr.RunError, match=r"expected a finite step, got nan.*Usual cause"):
         kr.simulate(body, x0, dt=0.05, steps=4, method="dop853")
 
 

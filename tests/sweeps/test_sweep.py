@@ -28,7 +28,7 @@ from kreisel.sweeps.blocks import Sweep, compute
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.summaries import angular_frequency
 from kreisel.sweeps.sweep import carry_out
-from support import ROOT, configuration
+from support import ROOT, configuration, contents
 
 DESIGN = """[sweep]
 rng = 7
@@ -45,21 +45,6 @@ SWEEP = configuration("dt = 0.05\nsteps = 200\nevery = 2", 'path = "sweep.zarr"'
 LONG = pytest.mark.skipif("KREISEL_FULL" not in os.environ, reason="`make test-full` and `make soak` run it")
 KILLS = int(os.environ.get("KREISEL_KILLS", "3"))  # `make soak` asks for 200
 OPTIONS = {"dt": 0.05, "steps": 200, "every": 2}
-
-
-def contents(store: Path) -> dict[str, object]:
-    """Every file of a store; without the time of its creation, and the checksum of that."""
-    out: dict[str, object] = {}
-    for path in sorted(p for p in store.rglob("*") if p.is_file()):
-        name = path.relative_to(store).as_posix()
-        out[name] = path.read_bytes()
-        if name == "zarr.json":
-            metadata = json.loads(path.read_text())
-            metadata["attributes"].pop("created")
-            out[name] = metadata
-        elif name == "engine/checksums.sha256":
-            out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
-    return out
 
 
 def carried(folder: Path, text: str = SWEEP, count: int = 0, **more: Any) -> Path:

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra.complex import Complex, as_complex
 
-DIAGONAL = 1e-12  # relative: entries beside the diagonal
+DIAGONAL = 1e-12  # relative: entries off the diagonal
 Array = Any  # an array of any library, or a NumPy object array of any field
 LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet, where its own do not serve
 
@@ -37,7 +37,7 @@ def objects(numbers: Iterable[Any], shape: tuple[int, ...] | None = None) -> Arr
 
 
 def is_known_zero(x: Array) -> bool:
-    """Whether every entry is 0, whatever values JAX's tracers and other stand-ins for numbers take."""
+    """True if every entry is 0 for certain; tracers of JAX and other stand-ins for numbers never are."""
     return isinstance(x, np.ndarray) and all(v == 0 for v in x.flat)
 
 

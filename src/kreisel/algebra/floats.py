@@ -40,7 +40,7 @@ def _is_real(value: Any) -> bool:
 
 
 def loses(value: Any) -> bool:
-    """Whether an array of the value would lose its masks or its units; of lists the first level is looked at."""
+    """True if an array of the value would lose its masks or its units; lists are searched one level deep."""
     if isinstance(value, list | tuple):
         return any(loses(v) for v in value if not isinstance(v, list | tuple | float | int))
     if isinstance(value, np.ma.MaskedArray):
