@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from kreisel.bench.cases import SEEDS, BenchCase, cases, machine, unit
+from kreisel.bench import SEEDS, BenchCase, cases, machine, unit
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,8 +20,7 @@ import numpy as np
 from cases import RESULTS, machine
 
 import kreisel as kr
-from kreisel.bench import compiled
-from kreisel.bench.compiled import FLAGS, compiler
+from kreisel.bench import FLAGS, build
 from kreisel.runs.planning import make_plan
 
 DT, TURNS = 0.1, 9
@@ -50,10 +48,7 @@ def main() -> None:
     top, other = kr.EulerTop(J=J), kr.LagrangeTop(p=(0.3, -0.2, 0.9))
     result: dict[str, object] = {"machine": machine(), "flags": FLAGS, "dt": DT, "turns": TURNS}
     with tempfile.TemporaryDirectory() as folder:
-        target, source = Path(folder) / "mv.so", Path(__file__).with_name("moser_veselov.cpp")
-        maps = Path(compiled.__file__).parent  # maps.hpp
-        subprocess.run([compiler(), *FLAGS, f"-I{maps}", str(source), "-o", str(target)], check=True)
-        library = ctypes.CDLL(str(target))
+        library = build(Path(__file__).with_name("moser_veselov.cpp"), Path(folder))
         for name, (lanes, steps) in SIZES.items():
             mine, engine = kernel(top, {"M": MU}, lanes, "veselov")
             theirs, rows = by_hand(library, lanes, engine.z[0, :3].copy())

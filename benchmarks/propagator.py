@@ -82,7 +82,7 @@ def measure() -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print and write."""
-    from kreisel.bench.cases import machine
+    from kreisel.bench import machine
 
     found = measure()
     for name, figures in found.items():

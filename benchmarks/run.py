@@ -14,7 +14,7 @@ import saving
 import single
 import startup
 
-from kreisel.bench.compiled import MISSING, compiler
+from kreisel.bench import MISSING, compiler
 
 
 def main() -> None:

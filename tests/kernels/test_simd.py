@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kreisel.bench import compiled, ensemble, short
 from kreisel.kernels import cache, simd
-from kreisel.kernels._llvm.machine import register_width
 from kreisel.kernels.folding import folded
 from kreisel.kernels.printing import Line, latest
 from kreisel.kernels.tape import Scalar, Tape, source_of
@@ -105,70 +102,3 @@ def test_a_sign_is_folded() -> None:
     kept, new = folded(lines, ["t1"], {"b": 1.0}, "f")
     assert [line.text.partition(" = ")[2] for line in kept] == ["sign(a)"]
     assert new == [kept[0].names[0]]
-
-
-@pytest.fixture(scope="module")
-def kernel() -> str:
-    if register_width() == 2:
-        pytest.skip("the loop is looked for in registers of AVX")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ensemble, "LANES", 64)
-        (case,) = [case for case in short.cases(generic=True) if case.name == "clebsch"]
-        return ensemble.source_of(case)
-
-
-def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program of that name before all others."""
-    folder.mkdir(exist_ok=True)
-    (folder / name).write_text(f"#!/bin/sh\n{does}\n")
-    (folder / name).chmod(0o755)
-    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
-
-
-def test_the_bound_is_that_of_the_loop_over_steps(kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An analyser that works is given the loop; the mutant counts a vector too many."""
-    seen = tmp_path / "seen"
-    tool(tmp_path / "bin", "llvm-mca", f"cat > {seen}; echo 'Block RThroughput: 96.0'", monkeypatch)
-    bound = ensemble.bound(kernel)
-    assert bound is not None
-    assert bound["vectors"] == 4
-    assert bound["instructions"] == len(seen.read_text().splitlines()) > 4 * 20
-    lanes = int(kernel.partition("\nLANES = ")[2].split()[0])
-    assert bound["cycles_a_lane_step"] == 96 / lanes
-    monkeypatch.setattr(ensemble, "assembly_of", lambda source, of=ensemble.assembly_of: of(kernel))
-    with pytest.raises(AssertionError, match="divisions in the loop"):
-        ensemble.bound(kernel.replace(f"\nLANES = {lanes}", f"\nLANES = {3 * lanes // 2}"))
-
-
-def test_the_bound_by_the_analyser_that_is_there(kernel: str) -> None:
-    bound = ensemble.bound(kernel)
-    if bound is None:
-        pytest.skip("no llvm-mca that reads this assembly")
-    assert bound["cycles_a_lane_step"] > 0.5 * bound["instructions"] / bound["vectors"] / 8 / 6
-
-
-@pytest.mark.parametrize(
-    "does",
-    [
-        "echo 'error: invalid operand' >&2; exit 1",
-        "echo nothing of use",
-        "echo 'Block RThroughput: 96.0'; exit 1",
-        "echo 'Block RThroughput: nan'",
-        r"printf '\377\376'",
-    ],
-)
-def test_an_analyser_that_does_not_work_is_as_good_as_none(
-    does: str, kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tool(tmp_path / "bin", "llvm-mca", does, monkeypatch)
-    assert ensemble.bound(kernel) is None
-
-
-@pytest.mark.parametrize("does", ["exit 1", "exit 0", "no-such-program"])
-def test_a_compiler_that_does_not_work_is_as_good_as_none(
-    does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tool(tmp_path / "bin", "g++", does, monkeypatch)
-    assert compiled.compiler() is None
-    with pytest.raises(FileNotFoundError, match="does not work"):
-        compiled.build("single", tmp_path)
