@@ -1,0 +1,1 @@
+"""Operations as data: what a definition does on numbers, kept as a graph that everything else reads."""

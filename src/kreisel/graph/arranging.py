@@ -1,0 +1,217 @@
+"""Graphs made ready for a compiler: what it may do or leave is decided here, once.
+
+Kernels are compiled without leave to fuse or to reorder, so all that are made from one step, for one trajectory, for
+an ensemble or with some constants folded in, give the same bits.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from kreisel.graph.graph import (
+    APPLIED,
+    FMA,
+    IN,
+    LOOP,
+    MINUS,
+    OVER,
+    PLUS,
+    RESULT,
+    TIMES,
+    VARIABLE,
+    Graph,
+    Number,
+    Operand,
+    operands_of,
+)
+
+SAME, LOOPING = "same", 6
+CYCLES, AT_ONCE = 4, 2  # of an operation, and how many begin in one; a quotient of 13 makes no step faster
+
+
+class _Step(NamedTuple):
+    """An operation to be recorded again: its place in the old graph, or ("1/", place) for a reciprocal."""
+
+    place: Any
+    operation: str
+    operands: tuple[Any, ...]  # Numbers of the old graph, floats, ("1/", place)
+
+
+def arranged(
+    graph: Graph, outputs: Sequence[Operand], values: Mapping[tuple[str, int], float] | None = None, mark: str = ""
+) -> tuple[Graph, list[Operand]]:
+    """The graph recorded once more, with `values` in place of some inputs (letter, index); and its outputs.
+
+    A product that one sum alone needs is fused into it.  Several quotients by one number take its reciprocal.
+    """
+    try:
+        return _Arranging(graph, values or {}, mark).outputs(outputs)
+    except ZeroDivisionError:  # 1/0 on a branch that is not taken, or a fault that the run will name
+        return _Arranging(graph, {}, mark).outputs(outputs)
+
+
+def length(graph: Graph, outputs: Sequence[Operand]) -> int:
+    """How many operations the outputs take when they are arranged; a loop a few beside those of its body."""
+    count = 0
+    for _, operation, operands in _fused(graph, graph.needed(outputs), outputs):
+        if operation == LOOP:
+            loop = graph.loops[operands[0]]
+            count += len(_fused(graph, graph.needed_inside(loop), loop.new)) + LOOPING
+        elif operation not in (IN, RESULT):
+            count += 1
+    return count
+
+
+class _Arranging:
+    def __init__(self, graph: Graph, values: Mapping[tuple[str, int], float], mark: str):
+        self._old, self._values, self._new = graph, values, Graph(mark)
+        self._made: dict[Any, Operand] = {}
+
+    def outputs(self, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand]]:
+        self._record(_fused(self._old, self._old.needed(outputs), outputs))
+        return self._new, [self._value(x) for x in outputs]
+
+    def _value(self, x: Any) -> Operand:
+        if not isinstance(x, Number):
+            return self._made[x] if isinstance(x, tuple) else x
+        value = self._made[x.at]
+        return -value if x.negative else value
+
+    def _record(self, steps: Sequence[_Step]) -> None:
+        for place, operation, operands in steps:
+            if operation == IN:
+                letter, index = operands
+                value = self._values.get((letter, index))
+                self._made[place] = self._new.input(letter, index) if value is None else value
+            elif operation == LOOP:
+                self._loop(place, operands)
+            elif operation == SAME:
+                self._made[place] = self._value(operands[0])
+            elif operation == RESULT:
+                self._made[place] = self._made[operands[0].at, operands[1]]
+            else:
+                self._made[place] = APPLIED[operation](*map(self._value, operands))
+
+    def _loop(self, place: int, operands: tuple[Any, ...]) -> None:
+        loop = self._old.loops[operands[0]]
+        members = _fused(self._old, self._old.needed_inside(loop), loop.new)
+
+        def body(variables: list[Number]) -> tuple[list[Operand], Operand]:
+            self._made.update({x.at: variable for x, variable in zip(loop.variables, variables, strict=True)})
+            self._record(members)
+            *new, defect = map(self._value, loop.new)
+            return new, defect
+
+        start = [self._value(x) for x in operands[1 : 1 + len(loop.variables)]]
+        x, defect = self._new.loop(body, start, loop.small, loop.most)
+        self._made.update({(place, i): value for i, value in enumerate((*x, defect))})
+
+
+def _key(x: Any) -> Any:
+    return x.at if isinstance(x, Number) else x if isinstance(x, tuple) else None
+
+
+def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> list[_Step]:
+    """The nodes with shared reciprocals and fused sums."""
+    steps = _with_reciprocals([_Step(at, graph.nodes[at][0], graph.nodes[at][1:]) for at in nodes])
+    uses = Counter(_key(x) for step in steps for x in _read(step))
+    uses.update(x.at for x in {x.at: x for x in outputs if isinstance(x, Number)}.values())
+    products = {step.place: step.operands for step in steps if step.operation == TIMES and uses[step.place] == 1}
+    out, gone = list[_Step](), set[Any]()
+    for step in steps:
+        x, y = step.operands if step.operation in (PLUS, MINUS) else (None, None)
+        inner = next((v for v in (x, y) if v is not None and _key(v) in products), None)
+        if inner is None:
+            out.append(step)
+            continue
+        first = inner is x
+        p, q = products[_key(inner)]
+        addend = y if first else x
+        if step.operation == MINUS and first:
+            addend = -addend
+        elif step.operation == MINUS:
+            p = -p
+        out.append(_Step(step.place, FMA, (p, q, addend)))
+        gone.add(_key(inner))
+    return [step for step in out if step.place not in gone]
+
+
+def _read(step: _Step) -> Collection[Any]:
+    """The operands that an operation reads; a loop each of them once."""
+    read = [x for x in step.operands if _key(x) is not None]
+    return list({x.at: x for x in read}.values()) if step.operation == LOOP else read
+
+
+def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
+    divisors = Counter(x.operands[1] for x in steps if x.operation == OVER and isinstance(x.operands[1], Number))
+    shared = {y for y, count in divisors.items() if count > 1}
+    out, made = list[_Step](), set[Number]()
+    for step in steps:
+        if step.operation != OVER or step.operands[1] not in shared:
+            out.append(step)
+            continue
+        x, y = step.operands
+        inverse = ("1/", y.at)
+        if y not in made:
+            out.append(_Step(inverse, OVER, (1.0, y)))
+            made.add(y)
+        alone = not isinstance(x, Number) and x == 1
+        out.append(_Step(step.place, SAME, (inverse,)) if alone else _Step(step.place, TIMES, (x, inverse)))
+    return out
+
+
+# -- the order of operations ---------------------------------------------------------------------------
+
+
+def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
+    """The nodes in the order in which a processor that does `AT_ONCE` of them at a time would begin them at the latest.
+
+    Compilers keep near to it.  What waits longest comes first, and no result lies about long before it is needed: two
+    steps on numbers of their own, one after the other, then overlap in the processor.
+    """
+    places = {at: i for i, at in enumerate(nodes)}
+    needs = [
+        [places[y] for y in dict.fromkeys(x.at for x in operands_of(graph.nodes[at])) if y in places] for at in nodes
+    ]
+    before, users = [0] * len(nodes), [0] * len(nodes)
+    for i, needed in enumerate(needs):
+        before[i] = 1 + max((before[j] for j in needed), default=0)
+        for j in needed:
+            users[j] += 1
+    after = [CYCLES] * len(nodes)  # from the beginning of an operation to the end of the step, backwards
+    waiting = [(CYCLES, i) for i in range(len(nodes)) if not users[i]]
+    heapq.heapify(waiting)
+    ready: list[tuple[int, int]] = []
+    order: list[int] = []
+    time = 0
+    while waiting or ready:
+        while waiting and waiting[0][0] <= time:
+            _, i = heapq.heappop(waiting)
+            heapq.heappush(ready, (-before[i], -i))
+        for _ in range(min(AT_ONCE, len(ready))):
+            i = -heapq.heappop(ready)[1]
+            order.append(i)
+            for j in needs[i]:
+                after[j] = max(after[j], time + CYCLES)
+                users[j] -= 1
+                if not users[j]:
+                    heapq.heappush(waiting, (after[j], j))
+        time = time + 1 if ready or not waiting else max(time + 1, waiting[0][0])
+    return [nodes[i] for i in reversed(order)]
+
+
+def independent(graph: Graph, nodes: Sequence[int], letters: str) -> set[int]:
+    """Those of the nodes that depend on inputs of these letters alone; loops and what depends on them are none."""
+    out = set[int]()
+    for at in nodes:
+        operation, *operands = graph.nodes[at]
+        if operation == IN:
+            fixed = operands[0] in letters
+        else:
+            fixed = operation not in (LOOP, RESULT, VARIABLE) and all(x.at in out for x in operands_of(graph.nodes[at]))
+        if fixed:
+            out.add(at)
+    return out

@@ -1,0 +1,413 @@
+"""Graphs of operations: a definition is run once on `Number`s, and each operation becomes a node.
+
+A node is (operation, operands); an operand is a `Number`, which is a node with a sign, or a float.  Numbers stand in
+NumPy's object arrays, so formulas run on them as they are.  Foldings are exact in floating point (0, 1, signs, x - x),
+so a graph with values put in for some inputs computes the same as one without.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from fractions import Fraction
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+# Operations: those of arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
+# integer next to x, of two the even one) and WHERE (of x, y, a, b: a where x < y, else b).
+PLUS, MINUS, TIMES, OVER, FMA, SQRT, MAX, SIGN = "+", "-", "*", "/", "fma", "sqrt", "max", "sign"
+SIZE, NEAREST, WHERE = "size", "nearest", "where"
+TRANSCENDENTAL = ("sin", "cos", "exp", "log")
+# Inputs (letter, index); a loop (its place in `Graph.loops`, start values, outer operands), a variable of its body, and
+# a result (loop, index).
+IN, LOOP, VARIABLE, RESULT = "in", "loop", "variable", "result"
+
+Node = tuple[Any, ...]
+Operand = Any  # a Number or a float
+
+
+class TooLong(Exception):
+    """More nodes than a graph may have."""
+
+
+class Loop(NamedTuple):
+    """x, defect = body(x), until defect <= small, at most `most` times.
+
+    variables  x, as the body has it
+    body       the nodes that depend on x, in order
+    new        x after the body, and the defect
+    """
+
+    variables: tuple[Number, ...]
+    body: tuple[int, ...]
+    new: tuple[Operand, ...]
+    small: float
+    most: int
+
+
+class Graph:
+    """Nodes, each made once.  `mark` is part of the names of nodes.  Raises `TooLong` beyond `most` nodes."""
+
+    def __init__(self, mark: str = "", most: float = math.inf) -> None:
+        self.nodes: list[Node] = []
+        self.names: list[str] = []
+        self.loops: list[Loop] = []
+        self._index: dict[Node, int] = {}
+        self._mark, self._most, self._count = mark, most, 0
+        self._inside: set[int] | None = None  # the nodes of an open loop
+
+    def node(self, operation: str, *operands: Operand) -> int:
+        """The place of a node."""
+        key = (operation, *operands)
+        at = self._index.get(key)
+        if at is None:
+            at = self._added(key, f"{operands[0]}{operands[1]}" if operation == IN else self._fresh("t"))
+            if self._inside is not None and not self._inside.isdisjoint(x.at for x in operands_of(key)):
+                self._inside.add(at)
+        return at
+
+    def _added(self, key: Node, name: str) -> int:
+        at = self._index[key] = len(self.nodes)
+        self.nodes.append(key)
+        self.names.append(name)
+        if at > self._most:
+            raise TooLong
+        return at
+
+    def _fresh(self, letter: str) -> str:
+        self._count += 1
+        return f"{letter}{self._mark}{self._count - 1}"
+
+    def __contains__(self, key: Node) -> bool:
+        return key in self._index
+
+    def input(self, letter: str, index: int) -> Number:
+        """The input of that letter and index."""
+        return Number(self, self.node(IN, letter, index))
+
+    def inputs(self, letter: str, count: int, first: int = 0) -> Any:
+        """Inputs of a letter, in order, as an array (count,)."""
+        return array_of([self.input(letter, i) for i in range(first, first + count)])
+
+    def loop(
+        self,
+        body: Callable[[list[Number]], tuple[Sequence[Operand], Operand]],
+        start: Sequence[Operand],
+        small: float,
+        most: int,
+    ) -> tuple[list[Number], Number]:
+        """Record `Loop` from `start`: the last x and the last defect.  The body is recorded once."""
+        if self._inside is not None:
+            raise TypeError("a loop within a loop cannot be recorded")
+        place = len(self.loops)
+        names = [self._fresh("v") for _ in start]
+        variables = [Number(self, self._added((VARIABLE, place, i), name)) for i, name in enumerate(names)]
+        self._inside = {x.at for x in variables}
+        try:
+            values, defect = body(variables)
+            inside = self._inside
+        finally:
+            self._inside = None
+        for at in inside:
+            del self._index[self.nodes[at]]
+        new = (*values, defect)
+        members = tuple(sorted(inside - {x.at for x in variables}))
+        reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
+        outer = dict.fromkeys(x.positive for x in reads if x.at not in inside)
+        self.loops.append(Loop(tuple(variables), members, new, small, most))
+        loop = Number(self, self._added((LOOP, place, *start, *outer), ""))
+        names.append(self._fresh("d"))
+        results = [Number(self, self._added((RESULT, loop, i), name)) for i, name in enumerate(names)]
+        return results[:-1], results[-1]
+
+    def needed(self, outputs: Iterable[Operand]) -> list[int]:
+        """The nodes that the outputs depend on, in order; not those inside loops."""
+        return self._reached(outputs, len(self.nodes), lambda at: True)
+
+    def needed_inside(self, loop: Loop) -> list[int]:
+        """The nodes of a loop's body that what it makes depends on, in order."""
+        members = frozenset(loop.body)
+        return self._reached(loop.new, len(self.nodes), members.__contains__)
+
+    def _reached(self, outputs: Iterable[Operand], count: int, within: Callable[[int], bool]) -> list[int]:
+        wanted = {x.at for x in outputs if isinstance(x, Number) and within(x.at)}
+        last = max(wanted, default=-1)
+        for at in range(last, -1, -1):
+            if at in wanted:
+                wanted.update(x.at for x in operands_of(self.nodes[at]) if within(x.at))
+        return sorted(wanted)
+
+    def digest(self, outputs: Sequence[Operand]) -> str:
+        """SHA-256 of the operations that the outputs depend on; other graphs with the same have the same."""
+        found, places = hashlib.sha256(), dict[int, int]()
+
+        def text(x: Any) -> str:
+            if isinstance(x, Number):
+                return f"{'-' * x.negative}#{places[x.at]}"
+            return x.hex() if isinstance(x, float) else repr(x)
+
+        def add(nodes: Iterable[int]) -> None:
+            for at in nodes:
+                operation, *operands = self.nodes[at]
+                places[at] = len(places)
+                if operation == LOOP:
+                    loop = self.loops[operands.pop(0)]
+                    found.update(
+                        f"loop {loop.small!r} {loop.most} {len(loop.variables)} {[*map(text, operands)]};".encode()
+                    )
+                    for x in loop.variables:
+                        places[x.at] = len(places)
+                    add(self.needed_inside(loop))
+                    found.update(f"{[*map(text, loop.new)]};".encode())
+                else:
+                    found.update(f"{operation} {[*map(text, operands)]};".encode())
+
+        add(at for at in self.needed(outputs))
+        found.update(repr([*map(text, outputs)]).encode())
+        return found.hexdigest()
+
+
+def operands_of(node: Node) -> list[Number]:
+    """The operands of a node that are nodes."""
+    return [x for x in node[1:] if isinstance(x, Number)]
+
+
+def array_of(entries: Sequence[Any]) -> Any:
+    """Numbers and floats as an object array (count,)."""
+    out = np.empty(len(entries), dtype=object)
+    out[:] = entries
+    return out
+
+
+class Number:
+    """A recorded real number: the node `at` of a graph; the sign is kept apart, so that -x costs nothing."""
+
+    __slots__ = ("at", "graph", "negative")
+    inexact: ClassVar[bool] = True
+
+    def __init__(self, graph: Graph, at: int, negative: bool = False):
+        self.graph, self.at, self.negative = graph, at, negative
+
+    def __hash__(self) -> int:
+        return hash((self.at, self.negative))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Number) and self.at == other.at and self.negative == other.negative
+
+    @property
+    def positive(self) -> Number:
+        """The node without the sign."""
+        return Number(self.graph, self.at) if self.negative else self
+
+    @property
+    def node(self) -> Node:
+        """(operation, operands)."""
+        return self.graph.nodes[self.at]
+
+    def record(self, operation: str, *operands: Operand, negative: bool = False) -> Number:
+        """The number that an operation of this graph makes."""
+        return Number(self.graph, self.graph.node(operation, *operands), negative)
+
+    def __neg__(self) -> Number:
+        return Number(self.graph, self.at, not self.negative)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Number):
+            if other.at == self.at and other.negative != self.negative:
+                return 0.0
+            b, b_negative = other.positive, other.negative
+        elif not is_number(other):
+            return NotImplemented
+        else:
+            if other == 0:
+                return self
+            b, b_negative = abs(float(other)), other < 0
+        a = self.positive
+        if self.negative == b_negative:
+            return self.record(PLUS, *sorted((a, b), key=_spelling), negative=self.negative)
+        plus, minus = (b, a) if self.negative else (a, b)
+        if (MINUS, minus, plus) in self.graph:
+            return self.record(MINUS, minus, plus, negative=True)
+        return self.record(MINUS, plus, minus)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other) if is_number(other) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return (-self) + other if is_number(other) else NotImplemented
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Number):
+            operands = sorted((self.positive, other.positive), key=_spelling)
+            return self.record(TIMES, *operands, negative=self.negative != other.negative)
+        if not is_number(other):
+            return NotImplemented
+        if other in (0, 1, -1):
+            return 0.0 if other == 0 else (self if other == 1 else -self)
+        return self.record(TIMES, self.positive, abs(float(other)), negative=self.negative != (other < 0))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if isinstance(other, Number):
+            return self.record(OVER, self.positive, other.positive, negative=self.negative != other.negative)
+        if not is_number(other):
+            return NotImplemented
+        if other in (1, -1):
+            return self if other == 1 else -self
+        return self.record(OVER, self.positive, abs(float(other)), negative=self.negative != (other < 0))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if not is_number(other):
+            return NotImplemented
+        if other == 0:
+            return 0.0
+        return self.record(OVER, abs(float(other)), self.positive, negative=self.negative != (other < 0))
+
+    def __pow__(self, exponent: Any) -> Any:
+        return integer_power(self, exponent)
+
+    def sqrt(self) -> Number:
+        return self.record(SQRT, self)
+
+    def sin(self) -> Number:
+        return self.record("sin", self.positive, negative=self.negative)
+
+    def cos(self) -> Number:
+        return self.record("cos", self.positive)
+
+    def exp(self) -> Number:
+        return self.record("exp", self)
+
+    def log(self) -> Number:
+        return self.record("log", self)
+
+    def sign(self) -> Number:
+        return self.record(SIGN, self)
+
+    def maximum(self, other: Any) -> Number:
+        return self.record(MAX, self, other if isinstance(other, Number) else float(other))
+
+    def __abs__(self) -> Number:
+        return self.record(SIZE, self.positive)
+
+    def nearest(self) -> Number:
+        """The integer next to it, of two the even one."""
+        return self.record(NEAREST, self.positive, negative=self.negative)
+
+    def record_loop(
+        self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
+    ) -> tuple[Any, Number]:
+        """`x, defect = body(x)`, repeated until defect <= small, for an array x (d,) of numbers."""
+
+        def on_variables(variables: list[Number]) -> tuple[list[Any], Any]:
+            new, defect = body(array_of(variables))
+            return list(new), defect
+
+        x, defect = self.graph.loop(on_variables, list(start), small, most)
+        return array_of(x), defect
+
+    def __repr__(self) -> str:
+        return f"{'-' * self.negative}{self.graph.names[self.at]}"
+
+
+def is_number(x: Any) -> bool:
+    """Whether it is a recorded number or a real one."""
+    return isinstance(x, Number | int | float | Fraction | np.integer | np.floating)
+
+
+def _spelling(x: Operand) -> str:
+    return x.graph.names[x.at] if isinstance(x, Number) else repr(x)
+
+
+def integer_power(x: Any, exponent: Any) -> Any:
+    """x^k by products, for an integer k."""
+    if not isinstance(exponent, int | float | np.integer | np.floating) or exponent != int(exponent):
+        raise TypeError(f"recorded numbers know integer powers, not {exponent!r}")
+    k = int(exponent)
+    if k < 2:
+        return 1 / integer_power(x, -k) if k < 0 else x if k else 1.0
+    if k % 2:
+        return integer_power(x, k - 1) * x
+    half = integer_power(x, k // 2)
+    return half * half
+
+
+# -- operations on numbers of any kind -----------------------------------------------------------------
+
+
+def fma(x: Any, y: Any, z: Any) -> Any:
+    """x y + z, rounded once, of recorded numbers or floats."""
+    if not isinstance(x, Number):
+        x, y = y, x
+    if isinstance(x, Number):
+        if not isinstance(y, Number) and y in (0, 1, -1):
+            return x * y + z
+        if not isinstance(z, Number) and z == 0:
+            return x * y
+        return x.record(FMA, x, y if isinstance(y, Number) else float(y), z if isinstance(z, Number) else float(z))
+    if x in (0, 1, -1) or y in (0, 1, -1):
+        return x * y + z
+    if isinstance(z, Number):
+        return z.record(FMA, float(x), float(y), z)
+    if not all(map(math.isfinite, (x, y, z))):
+        return x * y + z
+    return float(Fraction(x) * Fraction(y) + Fraction(z))
+
+
+def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
+    """`yes` where x < y, else `no`."""
+    numbers = [v for v in (x, y) if isinstance(v, Number)]
+    if not numbers:
+        return yes if x < y else no
+    return numbers[0].record(WHERE, *(v if isinstance(v, Number) else float(v) for v in (x, y, yes, no)))
+
+
+def maximum(x: Any, y: Any) -> Any:
+    """Python's max(x, y): x unless y > x."""
+    if isinstance(x, Number) or isinstance(y, Number):
+        graph = x if isinstance(x, Number) else y
+        return graph.record(MAX, *(v if isinstance(v, Number) else float(v) for v in (x, y)))
+    return max(x, y)
+
+
+def _method(name: str, plain: Callable[[float], float]) -> Callable[[Any], Any]:
+    return lambda x: getattr(x, name)() if isinstance(x, Number) else plain(x)
+
+
+APPLIED: dict[str, Callable[..., Any]] = {
+    PLUS: lambda x, y: x + y,
+    MINUS: lambda x, y: x - y,
+    TIMES: lambda x, y: x * y,
+    OVER: lambda x, y: x / y,
+    FMA: fma,
+    MAX: maximum,
+    WHERE: where_less,
+    SIGN: _method("sign", lambda x: -1.0 if x < 0 else 1.0),
+    SIZE: abs,
+    NEAREST: _method("nearest", lambda x: float(round(x))),
+    SQRT: _method("sqrt", math.sqrt),
+    **{name: _method(name, getattr(math, name)) for name in TRANSCENDENTAL},
+}
+
+
+def evaluated(
+    graph: Graph,
+    outputs: Sequence[Operand],
+    inputs: Callable[[str, int], Any],
+    operations: Mapping[str, Callable[..., Any]] = APPLIED,
+) -> list[Any]:
+    """The outputs of a graph without loops, on numbers of any kind: inputs(letter, index), and functions by name."""
+    values: dict[int, Any] = {}
+
+    def of(x: Operand) -> Any:
+        return x if not isinstance(x, Number) else -values[x.at] if x.negative else values[x.at]
+
+    for at in graph.needed(outputs):
+        operation, *operands = graph.nodes[at]
+        values[at] = inputs(*operands) if operation == IN else operations[operation](*map(of, operands))
+    return [of(x) for x in outputs]

@@ -1,0 +1,376 @@
+"""Graphs, loops and memory as LLVM's operations, for a number or a vector of lanes.
+
+A `Function` is written by Python code that runs once: `loop` and `where` are blocks of it, `Integer` and `Memory` what
+it has at run time.  Operations on vectors are those of a number in each place, rounded alike, so a lane of a
+vector has the bits of a number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from llvmlite import ir
+
+from kreisel.graph.graph import (
+    FMA,
+    IN,
+    LOOP,
+    MAX,
+    MINUS,
+    NEAREST,
+    OVER,
+    PLUS,
+    RESULT,
+    SIGN,
+    SIZE,
+    SQRT,
+    TIMES,
+    TRANSCENDENTAL,
+    WHERE,
+    Graph,
+    Number,
+    Operand,
+)
+
+DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
+INTRINSIC = {FMA: "fma", SQRT: "sqrt", SIZE: "fabs", NEAREST: "rint", **{name: name for name in TRANSCENDENTAL}}
+Value = Any  # of LLVM
+
+
+def kind_of(width: int) -> ir.Type:
+    """The type of `width` doubles: a vector, of one a number."""
+    return ir.VectorType(DOUBLE, width) if width > 1 else DOUBLE
+
+
+def constant(kind: ir.Type, number: float) -> Value:
+    """A number, in every place of a vector."""
+    return ir.Constant(kind, [number] * kind.count if isinstance(kind, ir.VectorType) else number)
+
+
+class Integer:
+    """An integer of 64 bits at run time, with Python's operators; + - * and comparisons take Python's integers too."""
+
+    __slots__ = ("builder", "value")
+
+    def __init__(self, builder: ir.IRBuilder, value: Value):
+        self.builder, self.value = builder, value
+
+    def _by(self, operation: str, other: Any, reverse: bool = False) -> Integer:
+        x, y = self.value, integer_value(other)
+        x, y = (y, x) if reverse else (x, y)
+        return Integer(self.builder, getattr(self.builder, operation)(x, y))
+
+    def __add__(self, other: Any) -> Integer:
+        return self if isinstance(other, int) and other == 0 else self._by("add", other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Integer:
+        return self._by("sub", other)
+
+    def __rsub__(self, other: Any) -> Integer:
+        return self._by("sub", other, reverse=True)
+
+    def __mul__(self, other: Any) -> Integer:
+        return self if isinstance(other, int) and other == 1 else self._by("mul", other)
+
+    __rmul__ = __mul__
+
+    def __floordiv__(self, other: Any) -> Integer:
+        """Of numbers that are not negative."""
+        return self._by("udiv", other)
+
+    def __mod__(self, other: Any) -> Integer:
+        """Of numbers that are not negative."""
+        return self._by("urem", other)
+
+    def __lshift__(self, other: Any) -> Integer:
+        return self._by("shl", other)
+
+    def __rshift__(self, other: Any) -> Integer:
+        """With zeros from the left."""
+        return self._by("lshr", other)
+
+    def compared(self, sign: str, other: Any) -> Value:
+        """A bit: whether self < other, or another sign."""
+        return self.builder.icmp_signed(sign, self.value, integer_value(other))
+
+    def below(self, other: Any) -> Integer:
+        """1 where self < other, as integers without a sign, else 0."""
+        test = self.builder.icmp_unsigned("<", self.value, integer_value(other))
+        return Integer(self.builder, self.builder.zext(test, INTEGER))
+
+    def least(self, other: Any) -> Integer:
+        """The smaller of two."""
+        test = self.compared("<", other)
+        return Integer(self.builder, self.builder.select(test, self.value, integer_value(other)))
+
+    def double(self) -> Value:
+        """The double next to it, a signed integer."""
+        return self.builder.sitofp(self.value, DOUBLE)
+
+
+def integer_value(x: Any) -> Value:
+    """An integer of Python or at run time as LLVM's."""
+    return x.value if isinstance(x, Integer) else INTEGER(int(x))
+
+
+class Memory:
+    """Numbers of one type at an address."""
+
+    __slots__ = ("builder", "kind", "pointer")
+
+    def __init__(self, builder: ir.IRBuilder, pointer: Value, kind: ir.Type = DOUBLE):
+        self.builder, self.pointer, self.kind = builder, pointer, kind
+
+    def _at(self, i: Any) -> Value:
+        if isinstance(i, int) and i == 0:
+            return self.pointer
+        return self.builder.gep(self.pointer, [integer_value(i)])
+
+    def __getitem__(self, i: Any) -> Any:
+        value = self.builder.load(self._at(i), align=8)
+        return Integer(self.builder, value) if self.kind == INTEGER else value
+
+    def __setitem__(self, i: Any, x: Any) -> None:
+        self.builder.store(self.value_of(x), self._at(i), align=8)
+
+    def value_of(self, x: Any) -> Value:
+        """A number of this type."""
+        if self.kind == INTEGER:
+            return integer_value(x)
+        return constant(self.kind, float(x)) if isinstance(x, int | float) else x
+
+    def beyond(self, i: Any) -> Memory:
+        """The numbers from i on."""
+        return Memory(self.builder, self._at(i), self.kind)
+
+    def of(self, kind: ir.Type) -> Memory:
+        """Numbers of another type at this address."""
+        return Memory(self.builder, self.builder.bitcast(self.pointer, kind.as_pointer()), kind)
+
+    def get(self, count: int, first: Any = 0) -> list[Any]:
+        """Numbers first, first + 1, ..."""
+        return [self[first + i] for i in range(count)]
+
+    def put(self, values: Sequence[Any], first: Any = 0) -> None:
+        """And back."""
+        for i, value in enumerate(values):
+            self[first + i] = value
+
+
+class Lanes:
+    """Columns of an array (lanes, stride) of doubles: of one lane as numbers, of several as vectors."""
+
+    def __init__(self, numbers: Memory, lanes: Sequence[Any], stride: Any):
+        self._rows = [numbers.beyond(lane * stride) for lane in lanes]
+        self.kind = kind_of(len(self._rows))
+
+    def __getitem__(self, column: Any) -> Value:
+        loaded = [row[column] for row in self._rows]
+        if len(loaded) == 1:
+            return loaded[0]
+        vector = ir.Constant(self.kind, ir.Undefined)
+        for i, x in enumerate(loaded):
+            vector = self._rows[0].builder.insert_element(vector, x, INDEX(i))
+        return vector
+
+    def __setitem__(self, column: Any, value: Any) -> None:
+        value = constant(self.kind, float(value)) if isinstance(value, int | float) else value
+        for i, row in enumerate(self._rows):
+            row[column] = row.builder.extract_element(value, INDEX(i)) if len(self._rows) > 1 else value
+
+    def get(self, columns: Collection[int]) -> list[Value]:
+        """Several columns."""
+        return [self[column] for column in columns]
+
+    def put(self, values: Sequence[Any], first: int = 0) -> None:
+        """Columns first, first + 1, ..."""
+        for i, value in enumerate(values):
+            self[first + i] = value
+
+
+class Function:
+    """A function of integers of 64 bits, addresses among them, that returns nothing: under construction."""
+
+    def __init__(self, arguments: int, name: str = "kernel", triple: str = ""):
+        self.module = ir.Module()
+        self.module.triple = triple
+        self.function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [INTEGER] * arguments), name)
+        self.builder = ir.IRBuilder(self.function.append_basic_block("entry"))
+        self.arguments = [Integer(self.builder, x) for x in self.function.args]
+
+    def text(self) -> str:
+        """LLVM's text of the module."""
+        if not self.builder.block.is_terminated:
+            self.builder.ret_void()
+        return str(self.module)
+
+    def integer(self, x: Any) -> Integer:
+        """An integer at run time."""
+        return x if isinstance(x, Integer) else Integer(self.builder, INTEGER(x))
+
+    # -- memory ------------------------------------------------------------------------------------
+
+    def doubles(self, address: Integer) -> Memory:
+        """The doubles at an address."""
+        return Memory(self.builder, self.builder.inttoptr(address.value, DOUBLE.as_pointer()))
+
+    def integers(self, address: Integer) -> Memory:
+        """The integers of 64 bits at an address."""
+        return Memory(self.builder, self.builder.inttoptr(address.value, INTEGER.as_pointer()), INTEGER)
+
+    def variables(self, count: int, kind: ir.Type = DOUBLE) -> list[Memory]:
+        """Room for numbers, each by itself, in registers where that is possible; made once in a call."""
+        with self.builder.goto_entry_block():
+            return [Memory(self.builder, self.builder.alloca(kind), kind) for _ in range(count)]
+
+    def vectors(self, width: int) -> None:
+        """To be called by functions that work on vectors: else those that are spilled lie across cache lines."""
+        if width > 1:
+            self.function.attributes.add("nounwind")  # llvmlite prints the other one only beside it
+            self.function.attributes.alignstack = 8 * width
+
+    def lanes(self, first: Any, width: int, end: Any) -> list[Any]:
+        """The lanes first, first + 1, ...; in place of those from `end` on stands the one before it."""
+        if width == 1:
+            return [first]
+        last = self.integer(end) - 1
+        return [self.integer(first + i).least(last) for i in range(width)]
+
+    # -- control -----------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def loop(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
+        """A block for first, first + step, ... before `last`; step < 0 counts down."""
+        builder = self.builder
+        (count,) = self.variables(1, INTEGER)
+        count[0] = first
+        test, body, done = (builder.append_basic_block(name) for name in ("test", "body", "done"))
+        builder.branch(test)
+        builder.position_at_end(test)
+        now = count[0]
+        builder.cbranch(now.compared("<" if step > 0 else ">", last), body, done)
+        builder.position_at_end(body)
+        yield now
+        if not builder.block.is_terminated:
+            count[0] = now + step
+            builder.branch(test)
+        builder.position_at_end(done)
+
+    @contextlib.contextmanager
+    def while_(self, test: Callable[[], Value]) -> Iterator[None]:
+        """A block that is repeated as long as the bit that `test` writes is set."""
+        builder = self.builder
+        again, body, done = (builder.append_basic_block(name) for name in ("again", "body", "done"))
+        builder.branch(again)
+        builder.position_at_end(again)
+        builder.cbranch(test(), body, done)
+        builder.position_at_end(body)
+        yield
+        if not builder.block.is_terminated:
+            builder.branch(again)
+        builder.position_at_end(done)
+
+    @contextlib.contextmanager
+    def where(self, test: Value) -> Iterator[None]:
+        """A block that is run where a bit is set."""
+        with self.builder.if_then(test):
+            yield
+
+    def otherwise(self, test: Value) -> Any:
+        """Two blocks, of which one is run: with f.otherwise(test) as (yes, no): with yes: ...; with no: ..."""
+        return self.builder.if_else(test)
+
+    def call(self, address: Integer, *arguments: Any) -> None:
+        """Call a function of integers at an address."""
+        kind = ir.FunctionType(ir.VoidType(), [INTEGER] * len(arguments))
+        pointer = self.builder.inttoptr(address.value, kind.as_pointer())
+        self.builder.call(pointer, [integer_value(x) for x in arguments])
+
+    # -- graphs ------------------------------------------------------------------------------------
+
+    def intrinsic(self, name: str, *values: Value) -> Value:
+        """A call of LLVM's own function of that name, for numbers and for vectors."""
+        kind = values[0].type
+        full = f"llvm.{name}." + (f"v{kind.count}f64" if isinstance(kind, ir.VectorType) else "f64")
+        form = ir.FunctionType(kind, [kind] * len(values))
+        return self.builder.call(self.module.globals.get(full) or ir.Function(self.module, form, full), values)
+
+    def emit(self, graph: Graph, nodes: Sequence[int], values: dict[int, Value], kind: ir.Type) -> None:
+        """Compute nodes, in this order, into `values`, which has the inputs among them."""
+        for at in nodes:
+            operation, *operands = graph.nodes[at]
+            if at in values or operation == IN:
+                continue
+            if operation == LOOP:
+                self._loop(graph, at, operands, values, kind)
+            elif operation == RESULT:
+                values[at] = values[operands[0].at][operands[1]]
+            else:
+                values[at] = self._operation(operation, [self.value(x, values, kind) for x in operands])
+
+    def value(self, x: Operand, values: Mapping[int, Value], kind: ir.Type) -> Value:
+        """An operand, or an output, of a graph."""
+        if not isinstance(x, Number):
+            return constant(kind, float(x))
+        return self.builder.fneg(values[x.at]) if x.negative else values[x.at]
+
+    def outputs(
+        self, graph: Graph, outputs: Sequence[Operand], inputs: Callable[[str, int], Value], kind: ir.Type = DOUBLE
+    ) -> list[Value]:
+        """The outputs of a graph, whose inputs are loaded as they are first needed."""
+        nodes, values = graph.needed(outputs), dict[int, Value]()
+        for at in nodes:
+            operation, *operands = graph.nodes[at]
+            if operation == IN:
+                values[at] = inputs(*operands)
+        self.emit(graph, nodes, values, kind)
+        return [self.value(x, values, kind) for x in outputs]
+
+    def _operation(self, operation: str, x: list[Value]) -> Value:
+        builder = self.builder
+        if operation == PLUS:
+            return builder.fadd(*x)
+        if operation == MINUS:
+            return builder.fsub(*x)
+        if operation == TIMES:
+            return builder.fmul(*x)
+        if operation == OVER:
+            return builder.fdiv(*x)
+        if operation == MAX:
+            return builder.select(builder.fcmp_ordered("<", *x), x[1], x[0])
+        if operation == WHERE:
+            return builder.select(builder.fcmp_ordered("<", *x[:2]), *x[2:])
+        if operation == SIGN:
+            zero, less, more = (constant(x[0].type, number) for number in (0.0, -1.0, 1.0))
+            return builder.select(builder.fcmp_ordered("<", x[0], zero), less, more)
+        return self.intrinsic(INTRINSIC[operation], *x)
+
+    def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
+        """Of numbers: lanes of a vector would end at different times."""
+        loop = graph.loops[operands[0]]
+        memory = self.variables(len(loop.variables) + 1)
+        for room, x in zip(memory, operands[1:], strict=False):
+            room[0] = self.value(x, values, kind)
+        (ended,) = self.variables(1, INTEGER)
+        ended[0] = 0
+        (count,) = self.variables(1, INTEGER)
+        count[0] = 0
+
+        def test() -> Value:
+            return self.builder.and_(ended[0].compared("==", 0), count[0].compared("<", loop.most))
+
+        with self.while_(test):
+            inside = dict(values)
+            inside.update({x.at: room[0] for x, room in zip(loop.variables, memory, strict=False)})
+            self.emit(graph, graph.needed_inside(loop), inside, kind)
+            new = [self.value(x, inside, kind) for x in loop.new]
+            for room, x in zip(memory, new, strict=True):
+                room[0] = x
+            small = self.builder.fcmp_ordered("<=", new[-1], constant(kind, loop.small))
+            ended[0] = Integer(self.builder, self.builder.zext(small, INTEGER))
+            count[0] = count[0] + 1
+        values[at] = [room[0] for room in memory]

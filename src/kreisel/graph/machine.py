@@ -1,0 +1,136 @@
+"""Machine code of functions, for this processor: compiled by LLVM, kept on disk, called with integers.
+
+The processor is that of the machine, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say, which Numba reads too.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+from weakref import WeakValueDictionary
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from kreisel.errors import InputError, shown
+from kreisel.graph import cache as disk
+from kreisel.graph.llvm import Function
+
+DOUBLES = {"avx512f": 8, "avx": 4}  # in a register, of processors with these features; 2 on others
+_loaded: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # the kernels of a process
+
+
+@cache
+def processor() -> tuple[str, str, str]:
+    """Triple, name and features of what is compiled for."""
+    name, features = (os.environ.get(f"NUMBA_CPU_{what}") for what in ("NAME", "FEATURES"))
+    wrong = [each for each in (features or "").split(",") if each and each[0] not in "+-"]
+    if wrong:  # LLVM would end the process
+        raise InputError(
+            f"NUMBA_CPU_FEATURES: expected features of a processor with + or - in front, separated by commas, such as "
+            f"'+avx2,-avx512f', or '' for none, got {shown(wrong[0])}. Correct this variable of the environment, or "
+            "unset it."
+        )
+    if features is None:
+        features = "" if name == "generic" else llvm.get_host_cpu_features().flatten()
+    return llvm.get_process_triple(), name or llvm.get_host_cpu_name(), features
+
+
+@cache
+def version() -> str:
+    """What the same operations are compiled by, and for."""
+    return repr((llvmlite.__version__, llvm.llvm_version_info, processor()))
+
+
+def register_width() -> int:
+    """How many doubles a vector register of the processor holds."""
+    features = processor()[2].split(",")
+    return next((width for feature, width in DOUBLES.items() if f"+{feature}" in features), 2)
+
+
+@cache
+def _ready() -> None:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+
+
+def target_machine() -> Any:
+    """LLVM's compiler for the processor."""
+    _ready()
+    triple, name, features = processor()
+    target = llvm.Target.from_triple(triple)
+    reloc = "static" if target.name.startswith("x86") else "default"
+    return target.create_target_machine(name, features, 3, reloc, "jitdefault", jit=True)
+
+
+def optimized(machine: Any, text: str) -> Any:
+    """LLVM's module of a text, optimized for a machine."""
+    module = llvm.parse_assembly(text)
+    module.data_layout = str(machine.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = True
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return module
+
+
+class Kernel:
+    """A compiled function of integers of 64 bits, addresses among them.
+
+    address  for other compiled code, as long as this object lives
+    call     the function
+    """
+
+    def __init__(self, code: bytes, arguments: int):
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target_machine())
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+        self.address: int = self._engine.get_function_address("kernel")
+        self.call: Any = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * arguments)(self.address)
+
+    def __call__(self, *arguments: int) -> None:
+        self.call(*arguments)
+
+
+@cache
+def _writers() -> bytes:
+    """The text of all that writes functions."""
+    here = Path(__file__).parent.parent
+    files = sorted(file for room in ("graph", "kernels", "engines", "exact") for file in here.glob(f"{room}/**/*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
+
+
+def kernel(key: Sequence[Any], arguments: int, write: Callable[[Function], None]) -> Kernel:
+    """The kernel that `write` writes, compiled once for this machine.
+
+    `key`: all that it depends on beside the code of Kreisel; digests of graphs, counts, widths, names.
+    """
+    text = f"{_writers().hex()} {version()} {arguments} {tuple(key)!r}"
+    name = hashlib.sha256(text.encode()).hexdigest()
+    found = _loaded.get(name)
+    if found is None:
+        found = _loaded[name] = Kernel(disk.kept(name, lambda: object_code(arguments, write)), arguments)
+    return found
+
+
+def object_code(arguments: int, write: Callable[[Function], None]) -> bytes:
+    """Machine code of a function."""
+    machine = target_machine()
+    return bytes(machine.emit_object(optimized(machine, _text(arguments, write))))
+
+
+def assembly(arguments: int, write: Callable[[Function], None]) -> str:
+    """The same to be read."""
+    machine = target_machine()
+    return str(machine.emit_assembly(optimized(machine, _text(arguments, write))))
+
+
+def _text(arguments: int, write: Callable[[Function], None]) -> str:
+    function = Function(arguments, triple=processor()[0])
+    write(function)
+    return function.text()
