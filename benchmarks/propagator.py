@@ -20,7 +20,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import numpy as np
 
 import kreisel as kr
-from kreisel.runs.propagator import Propagator
+from kreisel.runs.propagation.propagator import Propagator
 
 RESULT = Path(__file__).parent / "results" / "propagator.json"
 START = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8])

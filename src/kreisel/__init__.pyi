@@ -16,8 +16,8 @@ from kreisel import rebound as rebound
 from kreisel import reduction as reduction
 from kreisel import units as units
 from kreisel.sweeps.design import Design as Design
-from kreisel.runs.events import Event as Event
-from kreisel.runs.at import at as at
+from kreisel.runs.settings import Event as Event
+from kreisel.runs.closed_form import at as at
 from kreisel.runs.citing import cite as cite
 from kreisel.languages.source import code as code
 from kreisel.runs.differentiable import differentiable as differentiable
@@ -25,15 +25,15 @@ from kreisel.runs.drift import drift as drift
 from kreisel.storage.exporting import export as export
 from kreisel.sweeps.sweep import failures as failures
 from kreisel.analysis.fit import fit as fit
-from kreisel.runs.figures import nutation as nutation
+from kreisel.runs.closed_form import nutation as nutation
 from kreisel.storage.opening import open_run as open_run
 from kreisel.forces.body import perturbed as perturbed
 from kreisel.viewer.plots import plot as plot
-from kreisel.runs.propagator import propagator as propagator
+from kreisel.runs.propagation.propagator import propagator as propagator
 from kreisel.runs.simulate import resume as resume
 from kreisel.runs.simulate import simulate as simulate
 from kreisel.sweeps.sweep import sweep as sweep
-from kreisel.runs.tangent import tangent as tangent
+from kreisel.runs.differentiable import tangent as tangent
 from kreisel.viewer.page import view as view
 
 __version__: str

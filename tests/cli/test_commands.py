@@ -12,7 +12,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import cli
-from kreisel.runs import estimating
+from kreisel.runs import progress
 from kreisel.runs.config import changed
 from kreisel.runs.planning import make_plan
 from support import configuration
@@ -141,7 +141,7 @@ def test_a_step_that_does_not_divide_the_time_is_said(command: Commands) -> None
 
 def test_the_size_of_an_archive_is_as_estimated(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"dt": 0.05, "steps": 40_000}
-    likely, least = estimating.bytes_of(make_plan(TOP, X0, **settings))
+    likely, least = progress.bytes_of(make_plan(TOP, X0, **settings))
     kr.simulate(TOP, X0, **settings, path=tmp_path / "run.zarr")
     files = (f for f in (tmp_path / "run.zarr").rglob("*") if f.is_file() and "engine" not in f.parts)
     assert least < sum(f.stat().st_size for f in files) < 1.5 * likely
@@ -166,7 +166,7 @@ def test_a_long_run_is_estimated_before_it_begins(command: Commands, monkeypatch
     code, _, message = command("run", "run.toml", "--no-figure", "--overwrite")
     assert code == 0 and message.startswith("about ") and "on disk" in message and "kreisel resume run.zarr" in message
     plan = make_plan(TOP, X0, dt=0.05, steps=10**9, every=1000)
-    found = estimating.estimate(plan, command.folder)
+    found = progress.estimate(plan, command.folder)
     assert (
         1 < found.seconds < 10_000 and 5e7 < found.bytes < 2e8
     )  # 30 ns a step; 10^6 rows of 136 bytes, most of them alike

@@ -14,9 +14,8 @@ import kreisel as kr
 from kreisel import cli
 from kreisel.bodies import BODIES, KNOWN
 from kreisel.cli.new import _varied, forced, text_of
-from kreisel.runs.config import parse, parse_sweep, read, read_sweep
+from kreisel.runs.config import load_system, parse, parse_sweep, read, read_sweep
 from kreisel.runs.examples import Example, example
-from kreisel.runs.own import load_system
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
 from kreisel.sweeps.blocks import Sweep

@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.bodies import BODIES
 from kreisel.method import auto, auto_splitting
 from kreisel.method.splitting_coefficients import splitting
-from kreisel.runs.choosing import choices
+from kreisel.runs.planning import choices
 from kreisel.runs.settings import Settings
 
 

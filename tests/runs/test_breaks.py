@@ -289,7 +289,7 @@ def test_methods_and_ensembles_that_do_not_suit() -> None:
 
 def test_an_action_that_never_leaves_the_event_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """The action puts the body just above the plane that it falls through, again and again."""
-    monkeypatch.setattr("kreisel.runs.breaks.MOST_IN_STEP", 50)
+    monkeypatch.setattr("kreisel.runs.propagation.breaks.MOST_IN_STEP", 50)
     again = kr.Event(lambda x: x["a"][2], lambda x: {**x, "a": x["a"] + (0, 0, 1e-9)}, rising=False)
     with pytest.raises(kr.RunError, match="events happen within one step"):
         kr.simulate(TOP, AXIS, dt=0.1, steps=99, method="kahan", order=4, events=again)

@@ -276,7 +276,7 @@ def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
 
 
 def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
-    from kreisel.runs.figures import nutation
+    from kreisel.runs.closed_form import nutation
 
     start = {letter: run[letter].values[0] for letter in model.system.space.letters}
     try:

@@ -17,7 +17,7 @@ from kreisel.algebra import Array, axial, dot, unit
 from kreisel.errors import InputError, explained
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
-from kreisel.runs.propagator import propagator
+from kreisel.runs.propagation.propagator import propagator
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, within
 
 if TYPE_CHECKING:

@@ -41,9 +41,8 @@ def code(
     """
     from kreisel.bodies import find
     from kreisel.languages.source import code as text_of
-    from kreisel.runs.config import read
+    from kreisel.runs.config import load_system, read
     from kreisel.runs.examples import example
-    from kreisel.runs.own import load_system
 
     g: Any = None
     if subject.endswith(".toml"):

@@ -254,8 +254,7 @@ TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # t
 
 def forced(made: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
     """The two files of a system under forces, tried.  Raises `InputError` for a system that takes none."""
-    from kreisel.runs.config import read
-    from kreisel.runs.own import load_system
+    from kreisel.runs.config import load_system, read
     from kreisel.runs.planning import make_plan
 
     why = ""

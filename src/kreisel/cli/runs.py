@@ -70,9 +70,8 @@ def run(
 
     Exit code 3 says that something which the method conserves is not conserved; the archive is kept.
     """
-    from kreisel.runs.config import read
+    from kreisel.runs.config import load_system, read
     from kreisel.runs.drift import broken, table_of
-    from kreisel.runs.own import load_system
     from kreisel.runs.run_record import RunRecord
     from kreisel.runs.simulate import simulate
 
@@ -132,8 +131,8 @@ def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) 
     """On stderr, before a run that may be long."""
     if asked.run.steps * model.n < MAY_BE_LONG or asked.run.order == "auto":
         return
-    from kreisel.runs.estimating import estimate
     from kreisel.runs.planning import make_plan
+    from kreisel.runs.progress import estimate
 
     found = estimate(make_plan(model, state, **settings), asked.path)
     if found.seconds > LONG_SECONDS or found.bytes > LARGE:

@@ -21,7 +21,7 @@ from kreisel.lab.subject import Subject, subject
 from kreisel.lab.verdicts import verdict
 from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
-from kreisel.runs.own import executed, own_systems
+from kreisel.runs.config import executed, own_systems
 from kreisel.runs.settings import within
 
 OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 import tomllib
+import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +12,10 @@ from typing import Any
 
 import msgspec
 
+from kreisel.bodies import KNOWN, find
 from kreisel.errors import InputError, hint, shown
+from kreisel.record.contract import System
+from kreisel.record.model import Model
 from kreisel.runs.settings import Settings
 from kreisel.storage.reading import place, shallow
 
@@ -191,3 +196,47 @@ def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, so
             raise InputError(
                 f"{source}: [{section}] has the key {shown(key)}; expected are {', '.join(names)}.{hint(key, names)}"
             )
+
+
+def load_system(name: str, file: Path | None) -> System:
+    """The system of that name: from the registry, or from the top level of `file`.  Raises `InputError`."""
+    if file is None:
+        return find(name)
+    if not file.is_file():
+        raise InputError(f"There is no file {file}, which [system] names; it is looked for beside the TOML file.")
+    own = own_systems(executed(file))
+    if name in own:
+        if own[name].name in KNOWN:
+            raise InputError(
+                f"{file} calls its system {shown(own[name].name)}, as one of Kreisel's is called. Choose another name."
+            )
+        return own[name]
+    raise InputError(
+        f"{file} defines no system called {shown(name)} at its top level.{hint(name, own)} "
+        f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...) or "
+        "kr.perturbed(...)."
+    )
+
+
+def executed(file: Path) -> dict[str, Any]:
+    """What a Python file defines at its top level.  Raises `InputError` with the line of whatever it raises."""
+    try:
+        return runpy.run_path(str(file))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    except Exception as error:  # whatever a user's code raises
+        where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
+        line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
+        raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
+
+
+def own_systems(defined: dict[str, Any]) -> dict[str, System]:
+    """The systems among them that are not Kreisel's; perturbed ones also by the name of the variable."""
+    systems = {value.name: value for value in defined.values() if isinstance(value, System)}
+    perturbed = {
+        name: value.system
+        for variable, value in defined.items()
+        if isinstance(value, Model) and value.system.perturbation is not None
+        for name in (variable, value.system.name)
+    }
+    return {k: v for k, v in (systems | perturbed).items() if KNOWN.get(k) is not v}

@@ -15,11 +15,11 @@ from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 from kreisel.method import find
 from kreisel.record.model import Model
+from kreisel.runs.drift import roundoff_scales
 from kreisel.runs.integration import block_rows
 from kreisel.runs.operations import events_of, operations_of
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord
-from kreisel.runs.scales import roundoff_scales
 from kreisel.storage import checkpoint
 
 if TYPE_CHECKING:

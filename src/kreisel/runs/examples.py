@@ -12,8 +12,7 @@ from kreisel.bodies import BODIES
 from kreisel.errors import InputError, RunError
 from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
-from kreisel.runs.doubts import rate
-from kreisel.runs.planning import make_plan
+from kreisel.runs.planning import make_plan, rate
 
 A_STEP = 0.05  # rad of the motion
 TRIED = 400  # combinations of values

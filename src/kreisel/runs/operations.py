@@ -32,8 +32,8 @@ from kreisel.storage.reading import parsed
 
 if TYPE_CHECKING:
     from kreisel.record.model import Model
-    from kreisel.runs.events import Event
     from kreisel.runs.plan import Plan
+    from kreisel.runs.settings import Event
 
 MOST_LINES = 5_000  # of a record; a longer function has the digest of its code
 NOT_RUN = {"lax", "relations", "conjugator", "lagrangian", "involution", "regularity", "darboux", "case", "pair_case"}

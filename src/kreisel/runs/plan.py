@@ -22,9 +22,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Flow
 from kreisel.record.given import component_axes
 from kreisel.record.model import Model, State
-from kreisel.runs.events import Event
-from kreisel.runs.settings import LARGE, Settings, initial_orientation
-from kreisel.runs.timetable import Timetable
+from kreisel.runs.settings import LARGE, Event, Settings, Timetable, initial_orientation
 from kreisel.stopwatch import spent_on
 
 if TYPE_CHECKING:

@@ -1,19 +1,39 @@
-"""Settings, a model and a state made a plan: everything that can be checked before the first step is checked here."""
+"""A plan from settings, a model and a state: checks, the order and step of order="auto", warnings of doubtful input."""
 
 from __future__ import annotations
 
+import math
+import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from kreisel.method import scheme
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import AccuracyWarning, InputError, doubt
+from kreisel.kernels import layout
+from kreisel.method import find, scheme
+from kreisel.method.observing import ORIENTATION
 from kreisel.method.reference import with_tolerance
+from kreisel.record.calling import call
 from kreisel.record.model import Model, State
-from kreisel.runs.breaks import broken_by
-from kreisel.runs.choosing import choice_of, with_choice
 from kreisel.runs.plan import Plan, default, initial_parts, planned
-from kreisel.runs.settings import Settings, check_model, checked_state, observed, whole_order, within_tolerances
+from kreisel.runs.propagation.breaks import broken_by
+from kreisel.runs.settings import (
+    Settings,
+    check_model,
+    checked_state,
+    initial_orientation,
+    observed,
+    of_forces,
+    whole_order,
+    within_tolerances,
+)
 
 if TYPE_CHECKING:
+    from kreisel.method.auto import Choice
+    from kreisel.method.auto_splitting import Pilot
     from kreisel.record.model import OrientationLike, StateLike
 
 
@@ -42,3 +62,241 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Orienta
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
+
+
+MOST_CHOSEN = 10**6  # steps in a dt that was asked for
+CHAOTIC = (
+    "order='auto': expected an error that grows like the time, got a motion whose neighbours part much faster, as in "
+    "chaos: the error at the end may be far larger than tol = {tol:g}. What such a motion does on average is still "
+    "right; its state is known for a shorter time."
+)
+MISSED = (
+    "order='auto': expected an error of at most tol = {tol:g}, got {expected:.1g} with the best steps of those tried "
+    "in a run longer than the pilots. Use a larger tol, or say order and dt."
+)
+
+
+def choices(
+    model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None
+) -> list[Choice]:
+    """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
+    return choice_of(model, checked_state(model, x0), settings, orientation, each=True)
+
+
+def choice_of(
+    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, each: bool
+) -> list[Choice]:
+    """The same from a checked state; without `each` one for all lanes.
+
+    Raises `InputError`, and warns with `AccuracyWarning` where the motion looks chaotic.
+    """
+    from kreisel.method import auto, auto_splitting
+
+    method, parts = settings.method or default(model, settings), initial_parts(model, state, None)
+    when = settings.every * settings.dt, settings.time, settings.tol
+    if method not in ("baecklund", "splitting"):
+        raise InputError(
+            "order='auto' chooses among the orders of method='baecklund' or 'splitting', which this run does not use."
+        )
+    find(method).check(model)
+    if method == "baecklund":
+        return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
+    lanes = auto.with_lanes(model, parts)
+    if not each or len(lanes[0]) == 1:
+        steps, rate = pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
+        choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
+        beside = pilot(model, state, settings, orientation, auto_splitting.NUDGE)
+        chaotic = auto_splitting.separates(steps, beside, choice, rate, *when[:2])
+        if chaotic and auto_splitting.within_reach(rate, settings.time):
+            choice, chaotic = auto_splitting.witnessed(steps, choice, rate, *when, chaotic=True), False
+        if chaotic:
+            warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
+        elif choice.expected > (settings.tol or 0):
+            said = MISSED.format(tol=settings.tol, expected=choice.expected)
+            warnings.warn(said, AccuracyWarning, stacklevel=8)
+        return [choice]
+    out = []
+    for i in range(len(lanes[0])):
+        one = {letter: part[i : i + 1] for letter, part in zip(model.system.space.letters, lanes, strict=True)}
+        g = None if orientation is None else initial_orientation(orientation, model)
+        g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
+        out += choice_of(model.lanes(np.array([i])), model.state(**one), settings, g, each=False)
+    return out
+
+
+def pilot(
+    model: Model,
+    state: State,
+    settings: Settings,
+    orientation: OrientationLike | None,
+    nudge: float = 0.0,
+    project: bool = False,
+) -> Callable[..., Pilot | None]:
+    """Steps of splittings from the start, or from a neighbouring state: (order, h, count) -> `Pilot`.
+
+    Without `project` nothing is projected onto what is conserved.
+    """
+    from kreisel.method.auto_splitting import Pilot
+
+    momentum, *carried = initial_parts(model, state, orientation)
+    parts = (momentum * (1 + nudge), *carried)
+
+    def steps(order: Any, h: float, count: int) -> Pilot | None:
+        try:
+            made = scheme(model, "splitting", h, order, orientation is not None)
+        except InputError:  # an order that a force does not have
+            return None
+        asked = settings.but(
+            dt=h, steps=count, every=count, order=order, tol=None, project=project, engine=None, times=None
+        )
+        plan = planned(model, made, asked, parts, None)
+        out = np.empty((1, *plan.first.shape))
+        plan.engine.advance(out, count)
+        z = layout.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
+        if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
+            return None
+        own = tuple(layout.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
+        if not all(np.isfinite(part).all() for part in own):
+            return None
+        row = 0 if made.corrector is None else made.by(made.corrector.out).stage_count
+        work = getattr(plan.engine, "work", 1.0)
+        return Pilot(own, made.stage_count * work, row * work)
+
+    return steps
+
+
+def with_choice(choice: Choice, settings: Settings) -> Settings:
+    """The settings of a run with this choice; rows are saved at the same times.  Raises `InputError`."""
+    every = settings.every
+    if choice.steps > MOST_CHOSEN * every:
+        raise InputError(
+            f"order='auto': expected a motion that {MOST_CHOSEN:,} steps in a dt resolve, got one that needs "
+            f"{choice.steps // every:,}. Usual cause: a state or parameters far larger than meant. If they are right, "
+            "use a smaller dt and every=..., or say order and dt."
+        )
+    return settings.but(
+        dt=every * settings.dt / choice.steps,
+        steps=settings.steps // every * choice.steps,
+        every=choice.steps,
+        method=choice.method,
+        order=choice.order,
+        tol=None,
+    )
+
+
+CLOSED = ("exact", "dop853", "splitting")  # their steps may be long: the fast motion is solved within a step
+GOOD = 0.1  # rad a step
+MOST_REPEATED = 2000  # steps of a run that has failed
+TRIED, APART, HALVINGS = 4, 0.01, 12  # steps from the start; how far they may be from half steps; tries
+MOST_NUMBERS = 10**5  # of the state of an ensemble of which steps are tried
+LONG_KICK = (
+    "a step too long for its kicks, in which a torque, a force or a potential changes the motion by much (with dt = "
+    "{h:.2g} it goes on). Use that or order='auto' with tol=..., which chooses the step."
+)
+
+
+def warn_of(plan: Plan) -> None:
+    """Warns of steps too long for the motion or its forces, of moments that no body has, and of doubtful input."""
+    for sentence in (*_long_step(plan), *_long_kick(plan), *_no_body(plan)):
+        warnings.warn(sentence, AccuracyWarning, stacklevel=4)
+    if plan.model.system.doubts is not None:
+        for sentence in call(plan.model.system.doubts, (), plan.model.params):
+            doubt(sentence)
+
+
+def rate(plan: Plan) -> float:
+    """Radians in a unit of time at the start: the largest |Omega| of the lanes, or |z'|/|z| where that is larger."""
+    model, found = plan.model, [0.0]
+    state = tuple(plan.start[letter] for letter in model.system.space.letters)
+    with np.errstate(all="ignore"):
+        if model.system.velocity is not None:
+            found.append(float(np.max(np.abs(model.call(model.system.velocity, *state)))))
+        if model.system.perturbation is None and model.system.flow is not None:
+            size = max(float(np.max(np.abs(part), initial=0.0)) for part in state)
+            found += [float(np.max(np.abs(part), initial=0.0)) / size for part in model.flow(*state)] if size else []
+    return max(value for value in found if math.isfinite(value))
+
+
+def _long_step(plan: Plan) -> Iterator[str]:
+    if plan.scheme.name in CLOSED or "expected_error" in plan.scheme.options:  # order="auto" has measured its step
+        return
+    turn = plan.dt * rate(plan)
+    if turn > math.pi:
+        yield (
+            f"dt = {plan.dt:g} is {turn:.3g} rad of this motion in a step, more than half a turn: the rows are those "
+            f"of the map, and say little of the motion between them. Use a dt of {GOOD * plan.dt / turn:.1g} or so."
+        )
+
+
+def _long_kick(plan: Plan) -> Iterator[str]:
+    """Of a splitting a few steps from the start against half steps: whatever it is that they are too long for."""
+    if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options or plan.first.size > MOST_NUMBERS:
+        return
+    steps, count = _steps(plan), min(TRIED, plan.steps)
+
+    def apart(h: float, count: int) -> float:
+        return _apart(plan, steps(h, count), steps(h / 2, 2 * count))
+
+    found = apart(plan.dt, count)
+    if found <= APART:
+        return
+    tried = f"step{'s' * (count > 1)} from the start"
+    fault = f"{count} {tried} and {2 * count} of half the length differ by {found:.2g} of the state"
+    for halving in range(1, HALVINGS + 1):
+        h = plan.dt / 2**halving
+        if apart(h, count * 2**halving) <= APART / 10:
+            yield (
+                f"dt = {plan.dt:g} is too long for the forces or for this motion: "
+                f"{fault if math.isfinite(found) else f'{count} {tried} fail'}. Usual cause: a torque, a force or a "
+                "potential that changes the motion by much within a step, or a body that rotates by radians in it. "
+                f"Use a dt of {h:.2g} or so, or order='auto' with tol=..., which chooses it."
+            )
+            return
+
+
+def cause_of_no_numbers(plan: Plan, step: int) -> str:
+    """The usual cause of a state that is not finite at a step: of a splitting, whether shorter steps get there."""
+    if plan.scheme.name == "splitting" and step <= MOST_REPEATED:
+        steps = _steps(plan)
+        for halving in (3, 6):
+            if steps(plan.dt / 2**halving, step * 2**halving) is not None:
+                return LONG_KICK.format(h=plan.dt / 2**halving)
+    return (
+        f"{of_forces(plan.model)}a step far too long, or a state so large that its square overflows. Use a smaller dt."
+    )
+
+
+def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
+    """(h, count) -> the components after some steps of the length h from the start; None if they are not finite."""
+    space = plan.model.system.space
+    state = State({letter: plan.start[letter] for letter in space.letters}, dict(space.components))
+    run = pilot(plan.model, state, plan.settings, plan.start.get(ORIENTATION), project=plan.settings.project)
+
+    def steps(h: float, count: int) -> tuple[Array, ...] | None:
+        with np.errstate(all="ignore"):
+            found = run(plan.scheme.options["order"], h, count)
+        return None if found is None else found.state
+
+    return steps
+
+
+def _apart(plan: Plan, one: tuple[Array, ...] | None, other: tuple[Array, ...] | None) -> float:
+    """The largest difference of a component, relative to its largest entry in all lanes and at the start."""
+    if one is None or other is None:
+        return math.inf
+    found, before = [0.0], list(plan.start.values())
+    with np.errstate(all="ignore"):
+        for x, y, start in zip(one, other, before, strict=False):
+            apart, size = np.max(abs(x - y)), max(np.max(abs(y)), np.max(abs(start)))
+            found.append(float(apart / size) if apart else 0.0)
+    return max(value if math.isfinite(value) else math.inf for value in found)
+
+
+def _no_body(plan: Plan) -> Iterator[str]:
+    alpha = plan.model.params.get("alpha") if plan.model.n == 3 else None
+    if alpha is not None and plan.model.system.perturbation is None and not ((alpha > 0) & (alpha <= 2)).all():
+        yield (
+            f"alpha = {float(np.max(alpha) if np.min(alpha) > 0 else np.min(alpha)):g}: a body has 0 < alpha = "
+            "I_axial/I_transverse <= 2, since no moment is more than the sum of the other two. The equations are "
+            "solved all the same."
+        )

@@ -1,13 +1,22 @@
-"""A progress bar with rate and time left on a terminal; silent when piped."""
+"""Estimates of the time and disk that a run needs, and a progress bar while it runs."""
 
 from __future__ import annotations
 
+import math
+import shutil
 import sys
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from kreisel.errors import InputError, shown
+from kreisel.kernels.engines import Engine
+from kreisel.method.scheme import Orbits
+from kreisel.runs.plan import Plan
 
 SHOW_AFTER_SECONDS = 0.5
 
@@ -62,3 +71,106 @@ def _with_prefix(x: float) -> str:
             return f"{x:.3g} {unit}".rstrip()
         x /= 1000
     return f"{x:.3g} T"
+
+
+# Of the bytes of a Lagrange top's rows that an archive holds: the state 0.96, Casimirs and integrals 0.06.  A run
+# whose states take half of their bytes is refused for a disk without room for that.
+OF_STATES, OF_INTEGRALS, LEAST = 0.96, 0.06, 0.5
+SECONDS_A_BYTE = 13e-9  # to compress and write; 75 MB a second, a core of a busy machine
+PILOT_SECONDS = 0.05
+PILOT_ROWS = 256
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Seconds, bytes on disk, and the bytes that are free there."""
+
+    seconds: float
+    bytes: float
+    free: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"about {_duration(self.seconds)}, {size_text(self.bytes)} on disk ({size_text(self.free)} free)"
+
+
+def bytes_of(plan: Plan) -> tuple[float, float]:
+    """The bytes of an archive, as likely and at least."""
+    row = {name: value[0].nbytes for name, value in plan.example.items()}
+    states = sum(size for name, size in row.items() if plan.outcomes[name].kind in ("state", "orientation"))
+    likely = OF_STATES * states + OF_INTEGRALS * (sum(row.values()) - states)
+    return plan.rows * likely, plan.rows * LEAST * states
+
+
+def require_room(path: Path, least: float, instead: str) -> None:
+    """Raises `InputError` where the disk of `path` has less than the bytes that are needed at least."""
+    free = free_at(path)
+    if least > free:
+        raise InputError(
+            f"{path}: expected a disk with at least {size_text(least)} free, got {size_text(free)}. {instead}"
+        )
+
+
+def free_at(path: Path) -> float:
+    """The bytes that are free where a path is, or will be; without a bound where nobody can say."""
+    try:
+        folder = path.absolute()
+        while not folder.is_dir() and folder != folder.parent:
+            folder = folder.parent
+        return shutil.disk_usage(folder).free
+    except OSError:  # a name that is too long, a folder that may not be entered: writing says so
+        return math.inf
+
+
+def estimate(plan: Plan, path: Path) -> Estimate:
+    """From a pilot of some milliseconds, whose kernels the run then has."""
+    of_steps = _seconds_of_steps(plan)
+    rows = np.repeat(plan.first[None], min(PILOT_ROWS, plan.rows), 0)
+    with np.errstate(all="ignore"):
+        plan.observe(rows[:1])  # its kernel
+        begun = time.perf_counter()
+        row = plan.observe(rows)
+    a_row = (time.perf_counter() - begun) / len(rows)
+    a_row += SECONDS_A_BYTE * sum(value.nbytes for value in row.values()) / len(rows)
+    return Estimate(of_steps + plan.rows * a_row, bytes_of(plan)[0], free_at(path))
+
+
+def _seconds_of_steps(plan: Plan) -> float:
+    """By steps, or in closed form by rows beside what is set up in each call."""
+    engine, count = plan.engine_at(plan.first), 1
+    if isinstance(plan.scheme.motion, Orbits):
+        count = max(1, min(PILOT_ROWS, plan.rows // 8))
+        once, twice = (_spent(engine, rows, plan.every) for rows in (count, 2 * count))
+        return once + max(0.0, twice - once) / count * plan.rows
+    while (spent := _spent(engine, 1, count)) < PILOT_SECONDS / 2 and 8 * count < plan.steps:
+        count *= 2
+    return spent / count * plan.steps
+
+
+def _spent(engine: Engine, rows: int, every: int) -> float:
+    """Seconds of a call, the better of two: the first may set something up."""
+    out, spent = np.empty((rows, *engine.z.shape)), []
+    for _ in range(2):
+        begun = time.perf_counter()
+        engine.advance(out, every)
+        spent.append(time.perf_counter() - begun)
+    return min(spent)
+
+
+def size_text(size: float) -> str:
+    """Bytes with a unit."""
+    if not math.isfinite(size):
+        return "unknown"
+    for unit in ("bytes", "KB", "MB", "GB", "TB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} PB"
+
+
+def _duration(seconds: float) -> str:
+    for unit, size, most in (("s", 1, 90), ("min", 60, 90), ("hours", 3600, 48), ("days", 86400, 700)):
+        if seconds < size * most:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds / 31557600:.2g} years"

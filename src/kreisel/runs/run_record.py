@@ -10,7 +10,7 @@ from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
-from kreisel.runs.timetable import count_of_rows
+from kreisel.runs.settings import count_of_rows
 from kreisel.storage.reading import a_run, as_made, parsed
 
 if TYPE_CHECKING:

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.bodies import BODIES
-from kreisel.errors import InputError, doubt, hint, shown
+from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.kernels.engines import ENGINES
+from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Scheme
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.lanes import by_lane
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
+from kreisel.record.portable import Portable
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
@@ -403,3 +407,111 @@ def wanted_times(times: Any) -> np.ndarray:
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
         raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
     return wanted
+
+
+@dataclass
+class Timetable:
+    """The rows of the steps 0, every, 2 every, ... and the last, or those at given times.
+
+    end   rows, and the time of the last, of a run that an event stopped
+    """
+
+    settings: Settings
+    end: tuple[int, float] | None = None
+
+    @cached_property
+    def times(self) -> Floats | None:
+        """The times of the rows, where they were given."""
+        return None if self.settings.times is None else np.array(self.settings.times)
+
+    @property
+    def rows(self) -> int:
+        """How many rows are saved."""
+        if self.end is not None:
+            return self.end[0]
+        return count_of_rows(self.settings.steps, self.settings.every) if self.times is None else len(self.times)
+
+    @cached_property
+    def _places(self) -> tuple[list[int], list[float]]:
+        """Of each row at a given time the steps before it, and how long after them it is."""
+        times, dt = np.array(self.settings.times), self.settings.dt
+        steps = np.floor(times / dt * (1 + WHOLE))
+        within = times - steps * dt
+        return steps.astype(np.int64).tolist(), np.where(within > WHOLE * dt, within, 0.0).tolist()
+
+    def step_of(self, row: int) -> int:
+        """The steps before a row; 0 before the first."""
+        if self.times is None:
+            return min(row * self.settings.every, self.settings.steps)
+        return self._places[0][min(row, len(self.times) - 1)] if row >= 0 else 0
+
+    def within_step(self, row: int) -> float:
+        """How long after these steps a row is."""
+        return 0.0 if self.times is None else self._places[1][row]
+
+    def times_of(self, rows: Floats) -> Floats:
+        """The times of rows."""
+        if self.times is None:
+            found = np.minimum(rows * self.settings.every, self.settings.steps) * self.settings.dt
+        else:
+            found = self.times[np.minimum(rows, len(self.times) - 1).astype(int)]
+        return found if self.end is None else np.where(rows == self.end[0] - 1, self.end[1], found)
+
+
+def count_of_rows(steps: int, every: int) -> int:
+    """How many rows there are of the steps 0, every, 2 every, ... and the last."""
+    return 1 + steps // every + (steps % every > 0)
+
+
+@explained
+@dataclass(frozen=True)
+class Event:
+    """Where a quantity of the state changes its sign: the run stops there, or an action changes the state.
+
+    quantity  a function of the state, `lambda x: x["a"][2]`; x has the letters of the system (axial vectors for n = 3),
+              and g with an orientation
+    action    a function of the state -> the state with which the run goes on, as a dict of the same letters; None: the
+              run stops there
+    rising    True, False: only a change upward, downward; None: both
+
+    The quantity is looked at after each step, so two changes within a step are missed; the place is found to rounding.
+    Raises `InputError` for what is no function.
+    """
+
+    quantity: Callable[[Any], Any]
+    action: Callable[[Any], Any] | None = None
+    rising: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.quantity) or not (self.action is None or callable(self.action)):
+            wrong = self.action if callable(self.quantity) else self.quantity
+            raise InputError(f"kr.Event: expected functions of the state, got {shown(wrong)}.")
+        if self.rising is not None:
+            flag(self.rising, "rising")
+
+    def __reduce__(self) -> Any:
+        return _event, (Portable(self.quantity), Portable(self.action), self.rising)
+
+    @property
+    def name(self) -> str:
+        """That of its functions."""
+        return " -> ".join(getattr(f, "__name__", "function") for f in (self.quantity, self.action) if f is not None)
+
+
+def _event(quantity: Portable, action: Portable, rising: bool | None) -> Event:
+    return Event(quantity.function, action.function, rising)
+
+
+class Stop(NamedTuple):
+    """Where an event stops a run."""
+
+    z: Floats
+    time: float
+
+
+def checked_events(events: Any) -> tuple[Event, ...]:
+    """One event or several.  Raises `InputError`."""
+    found = (events,) if isinstance(events, Event) else () if events is None else events
+    if not isinstance(found, Sequence) or not all(isinstance(event, Event) for event in found):
+        raise InputError(f"events: expected kr.Event(quantity), or a list of them, got {shown(events)}.")
+    return tuple(found)

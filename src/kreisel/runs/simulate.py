@@ -9,16 +9,13 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped, explained
-from kreisel.runs.breaks import broken_by
-from kreisel.runs.doubts import warn_of
 from kreisel.runs.drift import watched
-from kreisel.runs.estimating import bytes_of, require_room
-from kreisel.runs.events import Event, checked_events
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import make_plan
-from kreisel.runs.progress import Progress
-from kreisel.runs.settings import flag, whole_number
+from kreisel.runs.planning import make_plan, warn_of
+from kreisel.runs.progress import Progress, bytes_of, require_room
+from kreisel.runs.propagation.breaks import broken_by
+from kreisel.runs.settings import Event, checked_events, flag, whole_number
 from kreisel.storage.checkpoint import signals_wait
 from kreisel.storage.part import one_writer
 

@@ -24,7 +24,6 @@ from kreisel.bodies import KNOWN
 from kreisel.errors import InputError, RunError, Stopped, on_disk
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
-from kreisel.runs.breaks import broken_by
 from kreisel.runs.describing import (
     CORRECTION,
     _corrections,
@@ -37,10 +36,11 @@ from kreisel.runs.describing import (
     time_attributes,
     versions,
 )
-from kreisel.runs.events import checked_events
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.operations import require_events
 from kreisel.runs.plan import Plan
+from kreisel.runs.propagation.breaks import broken_by
+from kreisel.runs.settings import checked_events
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.nodes import require_sound
 from kreisel.storage.opening import _checkpoint, _integration, _plan_of_run, _require_arrays, archive_record

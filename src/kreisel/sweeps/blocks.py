@@ -25,11 +25,10 @@ from kreisel.method.auto import Choice
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.runs.choosing import choices, with_choice
+from kreisel.runs.config import load_system
 from kreisel.runs.integration import Integration
-from kreisel.runs.own import load_system
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import plan_of
+from kreisel.runs.planning import choices, plan_of, with_choice
 from kreisel.runs.settings import Settings
 from kreisel.storage import manifest
 from kreisel.sweeps.design import Lanes, Varied

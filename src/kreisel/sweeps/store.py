@@ -16,8 +16,8 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, on_disk
 from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
-from kreisel.runs.estimating import LEAST, require_room
 from kreisel.runs.plan import Plan
+from kreisel.runs.progress import LEAST, require_room
 from kreisel.storage import manifest
 from kreisel.storage.nodes import require_sound
 from kreisel.storage.part import Part

@@ -13,7 +13,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, finite_number
 
 if TYPE_CHECKING:
-    from kreisel.runs.propagator import Propagator
+    from kreisel.runs.propagation.propagator import Propagator
 
 FEWEST, MOST_ROWS = 8, 256  # steps that are made before the quantity is looked at: more and more of them
 AT_ZERO = 1e-10  # of the largest value in the first block: a start that is where the last search ended

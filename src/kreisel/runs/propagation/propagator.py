@@ -25,6 +25,8 @@ from kreisel.record.lanes import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.plan import planned
+from kreisel.runs.propagation.forms import StateForms
+from kreisel.runs.propagation.walks import Crossing, Walk, first_crossing, number_of
 from kreisel.runs.settings import (
     LARGE,
     MOST_STEPS,
@@ -40,8 +42,6 @@ from kreisel.runs.settings import (
     whole_order,
     within,
 )
-from kreisel.runs.state_forms import StateForms
-from kreisel.runs.walks import Crossing, Walk, first_crossing, number_of
 
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm

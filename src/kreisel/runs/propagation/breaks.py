@@ -21,11 +21,10 @@ from kreisel.method import scheme
 from kreisel.method.driven import COUNT, WORK
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import CoupledSteps, Flow, Steps
-from kreisel.runs.events import Event, Stop
 from kreisel.runs.plan import Plan
-from kreisel.runs.propagator import Propagator
-from kreisel.runs.settings import LARGE, WHOLE, finite_number
-from kreisel.runs.walks import AT_ZERO, root_within
+from kreisel.runs.propagation.propagator import Propagator
+from kreisel.runs.propagation.walks import AT_ZERO, root_within
+from kreisel.runs.settings import LARGE, WHOLE, Event, Stop, finite_number
 
 BREAKS = "breaks/"  # before the names of what a snapshot holds of them
 MOST_ROWS = 256  # steps that are made before events are looked at
