@@ -1,0 +1,80 @@
+"""Double-doubles: unevaluated sums of two numbers, recorded ones or floats, about 31 digits.
+
+The operations are those of Dekker and Knuth with fused products.  The last one or two of 106 bits may be wrong, in a
+sum those of the larger term: half the operations of one that is as exact where terms cancel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from kreisel.graph.graph import Number, fma
+
+
+class DoubleDouble:
+    """upper + lower; other operands of its operators are exact: lower = 0."""
+
+    __slots__ = ("lower", "upper")
+
+    def __init__(self, upper: Any, lower: Any = 0.0):
+        self.upper, self.lower = upper, lower
+
+    def __neg__(self) -> DoubleDouble:
+        return DoubleDouble(-self.upper, -self.lower)
+
+    def __add__(self, other: Any) -> DoubleDouble:
+        y = double_double(other)
+        upper, error = two_sum(self.upper, y.upper)
+        return ordered_sum(upper, error + (self.lower + y.lower))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> DoubleDouble:
+        return self + (-double_double(other))
+
+    def __rsub__(self, other: Any) -> DoubleDouble:
+        return double_double(other) + (-self)
+
+    def __mul__(self, other: Any) -> DoubleDouble:
+        y = double_double(other)
+        product = self.upper * y.upper
+        error = fma(self.upper, y.upper, -product)
+        return ordered_sum(product, fma(self.upper, y.lower, fma(self.lower, y.upper, error)))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> DoubleDouble:
+        y = double_double(other)
+        quotient = self.upper / y.upper
+        remainder = fma(-quotient, y.lower, fma(-quotient, y.upper, self.upper) + self.lower)
+        return ordered_sum(quotient, remainder / y.upper)
+
+    def __rtruediv__(self, other: Any) -> DoubleDouble:
+        return double_double(other) / self
+
+    def sqrt(self) -> DoubleDouble:
+        root = self.upper.sqrt() if isinstance(self.upper, Number) else math.sqrt(self.upper)
+        remainder = fma(-root, root, self.upper) + self.lower
+        return ordered_sum(root, remainder / (root + root))
+
+    def __repr__(self) -> str:
+        return f"({self.upper!r} + {self.lower!r})"
+
+
+def double_double(x: Any) -> DoubleDouble:
+    """A number as a double-double."""
+    return x if isinstance(x, DoubleDouble) else DoubleDouble(x)
+
+
+def two_sum(x: Any, y: Any) -> tuple[Any, Any]:
+    """x + y and its error."""
+    total = x + y
+    share = total - x
+    return total, (x - (total - share)) + (y - share)
+
+
+def ordered_sum(x: Any, y: Any) -> DoubleDouble:
+    """x + y with its error, for |x| >= |y|."""
+    total = x + y
+    return DoubleDouble(total, y - (total - x))
