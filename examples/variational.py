@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import kreisel as kr
-from kreisel.kernels import layout
+from kreisel import algebra
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.method.scheme import Steps
@@ -41,11 +41,11 @@ def rk4() -> tuple[np.ndarray, np.ndarray]:
     flow = scheme(TOP, "dop853", DT, None, False)
     plan = replace(flow, motion=Steps(step), constants={**flow.constants, "dt": DT}, axes={**flow.axes, "dt": 0})
     kinds = plan.kinds
-    start = layout.flatten(tuple(TOP.state(**START).values()), kinds)
+    start = algebra.flatten(tuple(TOP.state(**START).values()), kinds)
     rows = np.empty((STEPS // EVERY + 1, 1, 6))
     rows[0] = start
     CpuEngine(plan, start[None]).advance(rows[1:], EVERY)
-    M, P = layout.restore(rows[:, 0], kinds, 3)
+    M, P = algebra.restore(rows[:, 0], kinds, 3)
     return TOP.call(TOP.system.energy, M, P), (P * P).sum(-1)
 
 

@@ -14,7 +14,7 @@ import os
 import numpy as np
 
 import kreisel as kr
-from kreisel.kernels import layout
+from kreisel import algebra
 from kreisel.runs.planning import make_plan
 from kreisel.viewer.charts import figure
 
@@ -35,7 +35,7 @@ for before, after in itertools.pairwise(TIMES):
     rows = np.empty((1, *plan.engine.z.shape))
     plan.engine.advance(rows, round((after - before) / DT))
     states.append(rows[0])
-seen = [layout.restore(z, plan.kinds, 3) for z in states]
+seen = [algebra.restore(z, plan.kinds, 3) for z in states]
 eps_energy = [top.call(top.system.energy, m, a, eps=DT) for m, a in seen]  # that of the map
 about = [kr.algebra.axial(m)[:, 2] for m, _ in seen]
 means = [a.mean(0) for _, a in seen]

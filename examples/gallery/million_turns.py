@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 import kreisel as kr
-from kreisel.kernels import layout
+from kreisel import algebra
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.method.scheme import Steps
@@ -48,11 +48,11 @@ def rk4(z0, dt, rows, every):
     flow = scheme(top, "dop853", dt, None, False)
     plan = replace(flow, motion=Steps(step), constants={**flow.constants, "dt": dt}, axes={**flow.axes, "dt": 0})
     kinds = plan.kinds
-    start = layout.flatten(tuple(z0.values()), kinds)
+    start = algebra.flatten(tuple(z0.values()), kinds)
     out = np.empty((rows + 1, 1, 6))
     out[0] = start
     CpuEngine(plan, start[None]).advance(out[1:], every)
-    return layout.restore(out[:, 0], kinds, 3)
+    return algebra.restore(out[:, 0], kinds, 3)
 
 
 # densely at first, then to the end: (time, distance, |energy change|) of each method

@@ -16,7 +16,6 @@ from kreisel.exact import motion as motions
 from kreisel.exact import parts
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Nutation
-from kreisel.kernels import layout
 from kreisel.kernels.exact import engine
 from kreisel.kernels.exact.engine import dyadic
 from kreisel.runs import integration as runs
@@ -246,7 +245,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     numbers = sum(f * x[:, None] ** k for k, f in enumerate(np.moveaxis([orbit.place(int(j)) for j in place], 1, 0)))
     halves = [np.stack([np.cos(a), np.sin(a), 0 * a], -1) for a in (phases[:, 1:] * (2 * np.pi * 2.0**-64)).T]
     wanted = orbit.row(numbers, *halves, **orbit.constants)
-    wanted = layout.flatten(wanted, ["skew", "vector", "quaternion"])
+    wanted = algebra.flatten(wanted, ["skew", "vector", "quaternion"])
     assert off(alone[:, 0], wanted) < DOUBLE
 
 

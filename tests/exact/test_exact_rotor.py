@@ -13,7 +13,6 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact.nutation import mp_number
 from kreisel.exact.rotor import Rotor
-from kreisel.kernels import layout
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.engine import ClosedForm
 from kreisel.kernels.exact.jumps import Jumps
@@ -73,13 +72,13 @@ def engine_of(J: Any, M: Any, reach: float, dt: float = 1.0, oriented: bool = Tr
     top, M = kr.EulerTop(J=J), np.asarray(M, dtype=float)
     plan = scheme(top, "exact", dt, None, oriented)
     start = np.broadcast_to(START / np.linalg.norm(START), (*M.shape[:-1], 4))
-    z = layout.flatten((algebra.hat(M), start)[: 1 + oriented], KINDS[: 1 + oriented])
+    z = algebra.flatten((algebra.hat(M), start)[: 1 + oriented], KINDS[: 1 + oriented])
     return ClosedForm(plan, np.atleast_2d(z), dt, reach)
 
 
 def parted(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """M, axial, and g."""
-    M, g = layout.restore(rows, KINDS, 3)
+    M, g = algebra.restore(rows, KINDS, 3)
     return algebra.axial(M), g
 
 
@@ -228,7 +227,7 @@ def rows_of(J: Any, M: Any, cuts: list[int], monkeypatch: pytest.MonkeyPatch, ju
     with monkeypatch.context() as patch:
         patch.setattr(jumps, "ROWS", jumps_first)
         top, M = kr.EulerTop(J=J), np.atleast_2d(np.asarray(M, dtype=float))
-        z = layout.flatten((algebra.hat(M), np.broadcast_to(STILL, (len(M), 4))), KINDS)
+        z = algebra.flatten((algebra.hat(M), np.broadcast_to(STILL, (len(M), 4))), KINDS)
         form = ClosedForm(scheme(top, "exact", 0.1, None, True), z, 0.1, 1e4, every=3)
     out = np.empty((sum(cuts), len(M), 7))
     for first, count in zip(np.cumsum([0, *cuts]), cuts, strict=False):

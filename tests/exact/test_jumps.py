@@ -9,7 +9,6 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra.reuse import forget
 from kreisel.exact.nutation import Integrals
-from kreisel.kernels import layout
 from kreisel.kernels.exact import engine, jumps
 from kreisel.kernels.exact.jumps import Jumps
 from kreisel.method import scheme
@@ -35,9 +34,9 @@ def jumped(top: object, state: object, times: np.ndarray, g: object = None) -> t
     parts = [given[k] for k in letters]
     if g is not None:
         parts.append(np.broadcast_to(g, (*np.shape(parts[1])[:-1], 4)))
-    z = np.atleast_2d(layout.flatten(plan.prepare(tuple(parts)), kinds))
+    z = np.atleast_2d(algebra.flatten(plan.prepare(tuple(parts)), kinds))
     rows, right = Jumps(plan, len(z)).at(z, times)
-    momentum, *rest = layout.restore(rows, kinds, 3)
+    momentum, *rest = algebra.restore(rows, kinds, 3)
     return np.concatenate([algebra.axial(momentum), *rest], -1), right
 
 

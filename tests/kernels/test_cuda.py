@@ -18,7 +18,6 @@ from kreisel.method import scheme
 SIMULATED = """
 import numpy as np
 import kreisel as kr
-from kreisel.kernels import layout
 from kreisel.runs.planning import make_plan
 
 draw = np.random.default_rng(3)
@@ -37,12 +36,12 @@ for model, start, method, order, g in (
             continue
         more = {"method": method, "order": order, "orientation": g, "engine": engine}
         plan = make_plan(model, start, dt=0.1, steps=4, every=2, **more)
-        z, out = layout.restore(plan.engine.z.copy(), plan.kinds, model.n), np.empty((2, *plan.engine.z.shape))
+        z, out = algebra.restore(plan.engine.z.copy(), plan.kinds, model.n), np.empty((2, *plan.engine.z.shape))
         plan.engine.advance(out, 2)
         for _ in range(4):
             z = plan.scheme.advance(*z)
         assert (plan.engine.z == out[-1]).all()
-        print(engine, abs(out[-1] - layout.flatten(z, plan.kinds)).max(), flush=True)
+        print(engine, abs(out[-1] - algebra.flatten(z, plan.kinds)).max(), flush=True)
 plans = [make_plan(top, x0, dt=0.1, steps=30, every=2, method="suris", order=1, orientation=None, engine=engine)
          for engine in ("cuda", "cpu")]
 rows = [np.empty((15, *plan.engine.z.shape)) for plan in plans]

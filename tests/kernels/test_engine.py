@@ -11,7 +11,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels import cpu, layout, threads
+from kreisel.kernels import cpu, threads
 from kreisel.kernels.cpu import CpuEngine, compiled_rate
 from kreisel.kernels.folding import folded
 from kreisel.kernels.printing import arranged
@@ -65,14 +65,14 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
         x0 += (np.array([1.0, 0, 0, 0]) if n == 3 else np.eye(n),)
     plan = first_scheme(model, oriented)
     kinds = [kind for _, kind in plan.components]
-    kernel = CpuEngine(plan, layout.flatten(plan.prepare(x0), kinds)[None])
+    kernel = CpuEngine(plan, algebra.flatten(plan.prepare(x0), kinds)[None])
     out = np.empty((4, 1, kernel.z.shape[1]))
     kernel.advance(out, 2)
     z = plan.prepare(x0)
     for row in out:
         for _ in range(2):
             z = plan.advance(*z)
-        flat = layout.flatten(z, kinds)
+        flat = algebra.flatten(z, kinds)
         assert abs(row[0] - flat).max() < FLOPS_TOLERANCE * (1 + abs(flat).max())
 
 
@@ -86,8 +86,8 @@ def test_compiled_rate_equals_flow(name: str, n: int) -> None:
     turns = name in BODIES
     g = exact.random_rotation(n, exact.float_random(np.random.default_rng(1)))
     state = (*x0, *[algebra.unit_quaternion(g) if n == 3 else g] * turns)
-    rate = compiled_rate(plan)(0.0, layout.flatten(state, kinds), flat_constants(plan, 1)[0][0])
-    flow = layout.flatten(plan.motion.rate(*state, **plan.constants), kinds)
+    rate = compiled_rate(plan)(0.0, algebra.flatten(state, kinds), flat_constants(plan, 1)[0][0])
+    flow = algebra.flatten(plan.motion.rate(*state, **plan.constants), kinds)
     assert abs(rate - flow).max() < FLOPS_TOLERANCE * (1 + abs(flow).max())
     if not turns:
         return
@@ -121,7 +121,7 @@ def one_of_each(
         start = (*start, *[g] * (name in BODIES))
         plan = scheme(model, method, 0.05, order, name in BODIES).on(start)
         kinds = [kind for _, kind in plan.components]
-        out += [plan, layout.flatten(plan.prepare(start), kinds)]
+        out += [plan, algebra.flatten(plan.prepare(start), kinds)]
     return tuple(out)
 
 
@@ -165,7 +165,7 @@ def test_a_recorded_loop_is_the_same_in_every_lane() -> None:
 def test_zero_lanes_are_no_work() -> None:
     model, x0 = random_start("lagrange-top", 3)
     plan = scheme(model, "suris", 0.1, 1, False)
-    row = layout.flatten(x0, ["skew", "vector"])
+    row = algebra.flatten(x0, ["skew", "vector"])
     kernel = CpuEngine(plan, row[None][:0])
     kernel.advance(np.empty((2, 0, 6)), 3)
     assert kernel.z.shape == (0, 6)
@@ -286,19 +286,19 @@ def test_stages_are_one_step_each() -> None:
     fractions = np.array([[0.1, 0.25, -0.05], [0.2, 0.05, 0.3]])
     fixed = {k: v for k, v in plan.constants.items() if k != "eps"}
     staged = replace(plan, constants=fixed, stages={"eps": fractions})
-    row = layout.flatten(x0, ["skew", "vector"])
+    row = algebra.flatten(x0, ["skew", "vector"])
     kernel, out = CpuEngine(staged, np.stack([row, row])), np.empty((1, 2, 6))
     kernel.advance(out, 2)
     for lane, steps in enumerate(fractions):
         z = x0
         for eps in (*steps, *steps):
             z = plan.motion.step(*z, **{**plan.constants, "eps": eps})
-        assert abs(out[0, lane] - layout.flatten(z, ["skew", "vector"])).max() < FLOPS_TOLERANCE
+        assert abs(out[0, lane] - algebra.flatten(z, ["skew", "vector"])).max() < FLOPS_TOLERANCE
     one = replace(plan, constants=fixed, stages={"eps": fractions[0]})
     z = one.advance(*x0)
     for eps in fractions[0][::-1]:
         z = model.call(model.map.inverse, *z, eps=eps)
-    assert abs(layout.flatten(z, ["skew", "vector"]) - row).max() < FLOPS_TOLERANCE
+    assert abs(algebra.flatten(z, ["skew", "vector"]) - row).max() < FLOPS_TOLERANCE
 
 
 def test_a_recorded_skew_matrix_is_not_exact() -> None:
@@ -324,7 +324,7 @@ def test_compiled_observe_equals_the_definition(name: str, n: int, oriented: boo
     plan.engine.advance(rows, 1)
     compiled = cpu.compiled_observe(plan.scheme, plan.variables, 2)
     assert compiled is not None
-    found, wanted = compiled(rows), plan.variables(layout.restore(rows, plan.kinds, n))
+    found, wanted = compiled(rows), plan.variables(algebra.restore(rows, plan.kinds, n))
     assert set(found) == set(wanted) == set(plan.scheme.outcomes)
     for variable, value in wanted.items():
         assert found[variable].shape == (9, 2, *np.shape(value)[2:])

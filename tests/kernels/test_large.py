@@ -7,8 +7,8 @@ import pytest
 
 import kreisel as kr
 import walks
+from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.large import blockwise, forms
 from kreisel.kernels.large.matrix_products import MatrixProducts
@@ -45,7 +45,7 @@ def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[
     form = forms.form_of(dense)
     assert form is not None
     own = form.on(dense, x0)
-    start = layout.flatten(own.prepare(x0), [kind for _, kind in own.components])
+    start = algebra.flatten(own.prepare(x0), [kind for _, kind in own.components])
     return dense, dense.prepare(x0), own, CpuEngine(own, start[None], blockwise.Printer(form, dense))
 
 
@@ -67,7 +67,7 @@ def test_kernel_is_the_definition(name: str, n: int, method: str, order: int) ->
     for _ in range(30):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), 30)
-    found = own.observe(layout.restore(kernel.z[0], [kind for _, kind in own.components], n))
+    found = own.observe(algebra.restore(kernel.z[0], [kind for _, kind in own.components], n))
     for letter, value in dense.observe(z).items():
         if own.outcomes[letter].kind == "state":
             assert abs(found[letter] - value).max() < 30 * n * np.finfo(float).eps * max(1, abs(value).max())
@@ -81,7 +81,7 @@ def test_a_wrong_solve_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     dense, z, own, kernel = prepared("lagrange-top", 9, "suris", 1)
     kernel.advance(np.empty((1, *kernel.z.shape)), 1)
-    found = own.observe(layout.restore(kernel.z[0], [kind for _, kind in own.components], 9))
+    found = own.observe(algebra.restore(kernel.z[0], [kind for _, kind in own.components], 9))
     assert abs(found["a"] - dense.observe(dense.advance(*z))["a"]).max() > 1e-6
 
 
@@ -100,9 +100,11 @@ def spoiled_inverse(n: int = 10) -> tuple[float, float]:
             after(20, kernel, own, n)
             kernel.z[0, n * (n + 1) // 2 :] *= 1.01
     found = after(20, kernel, own, n)
-    M = layout.restore(found, ("skew", "vector"), n)[0]
+    M = algebra.restore(found, ("skew", "vector"), n)[0]
     W = kernel.z[0, n * (n + 1) // 2 :].reshape(n, n)
-    return abs(found - layout.flatten(z, ("skew", "vector"))).max(), abs(W @ (np.eye(n) + DT / 2 * M) - np.eye(n)).max()
+    return abs(found - algebra.flatten(z, ("skew", "vector"))).max(), abs(
+        W @ (np.eye(n) + DT / 2 * M) - np.eye(n)
+    ).max()
 
 
 def test_inverse_is_made_anew_when_the_residual_says_so() -> None:
@@ -131,12 +133,12 @@ def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(forms, "changed_inverse", lambda *given: [(-x, r) for x, r in right(*given)])
     dense, z, own, kernel = prepared("clebsch", 10, "suris", 1)
     after(1, kernel, own, 10)
-    M = layout.restore(kernel.z[0, :55], ("skew", "vector"), 10)[0]
+    M = algebra.restore(kernel.z[0, :55], ("skew", "vector"), 10)[0]
     W = kernel.z[0, 55:].reshape(10, 10)
     assert abs(W @ (np.eye(10) + DT / 2 * M) - np.eye(10)).max() > 1e-4
     for _ in range(3):
         z = dense.advance(*z)
-    assert abs(after(2, kernel, own, 10) - layout.flatten(z, ("skew", "vector"))).max() < 1e-14
+    assert abs(after(2, kernel, own, 10) - algebra.flatten(z, ("skew", "vector"))).max() < 1e-14
 
 
 def test_dense_momentum_in_runs(tmp_path) -> None:
@@ -190,12 +192,12 @@ def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict
     assert form is not None
     own, z = form.on(dense, x0), dense.prepare(x0)
     kinds = [kind for _, kind in own.components]
-    kernel = CpuEngine(own, layout.flatten(own.prepare(x0), kinds)[None], blockwise.Printer(form, dense))
+    kernel = CpuEngine(own, algebra.flatten(own.prepare(x0), kinds)[None], blockwise.Printer(form, dense))
     for _ in range(steps):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
     names = (*state, "g")
-    both = dense.observe(z), own.observe(layout.restore(kernel.z[0], kinds, n))
+    both = dense.observe(z), own.observe(algebra.restore(kernel.z[0], kinds, n))
     right, found = ({name: values[name] for name in names} for values in both)
     return right, found
 

@@ -14,7 +14,6 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import invariants
-from kreisel.kernels import layout
 from kreisel.kernels._llvm import projecting
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.projection import corrections, text
@@ -83,7 +82,7 @@ def fraction(x: Any) -> np.ndarray:
 
 def exactly(plan: Any, z: np.ndarray) -> dict[str, Fraction]:
     """What the method conserves, in rational numbers, by label."""
-    parts = layout.restore(fraction(z), plan.kinds, plan.model.n)
+    parts = algebra.restore(fraction(z), plan.kinds, plan.model.n)
     known = {k: fraction(v)[()] for k, v in plan.scheme.constants.items()}
     out = {}
     for name, value in plan.scheme.observe(parts, **known).items():
@@ -604,7 +603,9 @@ def test_sums_of_logarithms_are_projected_as_products(n: int, monkeypatch: pytes
     projection = plan.engine.projection
     assert isinstance(projection, CompiledProjection) and projection.every < 10**4
     high = projection.targets[0, projection.labels.index("energy_eps"), 0]
-    energy = plan.scheme.observe(layout.restore(plan.engine.z[0], plan.kinds, n), **plan.scheme.constants)["energy_eps"]
+    energy = plan.scheme.observe(algebra.restore(plan.engine.z[0], plan.kinds, n), **plan.scheme.constants)[
+        "energy_eps"
+    ]
     assert abs(abs(np.log(high)) - abs(energy)) < 1e-12 * abs(energy)
     name = "kreisel.kernels.projection.program._without_logarithms"
     monkeypatch.setattr(name, lambda tape, lines, varying, name: name)  # the mutant

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel import algebra
 from kreisel.algebra import skew
-from kreisel.kernels import layout
 from kreisel.lab.lax import lax
 from kreisel.lab.paper.clebsch import printed_pencil
 from kreisel.lab.paper.top_moving_frame import printed_conjugator
@@ -84,7 +84,7 @@ def test_three_equal_parameters_are_not_complete() -> None:
 def of_record(function, kinds=("skew", "vector"), n=3):
     def wrapped(x, lam, **known):
         flip = np.array([-x[2], x[1], -x[0]], dtype=object)
-        state = layout.restore(np.concatenate([flip, x[3:]]), kinds, n)
+        state = algebra.restore(np.concatenate([flip, x[3:]]), kinds, n)
         return call(function, state, {**known, "lam": lam})
 
     return wrapped

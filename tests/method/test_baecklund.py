@@ -11,7 +11,6 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.orders import baecklund_orders
@@ -100,12 +99,12 @@ def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool)
     z += (np.array([1.0, 0, 0, 0]),) if oriented else ()
     plan = scheme(model, "baecklund", 0.1, order, oriented).on(z)
     kinds = [kind for _, kind in plan.components]
-    kernel = CpuEngine(plan, layout.flatten(z, kinds)[None])
+    kernel = CpuEngine(plan, algebra.flatten(z, kinds)[None])
     out = np.empty((1, 1, kernel.z.shape[1]))
     kernel.advance(out, 3)
     for _ in range(3):
         z = plan.advance(*z)
-    assert abs(out[0, 0] - layout.flatten(z, kinds)).max() < 1e-12
+    assert abs(out[0, 0] - algebra.flatten(z, kinds)).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.method import METHODS, composition, default_method, kahan_integrals, kahan_step, scheme
 from kreisel.record.model import Model
@@ -45,7 +44,7 @@ def step(model: Model, z: State, eps: Any) -> State:
 
 
 def flat(model: Model, z: State) -> np.ndarray:
-    return layout.flatten(z, model.system.space.kinds)
+    return algebra.flatten(z, model.system.space.kinds)
 
 
 def off_equation(name: str, n: int, share: Any = HALF) -> list[Any]:
@@ -53,7 +52,7 @@ def off_equation(name: str, n: int, share: Any = HALF) -> list[Any]:
     model, z = start(name, n)
     kinds = model.system.space.kinds
     x, y = flat(model, z), flat(model, step(model, z, EPS))
-    f = lambda v: flat(model, tuple(model.flow(*layout.restore(v, kinds, n))))  # noqa: E731
+    f = lambda v: flat(model, tuple(model.flow(*algebra.restore(v, kinds, n))))  # noqa: E731
     B = lambda v: (f(v) - f(-v)) / 2  # noqa: E731
     c = f(0 * x)
     Q = share * (f(x + y) - f(x) - f(y) + c)
@@ -195,7 +194,7 @@ def test_orders(name: str, order: int) -> None:
     model, z = start(name, numbers="float")
     kinds = model.system.space.kinds
     end = {"euler-top": 20.0, "zhukovsky-volterra": 8.0, "heavy-top": 1.6}[name]
-    rate = lambda t, y: layout.flatten(model.flow(*layout.restore(y, kinds, 3)), kinds)  # noqa: E731
+    rate = lambda t, y: algebra.flatten(model.flow(*algebra.restore(y, kinds, 3)), kinds)  # noqa: E731
     truth = solve_ivp(rate, (0, end), flat(model, z), method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
     given = dict(zip(model.system.space.letters, z, strict=True))
     errors, counts = [], (6, 7, 8) if order == 8 else (12, 16, 24)

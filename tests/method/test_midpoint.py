@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.method import METHODS, composition, default_method, scheme
@@ -70,7 +69,7 @@ def test_the_step_is_symplectic_on_every_sphere(name: str) -> None:
 
     def off(made: Any) -> float:
         new, J = exact.jacobian(lambda *z: made(model, z), z, space.kinds, model.n)
-        there = layout.restore(np.array([v.value for v in new]), space.kinds, model.n)
+        there = algebra.restore(np.array([v.value for v in new]), space.kinds, model.n)
         J = J.astype(float)
         return float(abs(J @ space.tensor(*z) @ J.T - space.tensor(*there)).max())
 
@@ -102,13 +101,13 @@ def test_the_energy_of_the_euler_top_over_q() -> None:
 def test_orders(name: str, order: int) -> None:
     model, z = start(name)
     kinds, end = model.system.space.kinds, {"spin-chain": 3.0, "zhukovsky-volterra": 8.0}[name]
-    rate = lambda t, y: layout.flatten(model.flow(*layout.restore(y, kinds, 3)), kinds)  # noqa: E731
-    truth = solve_ivp(rate, (0, end), layout.flatten(z, kinds), method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+    rate = lambda t, y: algebra.flatten(model.flow(*algebra.restore(y, kinds, 3)), kinds)  # noqa: E731
+    truth = solve_ivp(rate, (0, end), algebra.flatten(z, kinds), method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
     given = dict(zip(model.system.space.letters, z, strict=True))
     errors, counts = [], (12, 14, 16) if order == 8 else (16, 22, 32)
     for count in counts:
         made = model.state(**kr.propagator(model, method="midpoint", order=order, dt=end / count).steps(given, count))
-        errors.append(abs(layout.flatten(tuple(made[k] for k in given), kinds) - truth).max())
+        errors.append(abs(algebra.flatten(tuple(made[k] for k in given), kinds) - truth).max())
     assert abs(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - order) < 0.4
 
 
@@ -149,13 +148,13 @@ def test_long_chains_run_in_loops_over_the_sites() -> None:
     for n in (24, 48):
         model, z = start("spin-chain", n)
         plan = scheme(model, "midpoint", 0.1, 2, False)
-        engine = CpuEngine(plan, layout.flatten(plan.prepare(z), plan.kinds)[None])
+        engine = CpuEngine(plan, algebra.flatten(plan.prepare(z), plan.kinds)[None])
         out = np.empty((1, 1, engine.z.shape[1]))
         engine.advance(out, 3)
         made = plan.prepare(z)
         for _ in range(3):
             made = plan.advance(*made)
-        assert abs(out[0, 0] - layout.flatten(made, plan.kinds)).max() < 1e-12
+        assert abs(out[0, 0] - algebra.flatten(made, plan.kinds)).max() < 1e-12
         sources.append(engine.source.count("\n"))
     assert sources[0] == sources[1] < 400
 

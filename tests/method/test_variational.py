@@ -13,7 +13,6 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.orders import scheme_orders
@@ -45,7 +44,7 @@ def off_poisson(name: str, n: int, order: int = 2, dt: float = 0.1) -> float:
     model, z = random_start(name, n)
     space = model.system.space
     new, J = exact.jacobian(lambda *z: step(model, z, dt, order), z, space.kinds, n)
-    J, there = J.astype(float), layout.restore(np.array([v.value for v in new]), space.kinds, n)
+    J, there = J.astype(float), algebra.restore(np.array([v.value for v in new]), space.kinds, n)
     return float(abs(J @ space.tensor(*z) @ J.T - space.tensor(*there)).max())
 
 
@@ -69,9 +68,9 @@ def off_order(name: str, n: int, order: int = 2) -> float:
     kinds = model.system.space.kinds
     steps, errors = 0.02 / np.sqrt(2) ** np.arange(4), []
     for dt in steps:
-        rate = lambda t, y: layout.flatten(model.flow(*layout.restore(y, kinds, n)), kinds)  # noqa: E731
-        truth = solve_ivp(rate, (0, dt), layout.flatten(z, kinds), method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
-        errors.append(abs(layout.flatten(step(model, z, dt, order), kinds) - truth).max())
+        rate = lambda t, y: algebra.flatten(model.flow(*algebra.restore(y, kinds, n)), kinds)  # noqa: E731
+        truth = solve_ivp(rate, (0, dt), algebra.flatten(z, kinds), method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+        errors.append(abs(algebra.flatten(step(model, z, dt, order), kinds) - truth).max())
     return float(abs(np.polyfit(np.log(steps), np.log(errors), 1)[0] - (order + 1)))
 
 
@@ -120,12 +119,12 @@ def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
     x0 += {3: (np.array([1.0, 0, 0, 0]),), 4: (np.eye(4),), 9: ()}[n]
     kinds = [kind for _, kind in plan.components]
     z = plan.prepare(x0)
-    kernel = CpuEngine(plan, layout.flatten(z, kinds)[None])
+    kernel = CpuEngine(plan, algebra.flatten(z, kinds)[None])
     out = np.empty((3, 1, kernel.z.shape[1]))
     kernel.advance(out, 2)
     for row in out:
         z = plan.advance(*plan.advance(*z))
-        flat = layout.flatten(z, kinds)
+        flat = algebra.flatten(z, kinds)
         assert abs(row[0] - flat).max() < ROUNDOFF * (1 + abs(flat).max())
 
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import kreisel as kr
-from kreisel.kernels import layout
+from kreisel import algebra
 from kreisel.lab import exact, laws
 from kreisel.record.spheres import random_spins
 from kreisel.system import lattice_landau_lifshitz as lattice
@@ -188,13 +188,13 @@ def given(n: int, seed: int = 0) -> dict[str, np.ndarray]:
 def test_its_order_is_1() -> None:
     model, start = kr.LatticeLandauLifshitz(n=4, D=-0.3), given(4)
     kinds = model.system.space.kinds
-    rate = lambda t, y: layout.flatten(model.flow(*layout.restore(y, kinds, 4)), kinds)  # noqa: E731
-    y0 = layout.flatten(tuple(start.values()), kinds)
+    rate = lambda t, y: algebra.flatten(model.flow(*algebra.restore(y, kinds, 4)), kinds)  # noqa: E731
+    y0 = algebra.flatten(tuple(start.values()), kinds)
     truth = solve_ivp(rate, (0, 0.2), y0, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
     errors, counts = [], (400, 800, 1600)
     for count in counts:
         made = kr.propagator(model, dt=0.2 / count).steps(start, count)
-        errors.append(abs(layout.flatten(tuple(made[k] for k in start), kinds) - truth).max())
+        errors.append(abs(algebra.flatten(tuple(made[k] for k in start), kinds) - truth).max())
     assert abs(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - 1) < 0.1
 
 

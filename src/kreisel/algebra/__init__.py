@@ -50,6 +50,7 @@ from kreisel.algebra.cayley import (
     turned,
 )
 from kreisel.algebra.floats import floats, is_number, loses
+from kreisel.algebra.kinds import KINDS, coordinate_count, flatten, restore, slices
 from kreisel.algebra.orientation import (
     continued,
     double_turn,
@@ -82,6 +83,7 @@ from kreisel.algebra.skew import (
 )
 
 __all__ = [
+    "KINDS",
     "LINEAR_ALGEBRA",
     "SECOND",
     "THIRD",
@@ -97,12 +99,14 @@ __all__ = [
     "complex_number",
     "conjugate",
     "continued",
+    "coordinate_count",
     "coordinates",
     "coordinates_of",
     "cross",
     "diagonal_resolvent",
     "dot",
     "double_turn",
+    "flatten",
     "floats",
     "hat",
     "holds_objects",
@@ -125,10 +129,12 @@ __all__ = [
     "quaternion_product",
     "rate",
     "resolvent",
+    "restore",
     "rotation_matrix",
     "shifted_resolvent",
     "sign",
     "skew",
+    "slices",
     "solve",
     "sqrt",
     "symmetric",

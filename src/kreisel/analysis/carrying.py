@@ -17,7 +17,6 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces.kicks import ORIENTATION
 from kreisel.forces.pairs import of_bodies
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import compiled_step
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.recording import flat_constants
@@ -61,14 +60,14 @@ class Carrier:
         """
         components = self._components(len(z))
         flow = _Flow(self.model, self.constants, components, self.rates, len(h))
-        y, share, done = layout.flatten(z, flow.kinds), np.ones(len(h)), np.zeros(len(h))
+        y, share, done = algebra.flatten(z, flow.kinds), np.ones(len(h)), np.zeros(len(h))
         size, left = flow.size(y), np.nonzero(h)[0]
         with np.errstate(all="ignore"):  # steps whose numbers overflow are too long
             for _ in range(MOST_ROUNDS):
                 if not len(left):
-                    end = layout.restore(y, flow.kinds, self.model.n)
+                    end = algebra.restore(y, flow.kinds, self.model.n)
                     if following is not None:
-                        flow.require_met(y, h, layout.flatten((*end[: self.moving], *following), flow.kinds))
+                        flow.require_met(y, h, algebra.flatten((*end[: self.moving], *following), flow.kinds))
                     return end
                 new, error, columns = flow.step(y[left], share[left] * h[left], size[left], left)
                 good = error <= ACCURATE
@@ -122,7 +121,7 @@ class _Flow:
     ):
         self.kinds, self.n = [kind for _, kind in components], model.n
         self.rates, self.constants = rates, constants
-        self.starts = np.cumsum([0, *(layout.coordinate_count(kind, model.n) for kind in self.kinds)])[:-1]
+        self.starts = [place.start for place in algebra.slices(self.kinds, model.n)]
         self.model = model
         if model.system.numbers != "jax" and model.n <= FASTER:
             self.advance = self._by_kernel(components, lanes)
@@ -168,7 +167,7 @@ class _Flow:
         """The same by array code."""
         known = {k: v[lanes] if v.ndim > self.model.axes[k] else v for k, v in self.constants.items()}
         for _ in range(steps):
-            rate = layout.flatten(self.rates(*layout.restore(here, self.kinds, self.n), **known), self.kinds)
+            rate = algebra.flatten(self.rates(*algebra.restore(here, self.kinds, self.n), **known), self.kinds)
             before, here = here, before + eps[:, None] * rate
         return here
 

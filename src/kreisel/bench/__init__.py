@@ -26,7 +26,6 @@ import numpy as np
 import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels import layout
 
 SEEDS = (1, 2, 3)
 DT, TURNS = 0.05, 5
@@ -257,9 +256,9 @@ def _entries(case: BenchCase) -> Array:
     """The matrix Q with row Q the row in entries (0, 1), (0, 2), (1, 2) of skew matrices, n = 3."""
     kinds = case.model.system.space.kinds
     vectors = ["vector" if kind == "skew" else kind for kind in kinds]
-    rows = layout.restore(np.eye(sum(layout.coordinate_count(kind, 3) for kind in vectors)), vectors, 3)
+    rows = algebra.restore(np.eye(algebra.coordinate_count(vectors, 3)), vectors, 3)
     components = [algebra.hat(v) if kind == "skew" else v for kind, v in zip(kinds, rows, strict=True)]
-    return np.asarray(layout.flatten(components, kinds))
+    return np.asarray(algebra.flatten(components, kinds))
 
 
 def summary(ns: dict[str, Array]) -> dict[str, Any]:

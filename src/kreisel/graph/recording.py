@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.graph.arranging import arranged, independent, length
 from kreisel.graph.graph import IN, LOOP, Graph, Number, Operand, TooLong
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Part, Scheme
 
@@ -61,7 +61,7 @@ class Recording:
             raise TooLong
         self.scheme = scheme
         self.columns = {"c": columns, "s": stage_columns or {}}
-        self.state = sum(layout.coordinate_count(kind, scheme.n) for kind in scheme.kinds)
+        self.state = algebra.coordinate_count(scheme.kinds, scheme.n)
         special = {("c", j): value for j, value in special_constants(constants).items()}
         self.work, self.pieces = 0, list[Piece]()
         for k, part in enumerate(scheme.parts):
@@ -75,7 +75,7 @@ class Recording:
         graph = Graph(mark)
         letters = {letter: self.columns[letter] for letter in part.letters}
         state, constants = recorded_arguments(self.scheme, graph, letters, part.more)
-        return graph, list(layout.flatten(part.function(*state, **constants), self.scheme.kinds))
+        return graph, list(algebra.flatten(part.function(*state, **constants), self.scheme.kinds))
 
     @property
     def length(self) -> int:
@@ -129,13 +129,13 @@ def recorded_arguments(
     `more`: the kinds of what stands behind the state.
     """
     kinds = [*(kind for _, kind in scheme.components), *more]
-    count = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
+    count = algebra.coordinate_count(kinds, scheme.n)
     constants = {
         name: recorded_numbers(graph, letter, place, _shape(scheme, letter, name))
         for letter, places in columns.items()
         for name, place in places.items()
     }
-    return layout.restore(graph.inputs("z", count), kinds, scheme.n), constants
+    return algebra.restore(graph.inputs("z", count), kinds, scheme.n), constants
 
 
 def recorded_numbers(graph: Graph, letter: str, place: slice, shape: tuple[int, ...]) -> Any:

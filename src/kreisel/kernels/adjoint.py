@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import gradient
 from kreisel.algebra.computed import cached_property
 from kreisel.algebra.gradient import TracedNumber
-from kreisel.kernels import layout
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
@@ -88,11 +88,11 @@ def recorded(
     `known`: constants with the name of each recorded entry, a string, in place of its number.
     """
     tape = Tape(most=most)
-    count = sum(layout.coordinate_count(kind, n) for kind in kinds)
+    count = algebra.coordinate_count(kinds, n)
     flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
     try:
         given = {k: _named(tape, v) for k, v in known.items()}
-        values = list(layout.flatten(function(*layout.restore(flat, kinds, n), **given), kinds))
+        values = list(algebra.flatten(function(*algebra.restore(flat, kinds, n), **given), kinds))
     except (TooLong, TypeError, AttributeError):
         return None
     lines = tape.needed([v.name for v in values if isinstance(v, Scalar)])

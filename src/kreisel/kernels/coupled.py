@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.kernels import layout
+from kreisel import algebra
 from kreisel.kernels._llvm.machine import register_width
 from kreisel.kernels.cpu import load_kernel, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
@@ -193,7 +193,7 @@ def source_of(
 
 
 def _count_of_forces(scheme: Scheme) -> int:
-    return sum(layout.coordinate_count(kind, scheme.n) for kind in of(scheme).forces)
+    return algebra.coordinate_count(of(scheme).forces, scheme.n)
 
 
 def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> str:
@@ -204,9 +204,9 @@ def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> 
     for name, place in columns["p"].items():
         known[name] = recorded_numbers(tape, "p", place, np.shape(coupling.constants[name])[1:])
     found = coupling.pull(*z, **known)
-    values: list[Any] = list(layout.flatten(found, [*coupling.forces, *coupling.forces]))
+    values: list[Any] = list(algebra.flatten(found, [*coupling.forces, *coupling.forces]))
     lines, sources = recorded_values(tape, values)
-    size = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
+    size = algebra.coordinate_count(kinds, scheme.n)
     used = {name for line in lines for name in line.needs} | {source.strip("(-)") for source in sources}
     given = {"f": [f"f{k}" for k in range(len(values))], "z": [f"z{k}" for k in range(2 * size)]}
     more = ""

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.kernels import dense, layout, simd
+from kreisel.kernels import dense, simd
 from kreisel.kernels.cache import load_kernel as load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
@@ -357,7 +358,7 @@ def _observing(
     if len(found.lines) > OBSERVED_LINES:
         return None
     used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}
-    size = sum(layout.coordinate_count(kind, scheme.n) for kind in scheme.kinds)
+    size = algebra.coordinate_count(scheme.kinds, scheme.n)
     constants = sorted(name for name in used if name[0] == "c" and name[1:].isdigit())
     given = {"z": [f"z{i}" for i in range(size)], **({"c": constants} if constants else {})}
     rows = f"numbers(z, (row, lane), {size}, ())"

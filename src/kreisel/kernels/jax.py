@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import RunError
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.arrays import InDoubles, gauss_newton, led, scales
 from kreisel.kernels.projection.program import recordable
@@ -26,13 +25,6 @@ EVERY = 1000  # steps between two projections, of about 0.1 ms; steps take some 
 MOST_KEPT = 64
 
 
-def flat(parts: tuple[Array, ...], kinds: Sequence[str]) -> Array:
-    """The state of one lane as one array (d,)."""
-    return jnp.concatenate(
-        [algebra.coordinates(p) if k == "skew" else jnp.ravel(p) for p, k in zip(parts, kinds, strict=True)]
-    )
-
-
 @lru_cache(64)
 def _compiled_loop(
     step: Callable[..., tuple[Array, ...]], kinds: tuple[str, ...], n: int, names: frozenset[str], lanes: frozenset[str]
@@ -40,7 +32,7 @@ def _compiled_loop(
     """The loop for a step, compiled at its first call and kept for further runs; `lanes` are constants with lanes."""
 
     def one(z: Array, constants: Mapping[str, Array]) -> Array:
-        return flat(step(*layout.restore(z, kinds, n), **constants), kinds)
+        return algebra.flatten(step(*algebra.restore(z, kinds, n), **constants), kinds)
 
     every_lane = jax.vmap(one, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
 
@@ -79,7 +71,7 @@ def _projection(
         return _projections[key]
 
     def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
-        found = scheme.observe(layout.restore(z, kinds, n)[:own], **known)
+        found = scheme.observe(algebra.restore(z, kinds, n)[:own], **known)
         names = sorted(name for name in found if scheme.outcomes[name].conserved)  # the order in which JAX returns them
         return {name: jnp.ravel(found[name]) for name in names}
 
@@ -191,7 +183,7 @@ class JaxEngine:
 
     def _fail(self, lane: int, count: int, lanes: int) -> None:
         step = self._done + count + 1
-        state = layout.restore(self.z[lane], self._kinds, self._scheme.n)
+        state = algebra.restore(self.z[lane], self._kinds, self._scheme.n)
         constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
         where = f" of lane {lane}" if lanes > 1 else ""
         why = self._steps.explain(state, constants)
@@ -212,7 +204,7 @@ def compiled_rate(scheme: Scheme) -> Callable[[float, Floats, Floats], Floats]:
             size = int(np.prod(shape))
             constants[k] = row[start : start + size].reshape(shape)
             start += size
-        return flat(function(*layout.restore(y, kinds, scheme.n), **constants), kinds)
+        return algebra.flatten(function(*algebra.restore(y, kinds, scheme.n), **constants), kinds)
 
     with double():
         compiled = jax.jit(rate)

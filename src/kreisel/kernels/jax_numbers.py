@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
-from kreisel.kernels import adjoint, jax_primitives, layout
-from kreisel.kernels.jax import flat
+from kreisel.kernels import adjoint, jax_primitives
 from kreisel.kernels.jax_primitives import iterated, with_jacobian
 from kreisel.kernels.tape import whole_power
 from kreisel.reduction import linear
@@ -228,8 +228,8 @@ def orbit(
             state, rest = rest[: len(z)], rest[len(z) :]
             more, rest = _shaped(rest, shapes[0])
             of_stage = _shaped(rest, shapes[1])[0] if staged else {}
-            parts = layout.restore(_objects(state), kinds, n)
-            new = layout.flatten(function(*parts, **fixed, **more, **of_stage), kinds)
+            parts = algebra.restore(_objects(state), kinds, n)
+            new = algebra.flatten(function(*parts, **fixed, **more, **of_stage), kinds)
             return tuple(jnp.asarray(plain(v), dtype=jnp.float64) for v in new)
 
         made = with_jacobian(scalars)
@@ -312,7 +312,7 @@ def orbit_of_arrays(
     constants = {k: values(v) for k, v in known.items()}
 
     def step(z: Array, constants: Mapping[str, Array]) -> Array:
-        return flat(take(*layout.restore(z, kinds, n), **constants), kinds)
+        return algebra.flatten(take(*algebra.restore(z, kinds, n), **constants), kinds)
 
     return iterated(step, z, constants, rows, every)
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels import layout
 from kreisel.kernels.folding import folded
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split
@@ -94,7 +94,7 @@ class Recording:
 
     def names(self, part: Part) -> list[str]:
         """The names of the state, and of what a part takes behind it, in straight-line code."""
-        more = sum(layout.coordinate_count(kind, self.n) for kind in part.more)
+        more = algebra.coordinate_count(part.more, self.n)
         return [*self.state, *(f"z{len(self.state) + i}" for i in range(more))]
 
     @property
@@ -121,7 +121,7 @@ class Recording:
 
     def _straight_line(self, parts: list[Part], constants: Floats) -> None:
         """Record scalar code."""
-        count = sum(layout.coordinate_count(kind, self.n) for kind in self.kinds)
+        count = algebra.coordinate_count(self.kinds, self.n)
         self.state = [f"z{i}" for i in range(count)]
         self.pieces: list[RecordedFunction] = []
         self.words: set[str] = set()
@@ -131,7 +131,7 @@ class Recording:
             tape = Tape(mark)
             letters = {letter: self.columns[letter] for letter in part.letters}
             given, known = recorded_arguments(self.scheme, tape, letters, part.more)
-            values = list(layout.flatten(part.function(*given, **known), self.kinds))
+            values = list(algebra.flatten(part.function(*given, **known), self.kinds))
             lines, new = recorded_values(tape, values)
             self.work += sum(len(line.text.splitlines()) for line in lines)
             if numbers:
@@ -164,11 +164,7 @@ class Recording:
             lines = tape.needed(outputs) if tape.shapes is None else tape.finished(outputs)
             self.pieces.append(RecordedFunction(part, lines, names))
             self.work += len(self.pieces[-1].lines) * self.n**2
-        edges = np.cumsum([0, *(layout.coordinate_count(kind, self.n) for kind in self.kinds)])
-        self.places = [
-            (kind, slice(int(a), int(b)), name)
-            for kind, a, b, name in zip(self.kinds, edges[:-1], edges[1:], self.state, strict=True)
-        ]
+        self.places = list(zip(self.kinds, algebra.slices(self.kinds, self.n), self.state, strict=True))
 
     def load(self, source: str, indent: int) -> str:
         """The state of array code from a row."""
@@ -231,14 +227,14 @@ def recorded_arguments(
     `more`: the kinds of what stands behind the state.
     """
     kinds = [*(kind for _, kind in scheme.components), *more]
-    count = sum(layout.coordinate_count(kind, scheme.n) for kind in kinds)
+    count = algebra.coordinate_count(kinds, scheme.n)
     flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
     known = {
         name: recorded_numbers(tape, letter, place, _shape(scheme, letter, name))
         for letter, places in columns.items()
         for name, place in places.items()
     }
-    return layout.restore(flat, kinds, scheme.n), known
+    return algebra.restore(flat, kinds, scheme.n), known
 
 
 def recorded_numbers(tape: Tape, letter: str, place: slice, shape: tuple[int, ...]) -> Any:

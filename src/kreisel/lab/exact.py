@@ -13,7 +13,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
-from kreisel.kernels import layout
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
 
@@ -112,10 +111,10 @@ def jacobian(
     function: Callable[..., Any], state: tuple[Array, ...], kinds: tuple[str, ...], n: int
 ) -> tuple[Any, Array]:
     """A function of state components at dual numbers: its output, and d output / d coordinate."""
-    flat = layout.flatten(state, kinds)
-    output = function(*layout.restore(independent(flat), kinds, n))
+    flat = algebra.flatten(state, kinds)
+    output = function(*algebra.restore(independent(flat), kinds, n))
     if isinstance(output, tuple):
-        output = layout.flatten(output, kinds)
+        output = algebra.flatten(output, kinds)
     return output, slopes(output, len(flat))
 
 
@@ -170,7 +169,7 @@ def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
     """A random point of a phase space."""
     if space.draw is not None:
         return tuple(space.draw(n, draw))
-    return layout.restore(draw((sum(layout.coordinate_count(k, n) for k in space.kinds),)), space.kinds, n)
+    return algebra.restore(draw((algebra.coordinate_count(space.kinds, n),)), space.kinds, n)
 
 
 def random_rotation(n: int, draw: Random) -> Array:

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, vec, wedge
 from kreisel.errors import InputError
-from kreisel.kernels import layout
 from kreisel.lab.fields import fraction
 from kreisel.lab.search import exact_constants, explicit, model_of
 from kreisel.lab.subject import Subject, coordinate_names, subject
@@ -129,8 +129,8 @@ def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
 
     def step(coordinates: Array, /, *, eps: Any, **known: Any) -> Array:
         consts = {k.removeprefix("parameter_"): v for k, v in known.items()}
-        new, _ = advance(model, layout.restore(coordinates, space.kinds, n), eps, consts)
-        return layout.flatten(new, space.kinds)
+        new, _ = advance(model, algebra.restore(coordinates, space.kinds, n), eps, consts)
+        return algebra.flatten(new, space.kinds)
 
     return Subject(
         f"Kahan's map of {model.system.name}",

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.exact import jacobian
 from kreisel.record.contract import Map, System
@@ -50,7 +50,7 @@ class Case:
         return self.model.call(function, *(state or self.state), **{"eps": self.eps, "lam": self.lam, **extra})
 
     def flat(self, state: tuple[Array, ...]) -> Array:
-        return layout.flatten(state, self.kinds)
+        return algebra.flatten(state, self.kinds)
 
     def tensor(self, state: tuple[Array, ...]) -> Array:
         return self.model.call(self.system.space.tensor, *state)

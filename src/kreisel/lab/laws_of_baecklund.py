@@ -12,7 +12,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError
-from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.exact import slopes
 from kreisel.lab.law import ORDER_TOLERANCE, Case, Sides, _law
@@ -110,8 +109,8 @@ def darboux(case: Case) -> Sides:
 def poisson_baecklund(case: Case) -> Sides:
     curve = _point_on_curve(case)
     flat = curve.flat(curve.state)
-    new = curve.move(*layout.restore(exact.independent(flat), case.kinds, curve.model.n))  # Newton's step has d rho
-    J = slopes(layout.flatten(new, case.kinds), len(flat))
+    new = curve.move(*algebra.restore(exact.independent(flat), case.kinds, curve.model.n))  # Newton's step has d rho
+    J = slopes(algebra.flatten(new, case.kinds), len(flat))
     yield J @ case.tensor(curve.state) @ J.T, case.tensor(curve.move())
 
 

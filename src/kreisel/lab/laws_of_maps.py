@@ -9,7 +9,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.exact import along, random_rotation, slopes
 from kreisel.lab.law import (
@@ -174,13 +173,13 @@ def relations(case: Case) -> Sides:
         rate, omega = case.model.flow(*case.state), case.call(case.system.velocity)
         g_rate = omega @ g if case.system.frame is Frame.REST else g @ omega
         moving = tuple(along(z, r) for z, r in zip(case.state, rate, strict=True))
-        carried = slopes(layout.flatten(carry(moving, along(g, g_rate))[0], kinds), 1)[..., 0]
-        yield carried, layout.flatten(model.flow(*there), kinds)
+        carried = slopes(algebra.flatten(carry(moving, along(g, g_rate))[0], kinds), 1)[..., 0]
+        yield carried, algebra.flatten(model.flow(*there), kinds)
         if relation.map is not None and (case.numbers == "float" or case.map.rational):
             new = case.call(case.map.step)
             moved = carry(new, _turned_by_generator(case, g, case.state, new))[0]
             expected = model.call(getattr(model.map, relation.map), *there, eps=case.eps)
-            yield layout.flatten(moved, kinds), layout.flatten(expected, kinds)
+            yield algebra.flatten(moved, kinds), algebra.flatten(expected, kinds)
 
 
 @_law(

@@ -6,7 +6,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels import layout
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.lab.exact import jacobian
@@ -33,7 +32,7 @@ def measured_orders(
 ) -> list[float]:
     """Slopes of log error against log dt for the state and the orientation, over four steps."""
     g0, kinds = np.eye(model.n), (*model.system.space.kinds, "matrix")
-    ends = [layout.flatten(_iterate(model, state, g0, time / k, k, conjugate), kinds) for k in counts]
+    ends = [algebra.flatten(_iterate(model, state, g0, time / k, k, conjugate), kinds) for k in counts]
     return fitted_orders(time / np.array(counts), _errors(model, _truth(model, state, time), ends))
 
 
@@ -84,14 +83,14 @@ class _Ends:
         model = self._model
         plan = scheme(model, self._method, time / count, self._order, oriented=True)
         kinds = [kind for _, kind in plan.components]
-        z = np.asarray(layout.flatten(plan.prepare(self._start), kinds))[None]
+        z = np.asarray(algebra.flatten(plan.prepare(self._start), kinds))[None]
         kernel = self._kernel = self._kernel or CpuEngine(plan, z)
         kernel.z, (kernel.constants, _), (kernel.stages, _) = z, flat_constants(plan, 1), flat_stages(plan, 1)
         kernel.advance(np.empty((1, *z.shape)), count)
-        end = plan.observe(layout.restore(kernel.z[0], kinds, model.n))
+        end = plan.observe(algebra.restore(kernel.z[0], kinds, model.n))
         g = algebra.rotation_matrix(end[ORIENTATION]) if model.n == 3 else end[ORIENTATION]
         space = model.system.space
-        return layout.flatten((*(end[letter] for letter in space.letters), g), (*space.kinds, "matrix"))
+        return algebra.flatten((*(end[letter] for letter in space.letters), g), (*space.kinds, "matrix"))
 
 
 def baecklund_orders(
@@ -106,14 +105,14 @@ def baecklund_orders(
         for _ in range(count):
             z = plan.advance(*z)
         z = (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
-        return layout.flatten(z, (*model.system.space.kinds, "matrix"))
+        return algebra.flatten(z, (*model.system.space.kinds, "matrix"))
 
     return fitted_orders(time / np.array(counts), _errors(model, _truth(model, state, time), [end(k) for k in counts]))
 
 
 def flowed(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, ...]:
     """The state after that time, by DOP853 to round-off."""
-    return layout.restore(_truth(model, state, time), (*model.system.space.kinds, "matrix"), model.n)[:-1]
+    return algebra.restore(_truth(model, state, time), (*model.system.space.kinds, "matrix"), model.n)[:-1]
 
 
 def _truth(model: Model, state: tuple[Array, ...], time: float) -> Array:
@@ -124,11 +123,11 @@ def _truth(model: Model, state: tuple[Array, ...], time: float) -> Array:
     kinds = (*system.space.kinds, "matrix")
 
     def rate(t: float, y: Array) -> Array:
-        *own, g = layout.restore(y, kinds, n)
+        *own, g = algebra.restore(y, kinds, n)
         omega = model.call(system.velocity, *own)
-        return layout.flatten((*model.flow(*own), omega @ g if system.frame is Frame.REST else g @ omega), kinds)
+        return algebra.flatten((*model.flow(*own), omega @ g if system.frame is Frame.REST else g @ omega), kinds)
 
-    start = layout.flatten((*state, np.eye(n)), kinds)
+    start = algebra.flatten((*state, np.eye(n)), kinds)
     return solve_ivp(rate, (0, time), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
 
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError, shown
-from kreisel.kernels import layout
 from kreisel.lab.subject import coordinate_names
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -107,9 +107,9 @@ def _symbols(what: System | Model, system: System, n: int) -> tuple[tuple[Array,
     names.append("eps")
     K, *plain = field(names, QQ)
     generators = [Expression(f) for f in plain]
-    count = sum(layout.coordinate_count(kind, n) for kind in system.space.kinds)
+    count = algebra.coordinate_count(system.space.kinds, n)
     flat, rest = np.array(generators[:count], dtype=object), generators[count:]
-    state = layout.restore(flat, system.space.kinds, n)
+    state = algebra.restore(flat, system.space.kinds, n)
     known: dict[str, Any] = {"eps": rest[-1]}
     if isinstance(what, Model):
         known |= {k: _rational_constants(K, v) for k, v in what.constants.items()}

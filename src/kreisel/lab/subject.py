@@ -12,7 +12,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.kernels import layout
 from kreisel.lab import exact
 from kreisel.lab.fields import Pole, fraction, random_residues, residues
 from kreisel.record.calling import call
@@ -158,14 +157,10 @@ def _of_model(model: Model, eps: Any) -> Subject:
     constants = {k: _fractions(v) for k, v in model.constants.items()}
 
     def unpacked(x: Array) -> tuple[Array, ...]:
-        return layout.restore(_axial(x, space.kinds, n), space.kinds, n)
+        return algebra.restore(_axial(x, space.kinds, n), space.kinds, n)
 
     def packed(state: tuple[Array, ...]) -> Array:
-        if not isinstance(state[0], np.ndarray):  # JAX
-            from kreisel.kernels.jax import flat
-
-            return _axial(flat(state, space.kinds), space.kinds, n)
-        return _axial(layout.flatten(state, space.kinds), space.kinds, n)
+        return _axial(algebra.flatten(state, space.kinds), space.kinds, n)
 
     def on_coordinates(function: Any) -> Any:
         return None if function is None else lambda x, **known: packed(tuple(call(function, unpacked(x), known)))
@@ -235,7 +230,7 @@ def _axial(flat: Array, kinds: tuple[str, ...], n: int) -> Array:
     for kind in kinds:
         if kind == "skew":
             place[start : start + 3], sign[start : start + 3] = place[start : start + 3][::-1], (-1, 1, -1)
-        start += layout.coordinate_count(kind, n)
+        start += algebra.KINDS[kind].count(n)
     return flat[..., place] * sign
 
 
@@ -246,5 +241,5 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
         if kind == "skew" and n > 3:
             names += [f"{letter}{i + 1}{j + 1}" for i, j in zip(*algebra.triangle(n), strict=True)]
         else:
-            names += [f"{letter}{i + 1}" for i in range(layout.coordinate_count(kind, n))]
+            names += [f"{letter}{i + 1}" for i in range(algebra.KINDS[kind].count(n))]
     return tuple(names)

@@ -11,7 +11,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line
 from kreisel.kernels.projection.program import Program, program_of, program_of_orientation
@@ -73,7 +72,7 @@ def in_steps(plan: Plan) -> Plan:
 
     reach = closed.reach
     if reach is not None and plan.first.size:
-        far = float(np.max(reach(layout.restore(plan.first, made.kinds, made.n)[:count], plan.dt, made.constants)))
+        far = float(np.max(reach(algebra.restore(plan.first, made.kinds, made.n)[:count], plan.dt, made.constants)))
         if not far <= 1:
             raise InputError(
                 "code: expected a step within reach of the closed form of a short step, at most some radians, got "
@@ -157,7 +156,7 @@ def _flat(plan: Plan, parts: tuple[Array, ...], known: Mapping[str, Array]) -> d
 
 def _names(plan: Plan) -> list[str]:
     kinds = dict(plan.scheme.components)
-    counts = [(name, layout.coordinate_count(kinds[name], plan.model.n)) for name in _letters(plan.scheme)]
+    counts = [(name, algebra.KINDS[kinds[name]].count(plan.model.n)) for name in _letters(plan.scheme)]
     return [f"{name}[{i}]" for name, count in counts for i in range(count)]
 
 
@@ -165,14 +164,14 @@ def _opened(made: Scheme) -> tuple[list[Line], list[str]]:
     """The method's own variables from a user's state x."""
     tape, kinds, parts, start = Tape(), dict(made.components), [], 0
     for name in _letters(made):
-        count = layout.coordinate_count(kinds[name], made.n)
+        count = algebra.KINDS[kinds[name]].count(made.n)
         numbers: Any = np.array([Scalar(tape, f"x{start + i}") for i in range(count)], dtype=object)
         start += count
         if kinds[name] == "skew" and made.n == 3:
             parts.append(algebra.hat(numbers))
         else:
-            parts += layout.restore(numbers, [kinds[name]], made.n)
-    return recorded_values(tape, list(layout.flatten(made.reopen(tuple(parts)), made.kinds)))
+            parts += algebra.restore(numbers, [kinds[name]], made.n)
+    return recorded_values(tape, list(algebra.flatten(made.reopen(tuple(parts)), made.kinds)))
 
 
 def step_back(plan: Plan) -> Scheme | None:
@@ -185,7 +184,7 @@ def step_back(plan: Plan) -> Scheme | None:
         lambda: _backwards(made),
         lambda: scheme(model, made.name, -plan.dt, made.options.get("order"), ORIENTATION in dict(made.components)),
     ]
-    z = layout.restore(plan.first[0], made.kinds, made.n)
+    z = algebra.restore(plan.first[0], made.kinds, made.n)
     found: list[tuple[float, Scheme]] = []
     for candidate in candidates:
         try:

@@ -12,7 +12,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
-from kreisel.kernels import layout
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.driven import COUNT, zero
@@ -332,7 +331,7 @@ def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begi
         axial = kind == "skew" and model.n == 3
         n = model.n
         square = kind in ("skew", "symmetric", "matrix") and not axial
-        wanted = (n, n) if square else (layout.coordinate_count(kind, n),)
+        wanted = (n, n) if square else (algebra.KINDS[kind].count(n),)
         if x.shape != wanted:
             fix = " Use x0.axial for an axial vector." if axial and x.shape == (3, 3) else " For a batch use jax.vmap."
             raise InputError(f"{letter}: expected the shape {wanted}, got {x.shape}.{fix}")
@@ -366,14 +365,14 @@ def _rows(
     z = step.begin(*start, **known)
     count = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, own)
     z = (*z, *(count if name == COUNT else zero(model.system, own) for name, _ in step.components[len(z) :]))
-    flat = by.values(layout.flatten(z, step.kinds))
+    flat = by.values(algebra.flatten(z, step.kinds))
     if step.arrays:
         flat = by.orbit_of_arrays(step.take, step.kinds, model.n, flat, known, rows, every)
     else:
         flat = by.orbit(step.take, step.close, step.kinds, model.n, flat, known, stages, rows, every)
 
     def shown_row(row: Array) -> dict[str, Array]:
-        parts = layout.restore(by.numbers(row), step.kinds, model.n)
+        parts = algebra.restore(by.numbers(row), step.kinds, model.n)
         x = step.end(*parts[: len(shown)], **known)
         short = [k == "skew" and model.n == 3 for _, k in shown]
         pieces = [algebra.axial(v) if axial else v for axial, v in zip(short, x, strict=True)]

@@ -14,7 +14,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, explained
-from kreisel.kernels import layout
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
@@ -399,7 +398,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
         states = {k: read_values(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
     except (InputError, KeyError):
         return None
-    width = sum(layout.coordinate_count(kind, model.n) for _, kind in made.components)
+    width = algebra.coordinate_count(made.kinds, model.n)
     plan = Plan(
         model=model,
         scheme=made,
@@ -443,7 +442,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
             here = values[-1]
             felt = np.sqrt((((up - down) / (2 * NUDGE)) ** 2).mean((0, 1)))
             noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)
-            if n > MANY_SAMPLES_N and noise.shape[-1] == layout.coordinate_count("skew", n):
+            if n > MANY_SAMPLES_N and noise.shape[-1] == algebra.KINDS["skew"].count(n):
                 noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
             computed = np.maximum(noise.max((0, 1)), abs(here).max(0))
             out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
@@ -465,8 +464,8 @@ def _listed(scale: Array, plan: Plan) -> list[float]:
 
 def _largest(plan: Plan, z: Floats) -> Floats:
     """For each coordinate the largest of its component, in the shape of z."""
-    parts = zip(layout.restore(z, plan.kinds, plan.model.n), plan.kinds, strict=True)
-    flat = [abs(layout.flatten((part,), (kind,))) for part, kind in parts]
+    parts = zip(algebra.restore(z, plan.kinds, plan.model.n), plan.kinds, strict=True)
+    flat = [abs(algebra.flatten((part,), (kind,))) for part, kind in parts]
     return np.concatenate([f.max(-1, keepdims=True).repeat(f.shape[-1], -1) for f in flat], -1)
 
 
@@ -485,4 +484,4 @@ def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
         value = value.reshape((len(rows), plan.lanes, *value.shape[1 + plan.batched :]))
         axial = outcome.axes == "skew" and plan.model.n == 3
         parts.append(algebra.hat(value) if axial else value)
-    return np.asarray(layout.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))
+    return np.asarray(algebra.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.lanes import in_lane
@@ -52,7 +52,7 @@ def block_rows(plan: Plan) -> int:
     """Rows held at once, and rows in a shard of an archive."""
     numbers = max(
         plan.first.size,
-        plan.lanes * sum(layout.coordinate_count(k, plan.model.n) for k in plan.model.system.space.kinds),
+        plan.lanes * algebra.coordinate_count(plan.model.system.space.kinds, plan.model.n),
     )
     rows = int(max(1, min(plan.rows, BLOCK_BYTES // (8 * numbers))))
     return rows if rows < SHARDED else rows + -rows % CHUNKS
@@ -256,7 +256,7 @@ class Integration:
         if guard is not None:
 
             def within(rows: Floats) -> Array:
-                z = layout.restore(rows, self.plan.kinds, self.plan.model.n)
+                z = algebra.restore(rows, self.plan.kinds, self.plan.model.n)
                 return self.plan.scheme.component(z, guard.component) <= guard.limit
 
             self._require(within, guard.fault, guard.cause)

@@ -13,7 +13,6 @@ from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import require_bodies
-from kreisel.kernels import layout
 from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
@@ -170,11 +169,11 @@ class Plan:
         """The outputs with those of all lanes together, where lanes act on each other."""
         if self.scheme.coupling is None or self.settings.observe == ():
             return outputs
-        found = self.scheme.coupling.together(outputs, layout.restore(z, self.kinds, self.model.n))
+        found = self.scheme.coupling.together(outputs, algebra.restore(z, self.kinds, self.model.n))
         return {name: found[name] for name in self.outcomes}
 
     def _plainly(self, z: Floats) -> dict[str, Array]:
-        return self.variables(layout.restore(z, self.kinds, self.model.n), **self.scheme.known)
+        return self.variables(algebra.restore(z, self.kinds, self.model.n), **self.scheme.known)
 
     def _shaped(self, z: Floats, outputs: Mapping[str, Array]) -> dict[str, Array]:
         out = {}
@@ -268,7 +267,7 @@ def _lanes(
     plan, printer = plan.on(spread), None
     if engine == "large" or (engine is None and plan.n >= LARGE):
         plan, printer = _structured(plan, spread, engine)
-    return plan, np.asarray(layout.flatten(plan.prepare(spread), plan.kinds)), printer
+    return plan, np.asarray(algebra.flatten(plan.prepare(spread), plan.kinds)), printer
 
 
 def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import AccuracyWarning, InputError, doubt
-from kreisel.kernels import layout
 from kreisel.method import find, scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.reference import with_tolerance
@@ -152,10 +152,10 @@ def pilot(
         plan = planned(model, made, asked, parts, None)
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)
-        z = layout.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
+        z = algebra.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
         if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
             return None
-        own = tuple(layout.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
+        own = tuple(algebra.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
         if not all(np.isfinite(part).all() for part in own):
             return None
         row = 0 if made.corrector is None else made.by(made.corrector.out).stage_count

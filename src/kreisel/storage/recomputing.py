@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
-from kreisel.kernels import layout
 from kreisel.method.driven import COUNT
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.perturbation import TIME
@@ -72,7 +72,7 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # of forces that depend on time
         if clock in letters:
             kinds = plan.kinds[: letters.index(clock)]
-            plan.engine.z[:, sum(layout.coordinate_count(kind, plan.model.n) for kind in kinds)] = now
+            plan.engine.z[:, algebra.coordinate_count(kinds, plan.model.n)] = now
     plan.engine.z[:] = back(plan.engine.z[None])[0]
     *_, last = Integration(plan).blocks()
     return {name: value[-1] for name, value in last.items()}

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
-from kreisel.kernels import layout
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps
@@ -108,7 +108,7 @@ def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> li
     """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` for what has none."""
     orbit = closed_form_of(scheme).orbit
     kinds = [kind for _, kind in scheme.components]
-    starts = layout.restore(z0.copy(), kinds, scheme.n)  # an engine goes on changing its rows
+    starts = algebra.restore(z0.copy(), kinds, scheme.n)  # an engine goes on changing its rows
     lanes = len(z0)
     constants = {}
     for name, value in scheme.constants.items():
@@ -253,7 +253,7 @@ class Samples:
         """The states at the times M 2^e into out[:, lane]."""
         for first in range(0, len(out), AT_ONCE):
             here = slice(first, first + AT_ONCE)
-            out[here, lane] = layout.flatten(self._states(M[here], e[here]), self._kinds)
+            out[here, lane] = algebra.flatten(self._states(M[here], e[here]), self._kinds)
 
 
 class OrbitRows:
@@ -340,7 +340,7 @@ def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], 
     shapes = {"place": (numbers,), "left": (3,), "right": (3,)}
 
     def function(place: Array, left: Array, right: Array, **known: Array) -> Array:
-        return layout.flatten(orbit.row(place, left, right, **known), kinds)
+        return algebra.flatten(orbit.row(place, left, right, **known), kinds)
 
     lines, values, count = recorded_function(function, shapes, {k: np.shape(v) for k, v in orbit.constants.items()})
     words = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}

@@ -23,7 +23,6 @@ from kreisel.algebra.reuse import reused
 from kreisel.exact.motion import half_turns
 from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
 from kreisel.exact.turning import turned
-from kreisel.kernels import layout
 from kreisel.kernels._llvm.machine import register_width
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
@@ -180,7 +179,7 @@ def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
     jump = None if scheme.orbits is None else scheme.orbits.jump
     if jump is None:
         raise TypeError(f"the scheme {scheme.name} states no jump")
-    state = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
+    state = algebra.coordinate_count(scheme.kinds, scheme.n)
     constants, width = count_of(columns), register_width()
     if isinstance(jump, Jump):
         functions, body, single = _of_top(scheme, jump, state, columns, width)
@@ -211,18 +210,18 @@ def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice]
     constants, oriented = count_of(columns), "quaternion" in kinds
 
     def begin(z: Array, c: Array) -> list[Any]:
-        m, b, p, *alphas = jump.begin(*layout.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
+        m, b, p, *alphas = jump.begin(*algebra.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
         return [*m, *b, *p, *alphas]
 
     def carried(z: Array, b: Array, cos: Any, sin: Any) -> list[Any]:
         spin = np.array([cos, *(sin / algebra.sqrt(algebra.dot(b, b)) * b)], dtype=object)
-        return list(algebra.quaternion_product(spin, jump.orientation(layout.restore(z, kinds, n)[-1])))
+        return list(algebra.quaternion_product(spin, jump.orientation(algebra.restore(z, kinds, n)[-1])))
 
     def finish(m: Array, b: Array, *rest: Any) -> list[Any]:
         q, (axis, cos, sin) = rest[:-3], rest[-3:]
         turn = np.array([cos, *(sin * axis)], dtype=object)
         new = [turned(turn, v) for v in (m, b)] + [algebra.unit(algebra.quaternion_product(turn, x)) for x in q]
-        return list(layout.flatten(jump.finish(*new), kinds))
+        return list(algebra.flatten(jump.finish(*new), kinds))
 
     four = [(4,)] * oriented
     names = [f"{letter}{k}" for letter in "mb" for k in range(3)] + [f"q{k}" for k in range(4)] * oriented
@@ -249,14 +248,14 @@ def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice
     constants = count_of(columns)
 
     def begin(z: Array) -> list[Any]:
-        return list(jump.begin(*layout.restore(z, kinds, n))[0])
+        return list(jump.begin(*algebra.restore(z, kinds, n))[0])
 
     def moments(c: Array) -> list[Any]:
         return list(jump.moments(**_constants_by_name(c, scheme, columns)))
 
     def finish(z: Array, m: Array, turn: Array) -> list[Any]:
-        before = jump.begin(*layout.restore(z, kinds, n))[1:]
-        return list(layout.flatten(jump.finish(m, *(algebra.quaternion_product(g, turn) for g in before)), kinds))
+        before = jump.begin(*algebra.restore(z, kinds, n))[1:]
+        return list(algebra.flatten(jump.finish(m, *(algebra.quaternion_product(g, turn) for g in before)), kinds))
 
     pairs = ", ".join(f"pair(known[{k}], 0.0)" for k in range(constants))
     return (

@@ -14,7 +14,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.gradients import Namespace, Traced, cost, gradient
@@ -116,7 +115,7 @@ class Observed:
     def __init__(self, scheme: Scheme, z: Floats):
         self.scheme, self.z = scheme, z
         self.function: Callable[..., dict[str, Array]]
-        sizes = [(letter, kind, layout.coordinate_count(kind, scheme.n)) for letter, kind in scheme.components]
+        sizes = [(letter, kind, algebra.KINDS[kind].count(scheme.n)) for letter, kind in scheme.components]
         self._kinds = [kind for _, kind, _ in sizes]
         self.own = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
         self._known = [self._constants(lane) for lane in range(len(z))]
@@ -148,12 +147,9 @@ class Observed:
 
     def _at(self, row: Any, lane: int, known: Mapping[str, Array]) -> dict[str, Array]:
         parts: list[Array] = []
-        start, n = 0, self.scheme.n
-        for kind in self._kinds:
-            end = start + layout.coordinate_count(kind, n)
-            numbers = row[start:end] if end <= self.own else self.z[lane, start:end]
-            parts += layout.restore(numbers, [kind], n)
-            start = end
+        for kind, place in zip(self._kinds, algebra.slices(self._kinds, self.scheme.n), strict=True):
+            numbers = row[place] if place.stop <= self.own else self.z[lane, place]
+            parts.append(algebra.KINDS[kind].unpack(numbers, self.scheme.n))
         found = self.function(tuple(parts), **known)
         return {name: value for name, value in found.items() if self.scheme.outcomes[name].conserved}
 
@@ -175,7 +171,7 @@ class Observed:
         """`at` of all lanes, with the first numbers of `z`, by the definitions on arrays of all lanes."""
         rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
         known = self.scheme.known
-        found = self.scheme.observe(layout.restore(rows, self._kinds, self.scheme.n), **known)
+        found = self.scheme.observe(algebra.restore(rows, self._kinds, self.scheme.n), **known)
         return {
             name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
             for name, value in found.items()
@@ -242,10 +238,7 @@ def _as_row(x: Any) -> Any:
 
 def orthogonal(scheme: Scheme, z: Floats) -> None:
     """Make the orientations in rows z (lanes, d) orthogonal again: g <- g (3 - g^T g)/2."""
-    start = 0
-    for letter, kind in scheme.components:
-        end = start + layout.coordinate_count(kind, scheme.n)
+    for (letter, _), place in zip(scheme.components, algebra.slices(scheme.kinds, scheme.n), strict=True):
         if letter == ORIENTATION:
-            g = z[:, start:end].reshape((len(z), scheme.n, -1))
-            z[:, start:end] = (1.5 * g - 0.5 * _outer_products(_outer_products(g, g), g.mT)).reshape((len(z), -1))
-        start = end
+            g = z[:, place].reshape((len(z), scheme.n, -1))
+            z[:, place] = (1.5 * g - 0.5 * _outer_products(_outer_products(g, g), g.mT)).reshape((len(z), -1))

@@ -29,9 +29,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import ConservationWarning
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, operation
 from kreisel.kernels.recording import recorded_arguments
@@ -161,7 +161,7 @@ def program_of_orientation(scheme: Scheme) -> Program | None:
     tape = Tape()
     parts, _ = recorded_arguments(scheme, tape, {})
     entries = [entry for value in scheme.held(parts) for entry in np.ravel(value)]
-    sizes = [layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components]
+    sizes = [algebra.KINDS[kind].count(scheme.n) for _, kind in scheme.components]
     first = [letter for letter, _ in scheme.components].index(ORIENTATION)
     program = _program(tape, {entry.name: ORIENTATION for entry in entries if isinstance(entry, Scalar)}, sum(sizes))
     return None if program is None else replace(program, first=sum(sizes[:first]))
@@ -179,7 +179,7 @@ def program_of(
     """
     tape = Tape(most=MOST_LINES)
     parts, known = recorded_arguments(scheme, tape, {"c": columns})
-    size = sum(layout.coordinate_count(kind, scheme.n) for _, kind in scheme.components)
+    size = algebra.coordinate_count(scheme.kinds, scheme.n)
     found: dict[str, str] = {}  # by the recorded name, without constant factors and logarithms
     outputs = (function or scheme.observe)(parts, **known)
     lines, varying = {line.names[0]: line for line in tape.lines}, _varying(tape.lines, size)

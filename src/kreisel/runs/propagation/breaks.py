@@ -15,7 +15,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
-from kreisel.kernels import layout
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme
 from kreisel.method.driven import COUNT, WORK
@@ -184,7 +183,7 @@ class Breaks:
         new = self._p.prepared(np.ascontiguousarray(x))
         letters = [letter for letter, _ in self.plan.scheme.components]
         size = len(self.plan.model.system.space.letters) + (ORIENTATION in letters)
-        kept = sum(layout.coordinate_count(kind, self.plan.model.n) for kind in self.plan.kinds[:size])
+        kept = algebra.coordinate_count(self.plan.kinds[:size], self.plan.model.n)
         new[:, kept:] = z[:, kept:]
         if WORK in letters:
             gain = self._energy(new, time) - self._energy(z, time)
@@ -278,7 +277,7 @@ def _jump(p: Propagator, impulse: Mapping[str, Any], lanes: int) -> Floats:
     for letter in letters:
         value, place = np.asarray(impulse[letter], dtype=np.float64), p._places[letter]
         if dict(system.space.components)[letter] == "skew" and value.shape[-2:] == (n, n):
-            value = algebra.axial(value) if n == 3 else layout.flatten([value], ["skew"])
+            value = algebra.axial(value) if n == 3 else algebra.flatten([value], ["skew"])
         width = place.stop - place.start
         if value.shape not in ((width,), (lanes, width)) or not np.isfinite(value).all():
             wanted = f"{width} finite numbers" if n == 3 or width == n else f"a skew {n} x {n} matrix"
@@ -315,7 +314,7 @@ def _not_conserved(plan: Plan) -> frozenset[str]:
         return held
     p, rng, changed = _propagator(plan), np.random.default_rng(1), set()
     _require_suitable(plan, p)
-    own = sum(layout.coordinate_count(kind, plan.model.n) for kind in plan.model.system.space.kinds)
+    own = algebra.coordinate_count(plan.model.system.space.kinds, plan.model.n)
     for impulse in plan.settings.impulses:
         jump = _jump(p, impulse, plan.lanes)
         for _ in range(POINTS):
@@ -327,6 +326,6 @@ def _not_conserved(plan: Plan) -> frozenset[str]:
 
 
 def _observed(plan: Plan, z: Floats) -> dict[str, Floats]:
-    parts = layout.restore(z[None], plan.kinds, plan.model.n)
+    parts = algebra.restore(z[None], plan.kinds, plan.model.n)
     found = plan.scheme.observe(parts, **plan.scheme.known)
     return found if plan.scheme.coupling is None else plan.scheme.coupling.together(found, parts)

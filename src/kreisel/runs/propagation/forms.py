@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,6 @@ from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import pairs_of, require_bodies
-from kreisel.kernels import layout
 from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
@@ -37,8 +36,8 @@ class StateForms:
         self.letters = tuple(letter for letter, _ in components)
         self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
         self._own_kinds = made.kinds
-        self._places = dict(zip(self.letters, _slices(self._kinds, model.n), strict=True))
-        self.size = sum(layout.coordinate_count(kind, model.n) for kind in self._kinds)
+        self._places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
+        self.size = algebra.coordinate_count(self._kinds, model.n)
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
         alone = not model.batch and pairs_of(model) is None
         self._alone = (self.size,) if alone else None  # the shape of one state as it may be given
@@ -81,7 +80,7 @@ class StateForms:
         parts = [own[letter] for letter in self.model.system.space.letters]
         parts += [] if g is None else [initial_orientation(g, self.model)]
         natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
-        return np.asarray(layout.flatten(natural, self._kinds))
+        return np.asarray(algebra.flatten(natural, self._kinds))
 
     def _conversions(self, lanes: int) -> tuple[Rows, Rows]:
         """From rows (rows, lanes, size) of states to those of the method's own variables, and back to what is returned.
@@ -95,7 +94,7 @@ class StateForms:
 
         def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
             own = [algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
-            return {"z": layout.flatten(made.prepare(tuple(own)), self._own_kinds)}
+            return {"z": algebra.flatten(made.prepare(tuple(own)), self._own_kinds)}
 
         def returned(parts: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
             return self._lines(plan.variables(parts, **known))
@@ -107,13 +106,13 @@ class StateForms:
         found = (
             into[0]
             if into
-            else _quiet(lambda x: np.ascontiguousarray(prepared(layout.restore(x, self._kinds, n))["z"])),
+            else _quiet(lambda x: np.ascontiguousarray(prepared(algebra.restore(x, self._kinds, n))["z"])),
             out_of[0]
             if out_of
             else lambda z: np.concatenate(
                 [
                     np.broadcast_to(v, (*z.shape[:2], v.shape[-1]))
-                    for v in returned(layout.restore(z, self._own_kinds, n), **made.constants).values()
+                    for v in returned(algebra.restore(z, self._own_kinds, n), **made.constants).values()
                 ],
                 -1,
             ),
@@ -130,7 +129,7 @@ class StateForms:
         """A variable as numbers along the last axis."""
         kind = self._scheme.outcomes[name].axes
         if kind in ("skew", "symmetric", "matrix") and name not in self._axial:
-            return layout.flatten([value], [kind])
+            return algebra.flatten([value], [kind])
         return value if kind or np.ndim(value) > 2 else value[..., None]
 
     def _returned(self, x: Floats, state: Any, batch: bool) -> Any:
@@ -140,7 +139,7 @@ class StateForms:
             return x
         out = {}
         for letter, kind in zip(self.letters, self._kinds, strict=True):
-            out[letter] = layout.restore(x[..., self._places[letter]], [kind], self.model.n)[0]
+            out[letter] = algebra.restore(x[..., self._places[letter]], [kind], self.model.n)[0]
         return out | {name: x[..., place] for name, place in self._beside.items()}
 
     @cached_property
@@ -169,11 +168,6 @@ def _quiet(convert: Rows) -> Rows:
             return convert(x)
 
     return converted
-
-
-def _slices(kinds: Sequence[str], n: int) -> list[slice]:
-    ends = np.cumsum([layout.coordinate_count(kind, n) for kind in kinds]).tolist()
-    return [slice(end - layout.coordinate_count(kind, n), end) for end, kind in zip(ends, kinds, strict=True)]
 
 
 def _numbers(state: Any, of: StateForms) -> Floats:

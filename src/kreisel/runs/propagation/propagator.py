@@ -13,7 +13,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
-from kreisel.kernels import layout
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
@@ -264,7 +263,7 @@ class Propagator(StateForms):
 
     def _column_of(self, component: str) -> int:
         place = [letter for letter, _ in self._scheme.components].index(component)
-        return sum(layout.coordinate_count(kind, self.model.n) for kind in self._own_kinds[:place])
+        return algebra.coordinate_count(self._own_kinds[:place], self.model.n)
 
     def _at_time(self, z: Floats, time: float | None) -> Floats:
         """The start with its time.  Raises `InputError` where forces depend on it and none is given, or the reverse."""
@@ -335,7 +334,7 @@ class Propagator(StateForms):
     def _system(self, x: Array) -> tuple[Array, ...]:
         """The components of states as the system has them."""
         with np.errstate(invalid="ignore"):
-            parts = layout.restore(x, self._kinds, self.model.n)
+            parts = algebra.restore(x, self._kinds, self.model.n)
         return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
 
     @explained
@@ -365,7 +364,7 @@ class Propagator(StateForms):
         """An engine at the start z: one that is at rest, or a new one; `made`: the scheme with another step."""
         made = self._scheme if made is None else made
         if made.trajectory is not None:
-            made = made.on(layout.restore(z, made.kinds, made.n))
+            made = made.on(algebra.restore(z, made.kinds, made.n))
         try:
             engine = self._at_rest[len(z)].pop()
         except (KeyError, IndexError):
@@ -382,7 +381,7 @@ class Propagator(StateForms):
             )
         guard, projection = self._scheme.guard, engine.projection
         if guard is not None:
-            z = layout.restore(out, self._own_kinds, self.model.n)
+            z = algebra.restore(out, self._own_kinds, self.model.n)
             beyond = self._scheme.component(z, guard.component) > guard.limit
             if beyond.any():
                 where = in_lane(beyond.reshape(*out.shape[:2], -1).any((0, 2)))
