@@ -1,0 +1,209 @@
+"""Paths, texts and files from outside: checked when they are read, replaced only if Kreisel wrote them.
+
+Parsers, printers and copies recurse once a level: a few kilobytes of brackets would end in a `RecursionError`
+somewhere.  So every text is read here, and data nested deeper than Kreisel's own is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel.errors import InputError, on_disk, shown
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+DEEPEST = 32  # levels; a sweep's description needs six
+MOST_BITS = 4096  # of a whole number: longer ones can neither be printed nor used
+NESTING = (dict, list, tuple)
+CHECKSUMS = "engine/checksums.sha256"  # in every archive
+FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote it
+    (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
+    (b"%PDF-", b"/Creator (Kreisel"),
+    (b"<?xml", b"<dc:title>Kreisel"),
+    (b"<!doctype html>", b'<meta name="generator" content="Kreisel">'),
+    (b"\x89HDF\r\n\x1a\n", b"kreisel_"),
+    (b"PAR1", b"kreisel"),
+    (b"CCSDS_AEM_VERS", b"COMMENT Kreisel"),
+    (b"# Written by `kreisel new`", b"`kreisel new`"),
+)
+HEAD = 1 << 20  # bytes at either end of a file in which its mark is looked for
+
+
+def parsed(text: str | bytes, what: str) -> Any:
+    """The data in a JSON text; `what` names it in the message.  Raises `InputError`."""
+    if not isinstance(text, str | bytes):
+        raise InputError(f"{what}: expected text, got {shown(text)}.")
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise InputError(_too_deep(what)) from None
+    except ValueError as error:
+        raise InputError(f"{what} is damaged, it is not valid JSON: {error}.") from error
+    return shallow(value, what)
+
+
+def shallow(value: Any, what: str) -> Any:
+    """The value itself.  Raises `InputError` where lists and tables are nested too deep."""
+    level = [value]
+    for _ in range(DEEPEST):
+        for number in level:
+            if isinstance(number, int) and number.bit_length() > MOST_BITS:
+                raise InputError(
+                    f"{what}: expected whole numbers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
+                )
+        level = [inner for outer in level for inner in _inside(outer)]
+    if any(isinstance(rest, NESTING) for rest in level):
+        raise InputError(_too_deep(what))
+    return value
+
+
+def _inside(value: Any) -> Any:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, NESTING) else ()
+
+
+def _too_deep(what: str) -> str:
+    return (
+        f"{what} is nested too deep: at most {DEEPEST} lists or tables inside one another were expected. "
+        "It is damaged, or was not made by Kreisel."
+    )
+
+
+def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np.ndarray:
+    """The values of a variable.  Raises `InputError` if they cannot be read from its archive."""
+    try:
+        return np.asarray(variable.values)
+    except InputError:
+        raise
+    except Exception as error:  # whatever a damaged chunk makes the libraries raise
+        name, why = name or getattr(variable, "name", "time"), error or type(error).__name__
+        raise InputError(f"{name} cannot be read: {why}. `kreisel check` says what is damaged.") from error
+
+
+def place(path: Any, needed: str) -> Path:
+    """A path that names a file or folder to make, with ~ expanded.  Raises `InputError`, `needed` in front.
+
+    ~ alone is refused: it is the home folder itself.
+    """
+    try:
+        written = Path(path) if isinstance(path, str | os.PathLike) else Path()
+        where = Path() if len(written.parts) == 1 and written.name.startswith("~") else written.expanduser()
+        os.fsencode(where)
+    except (TypeError, RuntimeError, UnicodeEncodeError):  # of bytes; ~name of nobody; half a character
+        where = Path()
+    if not where.name or "\0" in str(where) or where.name == "..":
+        raise InputError(f"{needed}, got {shown(str(path) if isinstance(path, os.PathLike) else path)}.")
+    return where
+
+
+def stands(path: Path) -> bool:
+    """Whether anything has that name, a link that leads nowhere too."""
+    return os.path.lexists(path)
+
+
+def is_plain(path: Path) -> bool:
+    """Whether it is a file that can be read to its end: no pipe, device, link or folder."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except OSError:
+        return False
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
+    """Write a file beside its name and give it its name."""
+    scratch = path.with_name(f".new-{secrets.token_hex(8)}")
+    try:
+        with scratch.open("xb") as file:
+            file.write(data)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(scratch, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise
+
+
+def require_outside(path: Path) -> None:
+    """Raises `InputError` for a place within an archive, which holds one run and nothing else."""
+    for folder in Path(os.path.abspath(path)).parents:
+        if stands(folder / CHECKSUMS):
+            raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
+
+
+def require_file(path: Path, overwrite: bool = True) -> None:
+    """Raises `InputError` where a file must not be written: something stands there that Kreisel did not write.
+
+    Without `overwrite` nothing may stand there.
+    """
+    if not path.name or path.name == "..":
+        raise InputError(f"A name for the file was expected, such as top.png; got {str(path)!r}.")
+    require_outside(path)
+    if not stands(path):
+        return
+    if not overwrite:
+        raise InputError(f"{path} exists already and is left as it is. Choose another name, or --overwrite.")
+    if not _wrote(path):
+        raise InputError(
+            f"{path} is left as it is: expected nothing there or a file that Kreisel wrote, got something else. Choose "
+            "another name, or move it away."
+        )
+
+
+def _wrote(path: Path) -> bool:
+    """Whether a file has the mark of Kreisel in its metadata."""
+    if not is_plain(path):
+        return False
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+            file.seek(max(0, os.fstat(file.fileno()).st_size - HEAD))
+            tail = file.read(HEAD)
+    except OSError:
+        return False
+    return any(
+        head[: len(begin)].lower() == begin.lower() and (mark in head or mark in tail) for begin, mark in FILE_MARKS
+    )
+
+
+@contextlib.contextmanager
+def written(path: Path, overwrite: bool = True) -> Iterator[Path]:
+    """A scratch file beside `path`, which takes its name when it is whole.
+
+    Raises `InputError` where something stands there that must stay, and `RunError` where the disk refuses.
+    """
+    scratch: Path | None = None
+    try:
+        with on_disk(path, "be written"):
+            require_file(path, overwrite)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            name = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(8)}{path.suffix}")
+            name.open("x").close()
+            scratch = name
+            yield scratch
+            require_file(path, overwrite)
+            os.replace(scratch, path)
+            scratch = None
+    finally:
+        if scratch is not None:
+            with contextlib.suppress(OSError):
+                scratch.unlink()

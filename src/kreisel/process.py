@@ -1,0 +1,157 @@
+"""Locks, scratch folders and signals: what a process shares with others.
+
+A lock is held by the operating system for as long as its process lives: a lock file that nobody holds is stale.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from kreisel.errors import InputError, on_disk
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+YOUNG = 1.0  # seconds, in which a new folder may not be locked yet
+LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
+
+
+def _held(path: Path) -> BaseFileLock | None:
+    """A lock on a file, which is made for it; None if another process holds it.  Raises `OSError`."""
+    from filelock import FileLock, Timeout  # some 40 modules, which runs in memory do without
+
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return None
+    return lock
+
+
+def _given_back(lock: BaseFileLock) -> None:
+    """Release a lock and remove its file; while it is held, so that nobody locks a file that is gone."""
+    with contextlib.suppress(OSError):  # Windows removes it only when it is released
+        os.unlink(lock.lock_file)
+    lock.release()
+
+
+class Lock:
+    """One writer: NAME.lock.  Raises `InputError` if there is another one, and `RunError` if no file can be made."""
+
+    def __init__(self, path: Path):
+        self.archive, self.path = path, path.with_name(f"{path.name}.lock")
+
+    def __enter__(self) -> Lock:
+        with on_disk(self.archive, "be created"):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            if os.path.lexists(self.path) and not (
+                os.path.isfile(self.path) and not os.path.islink(self.path) and not os.stat(self.path).st_size
+            ):
+                raise InputError(f"{self.path} is no lock of Kreisel and is left as it is. {LOCK_REMEDY}")
+            held = _held(self.path)
+        if held is None:
+            raise InputError(
+                f"{self.archive} is being written by another process, which holds {self.path}. Wait for it, stop it, "
+                "or choose another path."
+            )
+        self._held = held
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        _given_back(self._held)
+
+
+@contextlib.contextmanager
+def scratch(parent: Path, prefix: str, family: str = "", files: Collection[str] | None = None) -> Iterator[Path]:
+    """A new folder in `parent`, removed at the end; stale ones of the same family of prefixes are removed before.
+
+    family  a regular expression of prefixes; default: the prefix
+    files   the names of all that a writer makes there; a folder with anything else stays
+    """
+    with contextlib.suppress(OSError):
+        _sweep(parent, re.compile(rf"({family or re.escape(prefix)})\w{{8}}"), files)
+    folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+    lock = None
+    with contextlib.suppress(OSError):  # a file system without locks
+        lock = _held(_lock_of(folder))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            _given_back(lock)
+
+
+def _lock_of(folder: Path) -> Path:
+    """The lock file beside a folder, which may be renamed."""
+    return folder.with_name(f"{folder.name}.lock")
+
+
+def _sweep(parent: Path, names: re.Pattern[str], files: Collection[str] | None) -> None:
+    for name in {name.removesuffix(".lock") for name in os.listdir(parent)}:
+        folder = parent / name
+        if not names.fullmatch(name) or not _is_stale(folder if os.path.lexists(folder) else _lock_of(folder)):
+            continue
+        lock = None
+        with contextlib.suppress(OSError):
+            lock = _held(_lock_of(folder))
+        if lock is not None:
+            if folder.is_dir() and (files is None or set(os.listdir(folder)) <= set(files)):
+                shutil.rmtree(folder, ignore_errors=True)
+            _given_back(lock)
+
+
+def _is_stale(entry: Path) -> bool:
+    """Whether a folder, or a lock whose folder is gone, is this user's and old enough to be looked at."""
+    try:
+        status = os.lstat(entry)
+    except OSError:
+        return False
+    mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+    return mine and not entry.is_symlink() and time.time() - status.st_mtime > YOUNG
+
+
+class Stop:
+    """Whether Ctrl-C or SIGTERM was received; `signal` is its number."""
+
+    signal: int | None = None
+
+
+@contextlib.contextmanager
+def signals_to(handler: Callable[[int, FrameType | None], None]) -> Iterator[dict[int, Any]]:
+    """Inside, Ctrl-C and SIGTERM go to a handler; gives those from before.  Main thread only."""
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, handler)
+    try:
+        yield before
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+@contextlib.contextmanager
+def signals_wait() -> Iterator[Stop]:
+    """Inside, the first Ctrl-C or SIGTERM only sets a flag; a second one acts as usual.  Main thread only."""
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        stop.signal = number
+        signal.signal(number, before[number])
+
+    with signals_to(note) as before:
+        yield stop
