@@ -99,7 +99,7 @@ def million(share: float) -> dict[str, Any]:
             found.append({**json.loads(out), "workers": workers, "killed": bool(killed)})
         same = contents(folders[0] / "sweep.zarr") == contents(folders[1] / "sweep.zarr")
         size = sum(p.stat().st_size for p in (folders[0] / "sweep.zarr").rglob("*") if p.is_file())
-    keys = ("workers", "killed", "lanes", "failed", "blocks", "seconds", "peak_MiB")
+    keys = ("workers", "killed", "lanes", "failed", "blocks", "seconds", "memory_MiB")
     runs = [{k: t[k] for k in keys} for t in found]
     passed = same and runs[0]["killed"] and not runs[0]["failed"]
     return {"passed": passed, "same_bytes": same, "store_MB": round(size / 1e6), "runs": runs}

@@ -50,7 +50,7 @@ class _Clock(clock.datetime):
 def settle(rows: int = ROWS, sharded: bool = True) -> None:
     """Blocks of a few rows, a checkpoint whenever one may be made, and a clock that stands, in this process."""
     from kreisel.runs import integration
-    from kreisel.runs import simulate as runs
+    from kreisel.storage import simulate as runs
 
     stand_still()
     runs.CHECKPOINT_SECONDS = 0.0

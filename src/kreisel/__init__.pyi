@@ -30,8 +30,8 @@ from kreisel.storage.opening import open_run as open_run
 from kreisel.forces.body import perturbed as perturbed
 from kreisel.viewer.plots import plot as plot
 from kreisel.runs.propagation.propagator import propagator as propagator
-from kreisel.runs.simulate import resume as resume
-from kreisel.runs.simulate import simulate as simulate
+from kreisel.storage.simulate import resume as resume
+from kreisel.storage.simulate import simulate as simulate
 from kreisel.sweeps.sweep import sweep as sweep
 from kreisel.runs.differentiable import tangent as tangent
 from kreisel.viewer.page import view as view

@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 DEEPEST = 32  # levels; a sweep's description needs six
 MOST_BITS = 4096  # of a whole number: longer ones can neither be printed nor used
 NESTING = (dict, list, tuple)
-CHECKSUMS = "engine/checksums.sha256"  # in every archive
+CHECKSUMS, BLOCKS = (
+    "engine/checksums.sha256",
+    "engine/blocks",
+)  # in an archive that is whole, and in one that is being made
 FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
     (b"%PDF-", b"/Creator (Kreisel"),
@@ -146,7 +149,7 @@ def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
 def require_outside(path: Path) -> None:
     """Raises `InputError` for a place within an archive, which holds one run and nothing else."""
     for folder in Path(os.path.abspath(path)).parents:
-        if stands(folder / CHECKSUMS):
+        if stands(folder / CHECKSUMS) or stands(folder / BLOCKS):
             raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
 
 

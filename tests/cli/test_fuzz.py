@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 
 import kreisel as kr
 from kreisel.runs import config, integration
-from kreisel.runs import simulate as runs
 from kreisel.storage import checking
+from kreisel.storage import simulate as runs
 from kreisel.storage.nodes import too_large
 from kreisel.sweeps.sweep import carry_out
 from support import ROOT, configuration

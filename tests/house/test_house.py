@@ -23,14 +23,15 @@ RANK = {  # a part imports what stands on its own line or above
     part: rank
     for rank, parts in enumerate(
         (
-            ("errors", "display", "stopwatch", "scratch"),
+            ("errors", "display", "stopwatch", "files", "process"),
             ("algebra",),
             ("record",),
             ("baecklund", "implicit"),
             ("system", "reduction", "forces"),
             ("method", "exact", "bodies"),
-            ("kernels",),
-            ("runs", "storage", "sweeps", "units"),
+            ("kernels", "graph"),
+            ("runs", "units"),
+            ("storage", "sweeps"),
             ("languages",),
             ("lab", "analysis", "physical", "viewer", "bench"),
             ("rebound",),

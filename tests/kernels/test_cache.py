@@ -277,7 +277,7 @@ def test_what_killed_writers_left_is_removed(folder: Path) -> None:
         (each / "code.o").write_bytes(b"half")
     for each in (*stale, kept[1]):
         os.utime(each, (1e9, 1e9))
-    code = "from pathlib import Path\nfrom kreisel.scratch import scratch\n"
+    code = "from pathlib import Path\nfrom kreisel.process import scratch\n"
     code += f"with scratch(Path({str(folder)!r}), '.kreisel_kernel_living-') as made:\n"
     code += "    print(made, flush=True)\n    input()\n"
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}

@@ -11,7 +11,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.runs import integration
-from kreisel.runs import simulate as simulating
+from kreisel.storage import simulate as simulating
 from kreisel.storage.checking import check_archive
 from support import contents
 

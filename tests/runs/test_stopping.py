@@ -70,7 +70,7 @@ def stop_within_a_call(calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
         original(self, out, every)
 
     monkeypatch.setattr(integration, "LONG_SECONDS", -1.0)
-    monkeypatch.setattr("kreisel.runs.simulate.CHECKPOINT_SECONDS", 1e9)  # a call may take longer on a busy machine
+    monkeypatch.setattr("kreisel.storage.simulate.CHECKPOINT_SECONDS", 1e9)  # a call may take longer on a busy machine
     monkeypatch.setattr(integration.Integration, "_call", call)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from kreisel.files import digest
 from kreisel.runs import integration
 from kreisel.storage import checking, manifest
 
@@ -183,13 +184,13 @@ def test_the_manifest_is_read_by_others(stores: Path) -> None:
     assert sorted(names) == sorted(
         p.relative_to(store).as_posix() for p in store.rglob("*") if p.is_file() and p != store / manifest.NAME
     )
-    assert all(manifest.digest(store / name) == line[:64] for name, line in zip(names, lines, strict=True))
+    assert all(digest(store / name) == line[:64] for name, line in zip(names, lines, strict=True))
 
 
 def test_a_folder_that_vanishes_at_any_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One message, and never an archive that says that it is complete."""
     monkeypatch.setattr(integration, "BLOCK_BYTES", 10 * 8 * 5)
-    monkeypatch.setattr("kreisel.runs.simulate.CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr("kreisel.storage.simulate.CHECKPOINT_SECONDS", 0.0)
     from kreisel.storage import archive, checkpoint, verified
 
     places = [(archive.Archive, "append"), (checkpoint, "write"), (manifest, "add_block"), (manifest, "seal"),

@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 
 import kreisel as kr
+from kreisel import files
 from kreisel.runs import config
-from kreisel.storage import checking, manifest, reading
+from kreisel.storage import checking, manifest
 from kreisel.sweeps.sweep import carry_out
 from support import ROOT
 
@@ -140,10 +141,10 @@ def test_configurations(depth: int, tmp_path: Path) -> None:
 
 
 def test_the_deepest_that_is_read() -> None:
-    assert reading.parsed(lists(reading.DEEPEST), "it") is not None
-    for text in (lists(reading.DEEPEST + 1), tables(reading.DEEPEST + 1), "[" * 10**6):
+    assert files.parsed(lists(files.DEEPEST), "it") is not None
+    for text in (lists(files.DEEPEST + 1), tables(files.DEEPEST + 1), "[" * 10**6):
         with pytest.raises(kr.InputError, match="it is"):
-            reading.parsed(text, "it")
+            files.parsed(text, "it")
 
 
 @pytest.mark.parametrize("header", ["-" * 9000 + "1", "(" * 9000, "[" * 150 + "]" * 150], ids=["minus", "open", "deep"])

@@ -24,8 +24,7 @@ from kreisel.runs.geometry import (
     to_third_axis,
     vertical_and_axis,
 )
-from kreisel.runs.run_record import RunRecord
-from kreisel.storage.reading import a_run
+from kreisel.runs.run_record import RunRecord, a_run
 
 if TYPE_CHECKING:
     import pandas as pd

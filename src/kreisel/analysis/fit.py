@@ -87,7 +87,7 @@ class Fit:
     @cached_property
     def run(self) -> xr.Dataset:
         """The fitted motion at the times of the observations, by `kr.simulate`."""
-        from kreisel.runs.simulate import simulate
+        from kreisel.storage.simulate import simulate
 
         times = np.unique(self.residuals["time"].values.astype(np.float64))
         settings = {**self.settings, "times": [float(t) for t in times], "orientation": self.orientation}

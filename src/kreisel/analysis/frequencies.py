@@ -16,8 +16,8 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained, shown
 from kreisel.runs import harmonics
+from kreisel.runs.run_record import a_run
 from kreisel.runs.settings import whole_number
-from kreisel.storage.reading import a_run
 
 if TYPE_CHECKING:
     import pandas as pd

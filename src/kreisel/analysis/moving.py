@@ -15,8 +15,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.geometry import model_for, orientation_of, velocity_of
-from kreisel.runs.run_record import RunRecord
-from kreisel.storage.reading import a_run
+from kreisel.runs.run_record import RunRecord, a_run
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
-from kreisel.storage.reading import a_run
+from kreisel.runs.run_record import a_run
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -71,7 +71,7 @@ def new(
 
 
 def _write(files: Mapping[Path, str], overwrite: bool) -> None:
-    from kreisel.storage.replacing import require_file, written
+    from kreisel.files import require_file, written
 
     for path in files:
         require_file(path, overwrite)

@@ -152,7 +152,7 @@ def save_figure(
     overwrite: bool = True,
 ) -> None:
     """Draw a run, beside another if there is one, into a file."""
-    from kreisel.storage.replacing import written
+    from kreisel.files import written
     from kreisel.viewer.plots import plot as draw
 
     require_figure(target, overwrite)
@@ -162,7 +162,7 @@ def save_figure(
 
 def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, overwrite: bool) -> None:
     """Draw the summaries of a sweep into a file."""
-    from kreisel.storage.replacing import written
+    from kreisel.files import written
     from kreisel.sweeps.sweep import open_sweep
     from kreisel.viewer.sweep_chart import sweep_figure
 
@@ -177,8 +177,8 @@ def _mark(target: Path) -> dict[str, str]:
 
 def require_figure(target: Path, overwrite: bool = True) -> None:
     """Raises `InputError` where no figure can be written."""
+    from kreisel.files import require_file
     from kreisel.runs.config import FIGURES
-    from kreisel.storage.replacing import require_file
 
     require_file(target, overwrite)
     if target.suffix.lower() not in FIGURES:

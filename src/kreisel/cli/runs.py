@@ -73,7 +73,7 @@ def run(
     from kreisel.runs.config import load_system, read
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
-    from kreisel.runs.simulate import simulate
+    from kreisel.storage.simulate import simulate
 
     asked = read(config, changes or ())
     model = load_system(asked.name, asked.file)(**asked.parameters)
@@ -148,7 +148,7 @@ def resume(
     """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
-    from kreisel.runs.simulate import resume as go_on
+    from kreisel.storage.simulate import resume as go_on
 
     with warnings_in_the_table():
         result = go_on(archive, extend=extend)
@@ -191,7 +191,7 @@ def sweep(
         "blocks": report.blocks,
         "blocks_before": report.before,
         "seconds": round(report.seconds, 3),
-        "peak_MiB": round(report.peak_MiB),
+        "memory_MiB": round(report.memory_MiB),
         "largest": largest,
         "broken": lost,
     }
@@ -316,9 +316,10 @@ def view(
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; of a sweep that of one lane."""
+    from kreisel.files import require_file
     from kreisel.storage.nodes import is_sweep
     from kreisel.storage.opening import open_archive
-    from kreisel.storage.replacing import require_file, settled
+    from kreisel.storage.replacing import settled
     from kreisel.sweeps.one_lane import one_lane
     from kreisel.viewer.page import view as page_of
 

@@ -170,8 +170,8 @@ def investigate(
     markdown: Annotated[bool, typer.Option("--markdown", help="Every map of the registry, as a table.")] = False,
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
+    from kreisel.files import require_file
     from kreisel.lab import investigation, report
-    from kreisel.storage.replacing import require_file
 
     known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
     if markdown:

@@ -24,7 +24,7 @@ from weakref import WeakValueDictionary
 
 from kreisel.kernels._llvm.machine import Code, assembly, entries_of, loaded, object_code, version
 from kreisel.kernels.cache_folder import cache_folder
-from kreisel.scratch import scratch
+from kreisel.process import scratch
 
 SEAL, CODE, FORMS = "seal.json", "code.o", "forms.json"
 _loaded: WeakValueDictionary[str, ModuleType] = WeakValueDictionary()  # the machine code of a process

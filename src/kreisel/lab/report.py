@@ -8,8 +8,7 @@ import os
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from kreisel.storage.reading import place
-from kreisel.storage.replacing import written
+from kreisel.files import place, written
 
 if TYPE_CHECKING:
     from kreisel.lab.investigation import Investigation

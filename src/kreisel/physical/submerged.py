@@ -15,6 +15,7 @@ from kreisel.algebra.computed import cached_property
 from kreisel.analysis import path
 from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown
+from kreisel.files import place
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.free_body import UPRIGHT, FreeBody
 from kreisel.physical.measures import (
@@ -31,7 +32,6 @@ from kreisel.physical.measures import (
 )
 from kreisel.record.model import Model, State
 from kreisel.runs.geometry import orientation_of, require_of_body
-from kreisel.storage.reading import place
 from kreisel.units import Scales
 
 if TYPE_CHECKING:

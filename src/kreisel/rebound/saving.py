@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import InputError, RunError, on_disk, shown
+from kreisel.files import place
+from kreisel.process import scratch
 from kreisel.rebound.compiled import COLUMNS
 from kreisel.rebound.library import rebound
-from kreisel.scratch import scratch
-from kreisel.storage.reading import place
 
 FORMAT = 1
 NEEDED = "The simulation and its bodies need a file name such as spins.npz"

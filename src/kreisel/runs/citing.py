@@ -11,8 +11,7 @@ from kreisel.errors import InputError, explained
 from kreisel.method import METHODS, default_method
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.runs.run_record import RunRecord
-from kreisel.storage.reading import as_made
+from kreisel.runs.run_record import RunRecord, as_made
 
 if TYPE_CHECKING:
     import xarray as xr

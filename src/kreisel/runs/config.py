@@ -14,10 +14,10 @@ import msgspec
 
 from kreisel.bodies import KNOWN, find
 from kreisel.errors import InputError, hint, shown
+from kreisel.files import place, shallow
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.settings import Settings
-from kreisel.storage.reading import place, shallow
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "state", "run", "output")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import json
 from collections.abc import Mapping
@@ -20,7 +21,6 @@ from kreisel.runs.integration import block_rows
 from kreisel.runs.operations import events_of, operations_of
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord
-from kreisel.storage import checkpoint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,7 +70,7 @@ def describe(plan: Plan) -> RunRecord:
         bracket="plus" if system.space.sign > 0 else "minus",
         n=model.n,
         parameters=parameters_of(model),
-        start_sha256=checkpoint.hash_of_start(plan.start),
+        start_sha256=hash_of_start(plan.start),
         method=plan.scheme.name,
         options=json.dumps(dict(plan.scheme.options)),
         observe=None if observe is None else json.dumps(observe),
@@ -89,6 +89,15 @@ def describe(plan: Plan) -> RunRecord:
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=json.dumps(versions()),
     )
+
+
+def hash_of_start(start: Mapping[str, Floats]) -> str:
+    """SHA-256 of the initial state, which binds a checkpoint to the attributes of its run."""
+    digest = hashlib.sha256()
+    for name, value in sorted(start.items()):
+        array = np.ascontiguousarray(value, dtype="<f8")
+        digest.update(f"{name} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def _event_times(plan: Plan) -> str | None:

@@ -14,15 +14,15 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, explained
+from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.runs.geometry import require_unchanged
 from kreisel.runs.plan import Plan
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, a_run
 from kreisel.runs.settings import Settings
-from kreisel.storage.reading import a_run, read_values
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,14 +10,14 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
+from kreisel.files import read_values
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
 from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.runs.operations import require_operations
-from kreisel.runs.run_record import RunRecord
-from kreisel.storage.reading import a_run, read_values
+from kreisel.runs.run_record import RunRecord, a_run
 
 if TYPE_CHECKING:
     import xarray as xr

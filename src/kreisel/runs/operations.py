@@ -22,13 +22,13 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError, shown
+from kreisel.files import parsed
 from kreisel.kernels.printing import operation
 from kreisel.kernels.tape import Scalar, Tape, literal
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.perturbation import FIRST, SECOND, TIME, Force
-from kreisel.storage.reading import parsed
 
 if TYPE_CHECKING:
     from kreisel.record.model import Model

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
+from kreisel.files import parsed
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
 from kreisel.runs.settings import count_of_rows
-from kreisel.storage.reading import a_run, as_made, parsed
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 1
+OF_A_RUN: dict[str, Any] = {  # attributes and their types
+    **dict.fromkeys(("title", "references", "source", "system", "equations", "components", "frame", "parameters"), str),
+    **dict.fromkeys(("method", "options"), str),
+    **dict.fromkeys(("n", "steps", "every", "rows_in_block"), Integral),
+    "dt": Real,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,3 +212,45 @@ def _an_object(text: str, name: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InputError(f"The attribute {name} is damaged: expected an object, got {text[:80]!r}.")
     return value
+
+
+def as_made(attrs: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The attributes of a run themselves.  Raises `InputError` where one is not of the type that a run has."""
+    wrong = [name for name, kind in OF_A_RUN.items() if name in attrs and not isinstance(attrs[name], kind)]
+    if wrong or not 0 < attrs.get("dt", 1.0) < math.inf:
+        name = wrong[0] if wrong else "dt"
+        raise InputError(
+            f"expected the attributes of a run as Kreisel made them, got {name} = {shown(attrs[name])}. Usual cause: "
+            "it was set by hand. Give the run as kr.simulate or kr.open_run returned it."
+        )
+    return attrs
+
+
+def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
+    """The Dataset of a run itself, with these attributes and, unless `rows` is false, its rows along time in front.
+
+    Raises `InputError` for anything else.
+    """
+    if not hasattr(run, "data_vars") or not hasattr(run, "attrs"):
+        raise InputError(
+            f"expected a run, the Dataset of kr.simulate or kr.open_run, got {shown(type(run).__name__)}. "
+            "An archive is opened by kr.open_run(path)."
+        )
+    missing = [name for name in attributes if name not in run.attrs]
+    missing += ["time"] if "time" not in run.variables else []
+    if missing:
+        raise InputError(
+            f"expected a run with its times and attributes, got a Dataset without {', '.join(missing)}. Usual cause: "
+            "an operation of xarray, which drops attributes; xarray.set_options(keep_attrs=True) keeps them."
+        )
+    as_made(run.attrs)
+    last = [str(name) for name, v in run.variables.items() if "time" in v.dims[1:] or "lane" in v.dims[2:]]
+    last = [] if "kreisel_sweep" in run.attrs else last
+    if last or (rows and (run["time"].dims != ("time",) or not run.sizes["time"])):
+        raise InputError(
+            f"expected a run with at least one row, and time, then lane as the first axes, got one with the times "
+            f"{run['time'].shape}{' and ' + shown(last) if last else ''}. run.isel(time=[-1]) keeps the axis."
+        )
+    if rows and not all(math.isfinite(t) for t in run["time"][[0, -1]].values):
+        raise InputError("expected a run with finite times, got others.")
+    return run

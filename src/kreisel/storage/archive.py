@@ -22,6 +22,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.bodies import KNOWN
 from kreisel.errors import InputError, RunError, Stopped, on_disk
+from kreisel.files import stands
 from kreisel.kernels.layout import Floats
 from kreisel.record.model import Model
 from kreisel.runs.describing import (
@@ -45,7 +46,7 @@ from kreisel.storage import checkpoint, manifest
 from kreisel.storage.nodes import require_sound
 from kreisel.storage.opening import _checkpoint, _integration, _plan_of_run, _require_arrays, archive_record
 from kreisel.storage.part import Part
-from kreisel.storage.replacing import agreed, part_of, remove, stands
+from kreisel.storage.replacing import agreed, part_of, remove
 
 
 class Archive:
@@ -62,7 +63,6 @@ class Archive:
         self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
         self._start: dict[str, Floats] = dict(plan.start)
         self._rows_in_block = rows_in_block or block_rows(plan)
-        self._folder = -1
 
     def __enter__(self) -> Archive:
         import zarr
@@ -78,7 +78,6 @@ class Archive:
                 raise
             except Exception as error:  # whatever a damaged store makes the libraries raise
                 raise InputError(f"{self.part} is damaged: {error}. `kreisel check {self.part}`.") from error
-            self._folder = os.open(self.part, os.O_RDONLY | os.O_DIRECTORY)
         return self
 
     def _make_room(self) -> None:
@@ -96,11 +95,7 @@ class Archive:
 
     def _require_there(self) -> None:
         """Raises `RunError` where the store is no longer the folder that it was: Zarr would make a new one."""
-        try:
-            there = os.path.samestat(os.fstat(self._folder), os.stat(self.part))
-        except OSError:
-            there = False
-        if not there:
+        if not manifest.begun(self.part):
             raise self._vanished()
 
     def _vanished(self, name: str = "") -> RunError:
@@ -189,8 +184,6 @@ class Archive:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._folder >= 0:
-            os.close(self._folder)
         stopped = isinstance(error, Stopped | KeyboardInterrupt)
         if error is not None and not (stopped or self._worth_keeping):
             with contextlib.suppress(OSError, InputError):

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, explained, shown
+from kreisel.files import require_file, written
 from kreisel.runs.geometry import attitude_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import flag, positive_number
 from kreisel.storage.nodes import target
 from kreisel.storage.opening import open_run
-from kreisel.storage.replacing import require_file, written
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,6 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.files import stands
 from kreisel.method import Scheme, scheme
 from kreisel.method.scheme import KINDS
 from kreisel.runs.drift import lane_scales
@@ -20,7 +21,7 @@ from kreisel.storage import checkpoint, manifest
 from kreisel.storage.nodes import is_sweep, require_sound, too_large
 from kreisel.storage.opening import MOST_INDEXED, archive_record, is_cut, open_archive, opened, ordered
 from kreisel.storage.recomputing import lanes_again, steps_again
-from kreisel.storage.replacing import require_replaceable, settled, stands
+from kreisel.storage.replacing import require_replaceable, settled
 from kreisel.storage.verified import Damaged
 from kreisel.sweeps.blocks import COMPUTED, MISSING
 from kreisel.sweeps.sweep import open_sweep

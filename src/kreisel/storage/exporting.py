@@ -14,13 +14,13 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
+from kreisel.files import require_file, written
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.geometry import in_body_axes
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import flag
 from kreisel.storage.nodes import target, too_large
 from kreisel.storage.opening import open_run
-from kreisel.storage.replacing import require_file, written
 from kreisel.units import measured
 
 if TYPE_CHECKING:

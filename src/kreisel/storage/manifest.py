@@ -8,15 +8,14 @@ and as they are about to become.  So a kill at any moment leaves only files that
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import re
-import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from kreisel.errors import InputError
+from kreisel.files import digest, replace_file
 
 NAME = "engine/checksums.sha256"
 BLOCKS = "engine/blocks"
@@ -28,20 +27,6 @@ LARGEST = 1 << 30  # bytes of a manifest
 Listed = dict[str, frozenset[str]]  # the files of a store, and what the SHA-256 of each may be
 
 
-def digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def is_plain(path: Path) -> bool:
-    """Whether it is a file that can be read to its end: no pipe, device or folder."""
-    try:
-        return stat.S_ISREG(os.lstat(path).st_mode)
-    except OSError:
-        return False
-
-
 def is_chunk(name: str) -> bool:
     """Whether a file of a store holds numbers, not metadata."""
     return name.split("/")[1:2] == ["c"]
@@ -50,22 +35,6 @@ def is_chunk(name: str) -> bool:
 def is_scratch(name: str) -> bool:
     """Whether a kill left it, of a file that was being written."""
     return name.endswith(".partial") or name.split("/")[-1].startswith(".new-")
-
-
-def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
-    """Write a file beside its name and give it its name."""
-    scratch = path.with_name(f".new-{secrets.token_hex(8)}")
-    try:
-        with scratch.open("xb") as file:
-            file.write(data)
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
-        os.replace(scratch, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
-        raise
 
 
 def manifest_text(pairs: Iterable[tuple[str, str]]) -> bytes:

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError
-from kreisel.storage import manifest
-from kreisel.storage.reading import parsed, place
-from kreisel.storage.replacing import LARGEST_METADATA, part_of, stands
+from kreisel.files import is_plain, parsed, place, stands
+from kreisel.storage.replacing import LARGEST_METADATA, part_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +39,7 @@ def _node(folder: Path) -> dict[str, Any]:
     path = folder / "zarr.json"
     try:
         size = path.stat().st_size
-        if not manifest.is_plain(path):
+        if not is_plain(path):
             raise InputError(f"{folder} is damaged: its zarr.json is no plain file.")
         if size > LARGEST_METADATA:
             raise InputError(f"{folder} is damaged: its zarr.json has {size:,} bytes.")

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, explained
+from kreisel.files import read_values
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.record.model import Model
-from kreisel.runs.describing import body_of, in_memory, parameters_of, saved_times
+from kreisel.runs.describing import body_of, hash_of_start, in_memory, parameters_of, saved_times
 from kreisel.runs.integration import Integration, Snapshot
 from kreisel.runs.operations import require_operations
 from kreisel.runs.plan import TIMES, Plan
@@ -32,7 +33,6 @@ from kreisel.storage.nodes import (
     target,
     too_large,
 )
-from kreisel.storage.reading import read_values
 from kreisel.storage.replacing import settled
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ def _checkpoint(store: Path, record: RunRecord) -> tuple[Snapshot, dict[str, Flo
     known = manifest.read(store)
     for name in ("zarr.json", *({checkpoint.NAME} & known.keys())):
         Verified(store, known).verify(name)
-    if checkpoint.hash_of_start(start) != record.start_sha256 or snapshot.flushed % record.rows_in_block:
+    if hash_of_start(start) != record.start_sha256 or snapshot.flushed % record.rows_in_block:
         raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
     return snapshot, start, known
 

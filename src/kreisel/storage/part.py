@@ -7,8 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kreisel.files import stands
+from kreisel.process import Lock
 from kreisel.storage import checkpoint, manifest
-from kreisel.storage.replacing import agree, part_of, remove, require_replaceable, settle, stands, take_name
+from kreisel.storage.replacing import agree, part_of, remove, require_replaceable, settle, take_name
 
 if TYPE_CHECKING:
     import zarr
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 @contextlib.contextmanager
 def one_writer(path: Path) -> Iterator[bool]:
     """The lock of an archive or a sweep.  Gives whether what a kill left there is whole now, and has its name."""
-    with checkpoint.Lock(path):
+    with Lock(path):
         yield settle(path)
 
 

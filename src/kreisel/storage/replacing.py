@@ -14,14 +14,14 @@ import contextlib
 import json
 import os
 import re
-import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from kreisel.errors import InputError, RunError, on_disk
-from kreisel.storage.manifest import BLOCKS, REPLACES, digest, is_plain, listed, replace_file
-from kreisel.storage.manifest import NAME as CHECKSUMS
+from kreisel.errors import InputError, RunError
+from kreisel.files import CHECKSUMS, digest, is_plain, replace_file, require_outside, stands
+from kreisel.process import Lock
+from kreisel.storage.manifest import REPLACES, listed
 
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
 PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # what a kill leaves of a file that Zarr was writing
@@ -31,17 +31,6 @@ MADE = re.compile(
     r"|engine/(checkpoint\.npz|checksums\.sha256|replaces|blocks/(\.new-[0-9a-f]{16}|\w+\.sha256))|([^/]+/)?\.new-[0-9a-f]{16}"
 )
 CHECKPOINT = "engine/checkpoint.npz"
-FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote it
-    (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
-    (b"%PDF-", b"/Creator (Kreisel"),
-    (b"<?xml", b"<dc:title>Kreisel"),
-    (b"<!doctype html>", b'<meta name="generator" content="Kreisel">'),
-    (b"\x89HDF\r\n\x1a\n", b"kreisel_"),
-    (b"PAR1", b"kreisel"),
-    (b"CCSDS_AEM_VERS", b"COMMENT Kreisel"),
-    (b"# Written by `kreisel new`", b"`kreisel new`"),
-)
-HEAD = 1 << 20  # bytes at either end of a file in which its mark is looked for
 
 
 def part_of(path: Path) -> Path:
@@ -54,11 +43,6 @@ def part_of(path: Path) -> Path:
 def replaced(path: Path) -> Path:
     """Where the old archive of that name waits for the new one to be there."""
     return path.with_name(f".{path.name}.replaced")
-
-
-def stands(path: Path) -> bool:
-    """Whether anything has that name, a link that leads nowhere too."""
-    return os.path.lexists(path)
 
 
 def why_not(path: Path) -> str | None:
@@ -81,20 +65,13 @@ def why_not(path: Path) -> str | None:
 
 def require_replaceable(path: Path) -> None:
     """Raises `InputError` where something stands that is no archive of Kreisel, and within another archive."""
-    _require_outside(path)
+    require_outside(path)
     why = why_not(path) if stands(path) else None
     if why is not None:
         raise InputError(
             f"{path} is left as it is: expected nothing there or an archive of Kreisel, but it {why}. Choose another "
             "path, or move it away."
         )
-
-
-def _require_outside(path: Path) -> None:
-    """Raises `InputError` for a place within an archive, which holds one run and nothing else."""
-    for folder in Path(os.path.abspath(path)).parents:
-        if stands(folder / CHECKSUMS) or stands(folder / BLOCKS):
-            raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
 
 
 def _says_so(store: Path) -> bool:
@@ -213,68 +190,7 @@ def _complete(part: Path) -> bool:
 
 def settled(path: Path) -> Path:
     """The path itself, after `settle` where that is needed and nobody is writing.  A lock left by a kill is removed."""
-    from kreisel.storage.checkpoint import Lock
-
     if path.name and (stands(replaced(path)) or stands(Lock(path).path)):
         with contextlib.suppress(InputError, RunError, OSError), Lock(path):
             settle(path)
     return path
-
-
-def require_file(path: Path, overwrite: bool = True) -> None:
-    """Raises `InputError` where a file must not be written: something stands there that Kreisel did not write.
-
-    Without `overwrite` nothing may stand there.
-    """
-    if not path.name or path.name == "..":
-        raise InputError(f"A name for the file was expected, such as top.png; got {str(path)!r}.")
-    _require_outside(path)
-    if not stands(path):
-        return
-    if not overwrite:
-        raise InputError(f"{path} exists already and is left as it is. Choose another name, or --overwrite.")
-    if not _wrote(path):
-        raise InputError(
-            f"{path} is left as it is: expected nothing there or a file that Kreisel wrote, got something else. Choose "
-            "another name, or move it away."
-        )
-
-
-def _wrote(path: Path) -> bool:
-    """Whether a file has the mark of Kreisel in its metadata."""
-    if not stat.S_ISREG(os.lstat(path).st_mode):
-        return False
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-            file.seek(max(0, os.fstat(file.fileno()).st_size - HEAD))
-            tail = file.read(HEAD)
-    except OSError:
-        return False
-    return any(
-        head[: len(begin)].lower() == begin.lower() and (mark in head or mark in tail) for begin, mark in FILE_MARKS
-    )
-
-
-@contextlib.contextmanager
-def written(path: Path, overwrite: bool = True) -> Iterator[Path]:
-    """A scratch file beside `path`, which takes its name when it is whole.
-
-    Raises `InputError` where something stands there that must stay, and `RunError` where the disk refuses.
-    """
-    scratch: Path | None = None
-    try:
-        with on_disk(path, "be written"):
-            require_file(path, overwrite)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            name = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(8)}{path.suffix}")
-            name.open("x").close()
-            scratch = name
-            yield scratch
-            require_file(path, overwrite)
-            os.replace(scratch, path)
-            scratch = None
-    finally:
-        if scratch is not None:
-            with contextlib.suppress(OSError):
-                scratch.unlink()

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped, explained
+from kreisel.process import signals_wait
 from kreisel.runs.drift import watched
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
@@ -16,7 +17,6 @@ from kreisel.runs.planning import make_plan, warn_of
 from kreisel.runs.progress import Progress, bytes_of, require_room
 from kreisel.runs.propagation.breaks import broken_by
 from kreisel.runs.settings import Event, checked_events, flag, whole_number
-from kreisel.storage.checkpoint import signals_wait
 from kreisel.storage.part import one_writer
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from kreisel.storage.archive import Archive
 
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
+ALWAYS_THERE = 1 << 28  # bytes of memory, for which nobody is asked
 
 
 @explained
@@ -179,8 +180,11 @@ def _write(archive: Archive, integration: Integration, progress: bool | None) ->
 
 def _check_memory(plan: Plan) -> None:
     need = plan.rows * plan.first.size * 8 * 4
-    have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if need > 0.7 * have:
+    if need < ALWAYS_THERE:
+        return
+    import psutil
+
+    if need > 0.7 * psutil.virtual_memory().total:
         raise InputError(
             f"{plan.rows:,} saved rows would need about {need / 2**30:.1f} GiB of memory. "
             "Give path='run.zarr' to write them to disk as the run goes on, or save less often with every=..."

@@ -19,6 +19,7 @@ from zarr.core.buffer import Buffer, BufferPrototype, cpu, default_buffer_protot
 from zarr.storage import LocalStore, MemoryStore
 
 from kreisel.errors import InputError
+from kreisel.files import digest, replace_file
 from kreisel.storage import manifest
 
 REMEDY = "`kreisel check` says what else is; --recover saves the rows that are whole."
@@ -66,7 +67,7 @@ class Verified(LocalStore):
             mark = (here.st_ino, here.st_size, here.st_mtime_ns)
             if self._seen.get(key) == mark:
                 return
-            if manifest.digest(path) not in digests:
+            if digest(path) not in digests:
                 raise damaged(self.root, f"{key} was changed after the run")
             self._seen[key] = mark
         except (FileNotFoundError, NotADirectoryError):
@@ -125,9 +126,9 @@ def edited(store: Path) -> Iterator[Any]:
     after = {name: data.to_bytes() for name, data in memory._store_dict.items()}
     changed = {name: data for name, data in after.items() if before.get(name) != data}
     both = [(name, hashlib.sha256(data).hexdigest()) for files in (before, changed) for name, data in files.items()]
-    manifest.replace_file(store / manifest.METADATA, manifest.manifest_text(both))
+    replace_file(store / manifest.METADATA, manifest.manifest_text(both))
     for name, data in changed.items():
-        manifest.replace_file(store / name, data)
+        replace_file(store / name, data)
 
 
 def consolidated(store: Path, of_variables: Mapping[str, Mapping[str, Any]] | None = None, **attributes: Any) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
@@ -237,7 +236,7 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
 
     `digest` is the hash of the description: a worker keeps what it has read.
     """
-    import resource  # POSIX
+    import psutil
 
     begun = time.perf_counter()
     store = Path(part)
@@ -253,14 +252,12 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
         _sync(store, names)
         _require_there(store)
         manifest.add_block(store, block, names, durable=True)
-    unit = 1 if sys.platform == "darwin" else 1 << 10  # bytes of ru_maxrss
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / (1 << 20)
     return {
         "block": block,
         "lanes": stop - first,
         "failed": int((out["failed"] == FAILED).sum()),
         "seconds": time.perf_counter() - begun,
-        "peak_MiB": peak,
+        "memory_MiB": psutil.Process().memory_info().rss / (1 << 20),
         "process": os.getpid(),
     }
 
@@ -332,11 +329,8 @@ def _chunk(name: str, array: Any, axis: int, block: int) -> str:
 def _sync(store: Path, names: list[str]) -> None:
     """Make the chunks of a block durable."""
     for name in names:
-        handle = os.open(store / name, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        with (store / name).open("rb+") as file:  # Windows makes durable only what may be written
+            os.fsync(file.fileno())
 
 
 def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:

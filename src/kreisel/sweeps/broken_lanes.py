@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kreisel.errors import ConservationWarning, InputError
+from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
 from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales
 from kreisel.runs.integration import Integration
-from kreisel.storage.reading import read_values
 from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep
 from kreisel.sweeps.sweep_record import SweepRecord
 

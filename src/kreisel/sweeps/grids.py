@@ -11,7 +11,7 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from kreisel.algebra import Array
-from kreisel.storage.reading import parsed
+from kreisel.files import parsed
 from kreisel.sweeps.design import SECTIONS, Lanes
 
 LIST, DRAW, LANE = "list", "draw", "lane"

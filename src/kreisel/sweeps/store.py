@@ -15,14 +15,14 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, on_disk
+from kreisel.files import parsed, stands
 from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
 from kreisel.runs.plan import Plan
 from kreisel.runs.progress import LEAST, require_room
 from kreisel.storage import manifest
 from kreisel.storage.nodes import require_sound
 from kreisel.storage.part import Part
-from kreisel.storage.reading import parsed
-from kreisel.storage.replacing import agreed, stands
+from kreisel.storage.replacing import agreed
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
 from kreisel.sweeps.design import Varied, as_json

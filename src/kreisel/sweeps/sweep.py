@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Interrupted, explained, shown
+from kreisel.files import shallow
+from kreisel.process import signals_wait
 from kreisel.record.model import Model
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage import manifest
-from kreisel.storage.checkpoint import signals_wait
 from kreisel.storage.nodes import dataset, require_sound, target
 from kreisel.storage.part import one_writer
-from kreisel.storage.reading import shallow
 from kreisel.sweeps import blocks
 from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
 from kreisel.sweeps.broken_lanes import watched_lanes
@@ -48,12 +48,12 @@ class Report:
     before: int
     failed: int = 0
     seconds: float = 0.0
-    peak_MiB: float = 0.0
+    memory_MiB: float = 0.0
 
     def add(self, counts: Mapping[str, Any]) -> None:
         """Count a block."""
         self.failed += counts["failed"]
-        self.peak_MiB = max(self.peak_MiB, counts["peak_MiB"])
+        self.memory_MiB = max(self.memory_MiB, counts["memory_MiB"])
 
 
 @explained

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import msgspec
 
 from kreisel.errors import InputError
+from kreisel.files import parsed
 from kreisel.storage.nodes import metadata
-from kreisel.storage.reading import parsed
 
 FORMAT = 1
 Count = Annotated[int, msgspec.Meta(ge=1)]

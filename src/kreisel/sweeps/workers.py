@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import logging
 import os
-import signal
 import sys
 import threading
 import time
@@ -16,7 +15,7 @@ from types import FrameType
 from typing import Any
 
 from kreisel.errors import InputError, RunError, shown
-from kreisel.storage.checkpoint import Stop, signals_to
+from kreisel.process import Stop, signals_to
 from kreisel.sweeps.blocks import compute
 
 LOSSES = 5  # workers that a block may lose before it is blamed
@@ -234,6 +233,7 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
 def _processes(count: int) -> Iterator[Any]:
     """A scheduler here and so many worker processes.  Raises `RunError` where they do not start."""
     import distributed
+    import psutil
 
     try:
         cluster = distributed.LocalCluster(
@@ -255,8 +255,8 @@ def _processes(count: int) -> Iterator[Any]:
         ids = [getattr(nanny, "pid", None) for nanny in cluster.workers.values()]
         if not _closed(cluster):
             for process in filter(None, ids):
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(process, signal.SIGKILL)
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    psutil.Process(process).kill()
 
 
 def _closed(what: Any) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.storage.reading import place
+from kreisel.files import place
 from kreisel.viewer.bodies import FIRST, SECOND, Body
 
 MOST_FACES = 200_000

@@ -11,9 +11,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.files import place, written
 from kreisel.runs.settings import positive_number, within
-from kreisel.storage.reading import place
-from kreisel.storage.replacing import written
 from kreisel.viewer.bodies import DARK, METAL, PANEL
 from kreisel.viewer.frames import as_matrices, between
 from kreisel.viewer.style import Theme, theme_of

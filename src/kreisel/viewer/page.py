@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, explained
-from kreisel.storage.reading import place
-from kreisel.storage.replacing import written
+from kreisel.files import place, written
 from kreisel.viewer.bodies import known_shape
 from kreisel.viewer.document import page
 from kreisel.viewer.notebook import cell

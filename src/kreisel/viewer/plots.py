@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel.errors import InputError, brief, explained
+from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.driven import BALANCE
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord
-from kreisel.storage.reading import read_values
 from kreisel.viewer.style import WIDTHS, Theme, theme_of
 from kreisel.viewer.thinning import mixed
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, printable, shown
+from kreisel.files import parsed
 from kreisel.forces.pairs import pairs_of
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.record.model import Model
@@ -18,7 +19,6 @@ from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import continued, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
-from kreisel.storage.reading import parsed
 from kreisel.viewer.bodies import Body
 from kreisel.viewer.frames import Frames, frames, windows
 from kreisel.viewer.showing import Shown
