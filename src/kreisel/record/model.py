@@ -60,8 +60,15 @@ class State(Mapping[str, Array]):
     `.axial` gives the same with axial vectors (..., 3) in place of skew 3 x 3 matrices.
     """
 
-    def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str]):
-        self._components, self._kinds = dict(components), dict(kinds)
+    def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str], system: System | None = None):
+        self._components, self._kinds, self._system = dict(components), dict(kinds), system
+
+    def __reduce__(self) -> Any:  # a record may hold functions that pickle does not take
+        return State, (self._components, self._kinds)
+
+    def is_of(self, system: System) -> bool:
+        """Whether a model of this record has checked the state."""
+        return self._system is system
 
     def __getitem__(self, letter: str) -> Array:
         if letter not in self._components:
@@ -294,7 +301,7 @@ class Model:
             require_on_phase_space(space, parts)
             if self.system.check_state is not None:
                 self.system.check_state(*parts.values())
-        return State(parts, dict(space.components))
+        return State(parts, dict(space.components), self.system)
 
     def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:
         """A function of the record at a state, with this model's parameters."""

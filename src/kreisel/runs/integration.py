@@ -21,8 +21,8 @@ from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.lanes import in_lane
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import cause_of_no_numbers
-from kreisel.runs.propagation.breaks import BREAKS, Breaks
-from kreisel.runs.settings import Stop, of_forces
+from kreisel.runs.propagation.breaks import BREAKS, Breaks, Stop
+from kreisel.runs.settings import of_forces
 from kreisel.stopwatch import SPENT
 
 BLOCK_BYTES = 1 << 21  # of states, held at once

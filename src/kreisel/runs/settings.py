@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -338,6 +338,8 @@ def whole(value: Any) -> Any:
 
 def within(value: Any, name: str, least: int, most: int) -> int:
     """A whole number from `least` to `most`.  Raises `InputError`."""
+    if type(value) is int and least <= value <= most:
+        return value
     value = whole(value)
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise InputError(f"{name}: expected a whole number from {least:,} to {most:,}, got {shown(value)}.")
@@ -500,13 +502,6 @@ class Event:
 
 def _event(quantity: Portable, action: Portable, rising: bool | None) -> Event:
     return Event(quantity.function, action.function, rising)
-
-
-class Stop(NamedTuple):
-    """Where an event stops a run."""
-
-    z: Floats
-    time: float
 
 
 def checked_events(events: Any) -> tuple[Event, ...]:

@@ -9,27 +9,33 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.layout import Floats
-from kreisel.method import scheme
+from kreisel.method import scheme as scheme_of
 from kreisel.method.driven import COUNT, WORK
 from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import CoupledSteps, Flow, Steps
+from kreisel.method.scheme import CoupledSteps, Flow, Scheme, Steps
 from kreisel.runs.plan import Plan
-from kreisel.runs.propagation.propagator import Propagator
-from kreisel.runs.propagation.walks import AT_ZERO, root_within
-from kreisel.runs.settings import LARGE, WHOLE, Event, Stop, finite_number
+from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
+from kreisel.runs.settings import LARGE, WHOLE, Event
 
 BREAKS = "breaks/"  # before the names of what a snapshot holds of them
 MOST_ROWS = 256  # steps that are made before events are looked at
 MOST_IN_STEP = 1000  # events within one step
 SAME = 1e-12  # relative: what an impulse leaves as it is
 POINTS = 3
+
+
+class Stop(NamedTuple):
+    """The state and the time at which an event stops a run."""
+
+    z: Floats
+    time: float
 
 
 class Breaks:
@@ -39,34 +45,32 @@ class Breaks:
     """
 
     def __init__(self, plan: Plan):
-        self.plan, self.events = plan, plan.events
+        self.plan, self.events, self.fired = plan, plan.events, plan.fired
         self.stop: Stop | None = None
-        self._p = _propagator(plan)
-        _require_suitable(plan, self._p)
-        x = self._p.returned(plan.first, 0.0)
-        self._start, self._jumps = x, [_jump(self._p, impulse, len(x)) for impulse in plan.settings.impulses]
+        self._stepper = _stepper(plan)
+        _require_suitable(plan, self._stepper.scheme)
+        self._jumps = [_jump(self._stepper, impulse, plan.lanes) for impulse in plan.settings.impulses]
         self._places = [_place(plan, impulse["time"]) for impulse in plan.settings.impulses]
         self._broken = sorted({step for step, _ in self._places})
-        self.sides = np.zeros(len(self.events))
-        self.fired = plan.fired
+        self._signs = Signs(self._values, self._step, [event.rising for event in self.events])
         if self.events:
-            self.sides = np.sign(self._values(plan.first, 0.0))
+            self._signs.begin(plan.first, 0.0)
 
     def quiet(self, step: int) -> int:
         """How many steps from here on an engine may make at once."""
-        if self.events:
-            return 0
+        return 0 if self.events else self._unbroken(step, self.plan.steps)
+
+    def _unbroken(self, step: int, most: int) -> int:
+        """The steps before the next impulse, at most so many."""
         at = bisect_left(self._broken, step)
-        return self._broken[at] - step if at < len(self._broken) else self.plan.steps
+        return min(most, self._broken[at] - step) if at < len(self._broken) else most
 
     def advance(self, step: int, count: int, look: Callable[[], None]) -> int:
         """At most so many steps from this one on.  Returns how many."""
-        at = bisect_left(self._broken, step)
-        quiet = min(count, self._broken[at] - step) if at < len(self._broken) else count
+        quiet, engine = self._unbroken(step, count), self.plan.engine
         if quiet == 0:
             self._break(step)
             return 1
-        engine = self.plan.engine
         if not self.events:
             engine.advance(np.empty((1, *engine.z.shape)), quiet, look)
             return quiet
@@ -74,22 +78,20 @@ class Breaks:
         rows = np.empty((min(quiet, MOST_ROWS), *engine.z.shape))
         engine.advance(rows, 1, look)
         for j, row in enumerate(rows):
-            values = self._values(row, (step + j + 1) * self.plan.dt)
-            if any(self._changes(i, value) for i, value in enumerate(values)):
+            if self._signs.changed(self._values(row, (step + j + 1) * self.plan.dt)):
                 engine.restore(before)
                 if j:
                     engine.advance(np.empty((1, *engine.z.shape)), j, look)
                 self._break(step + j, row)
                 return j + 1
-            self.sides = np.where(values == 0, self.sides, np.sign(values))
         return len(rows)
 
     def row(self, step: int, ahead: float) -> tuple[Floats, Stop | None]:
         """The state within a step, and where the run stops before; the engine and the events stay as they are."""
-        sides, fired = self.sides.copy(), len(self.fired)
+        sides, fired = self._signs.sides, len(self.fired)
         z, stop = self._walk(self.plan.engine.z, step, ahead, None)
         if stop is None:
-            self.sides = sides
+            self._signs.sides = sides
             del self.fired[fired:]
         return z, stop
 
@@ -123,51 +125,35 @@ class Breaks:
             if not inside:
                 return self._counted(z, step + 1 if length == self.plan.dt else step + length / self.plan.dt), None
             _, i = inside.pop(0)
-            z = self._changed(z, begun + s, self._p.returned(z, begun + s) + self._jumps[i])
-            self.sides = np.sign(self._values(z, begun + s))
+            z = self._changed(z, begun + s, self._stepper.returned(z, begun + s) + self._jumps[i])
+            self._signs.begin(z, begun + s)
 
     def _fire(self, i: int, z: Floats, time: float, size: float) -> Floats:
         """The state after the action of an event whose quantity has this size within the step."""
         self.fired.append((time, i))
         z = self._acted(z, time, self.events[i].action)
-        values = self._values(z, time)
-        self.sides = np.sign(values)
+        values = self._signs.begin(z, time)
         if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion goes from there
-            self.sides[i] = 0.0
+            self._signs.sides[i] = 0.0
         return z
 
     def _first(self, z: Floats, new: Floats, begun: float, length: float) -> tuple[int, float] | None:
         """The first event between two states, its number and how long after the first; then the sides are the same."""
-        values = self._values(new, begun + length)
-        hits = [i for i, value in enumerate(values) if self._changes(i, value)]
-        if not hits:
-            self.sides = np.where(values == 0, self.sides, np.sign(values))
-            return None
-        places = [(self._root(i, z, begun, length), i) for i in hits]
-        after, i = min(places)
-        return i, after
-
-    def _root(self, i: int, z: Floats, begun: float, length: float) -> float:
-        def value(s: float) -> float:
-            return float(self._values(self._step(z, begun, s), begun + s)[i])
-
-        return root_within(value, self.sides[i], length)
-
-    def _changes(self, i: int, value: float) -> bool:
-        rising = self.events[i].rising
-        return bool(self.sides[i] * np.sign(value) < 0) and rising in (None, bool(value > 0))
+        hits = self._signs.changed(self._values(new, begun + length))
+        places = [(self._signs.place(i, z, begun, length), i) for i in hits]
+        return min(places)[::-1] if places else None
 
     def _values(self, z: Floats, time: float) -> Floats:
-        state = self._state(z, time)
-        return np.array([_number(event.quantity(dict(state))) for event in self.events])
+        state = self._state(z, time) if self.events else {}
+        return np.array([number_of(event.quantity, dict(state), "kr.Event") for event in self.events])
 
     def _state(self, z: Floats, time: float) -> dict[str, Any]:
         """The state as a user's function takes it."""
-        found: dict[str, Any] = self._p._returned(self._p.returned(z, time), {}, self.plan.batched)
-        return found
+        x = self._stepper.returned(z, time)
+        return self._stepper.forms.mapping(x if self.plan.batched else x[0])
 
     def _step(self, z: Floats, time: float, h: float) -> Floats:
-        return self._p.stepped(self._start, z, time, h, 1, 1)[-1] if h > WHOLE * self.plan.dt else z
+        return self._stepper.stepped(z, time, h, 1, 1)[-1] if h > WHOLE * self.plan.dt else z
 
     def _acted(self, z: Floats, time: float, action: Callable[[Any], Any] | None) -> Floats:
         state = {letter: np.array(value) for letter, value in self._state(z, time).items()}
@@ -176,28 +162,27 @@ class Breaks:
             raise InputError(
                 f"kr.Event: expected an action that returns the state, a dict of {', '.join(state)}, got {shown(new)}."
             )
-        return self._changed(z, time, self._p._given(new)[0])
+        return self._changed(z, time, self._stepper.forms.given(new)[0])
 
     def _changed(self, z: Floats, time: float, x: Floats) -> Floats:
         """The method's own variables of another state x; what is beside the state stays, the work counts the change."""
-        new = self._p.prepared(np.ascontiguousarray(x))
+        new = self._stepper.forms.prepared(np.ascontiguousarray(x))
         letters = [letter for letter, _ in self.plan.scheme.components]
         size = len(self.plan.model.system.space.letters) + (ORIENTATION in letters)
         kept = algebra.coordinate_count(self.plan.kinds[:size], self.plan.model.n)
         new[:, kept:] = z[:, kept:]
         if WORK in letters:
-            gain = self._energy(new, time) - self._energy(z, time)
-            new[:, self._p._column_of(WORK)] += gain
+            new[:, self._stepper.column_of(WORK)] += self._energy(new, time) - self._energy(z, time)
         return new
 
     def _energy(self, z: Floats, time: float) -> Floats:
-        return _observed(self.plan, self._p._timed(z, time, self.plan.dt))["energy"][0]
+        return _observed(self.plan, self._stepper.at_time(z, time, self.plan.dt))["energy"][0]
 
     def _counted(self, z: Floats, count: float) -> Floats:
-        """The same with this count of steps, where forces depend on time."""
+        """The rows with this count of steps, where forces depend on time."""
         if COUNT in (letter for letter, _ in self.plan.scheme.components):
             z = z.copy()
-            z[:, self._p._column_of(COUNT)] = count
+            z[:, self._stepper.column_of(COUNT)] = count
         return z
 
     def snapshot(self) -> dict[str, Floats]:
@@ -205,54 +190,92 @@ class Breaks:
         if not self.events:
             return {}
         fired = np.array(self.fired, dtype=np.float64).reshape(-1, 2)
-        return {BREAKS + "sides": self.sides.copy(), BREAKS + "fired": fired}
+        return {BREAKS + "sides": self._signs.sides.copy(), BREAKS + "fired": fired}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
         """Go on from a snapshot.  Raises `InputError` where it is one of other events."""
         if not self.events:
             return
         sides, fired = snapshot.get(BREAKS + "sides"), snapshot.get(BREAKS + "fired")
-        if sides is None or fired is None or sides.shape != self.sides.shape or fired.shape[1:] != (2,):
+        if sides is None or fired is None or sides.shape != self._signs.sides.shape or fired.shape[1:] != (2,):
             raise InputError("events: expected those of the run, got others, or the checkpoint is damaged.")
-        self.sides, self.fired[:] = sides.copy(), [(float(t), int(i)) for t, i in fired]
+        self._signs.sides, self.fired[:] = sides.copy(), [(float(t), int(i)) for t, i in fired]
 
 
-def _propagator(plan: Plan) -> Propagator:
-    letters = [letter for letter, _ in plan.scheme.components]
-    made = scheme(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), ORIENTATION in letters)
-    plain = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
-    return Propagator(plan.model, made, plain)
+def _stepper(plan: Plan) -> Stepper:
+    """The steps of a plan by themselves, of any length."""
+    oriented = ORIENTATION in (letter for letter, _ in plan.scheme.components)
+    scheme = scheme_of(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), oriented)
+    settings = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
+    return Stepper(plan.model, scheme, settings)
 
 
-def _require_suitable(plan: Plan, p: Propagator) -> None:
-    made, impulses = plan.scheme, plan.settings.impulses
-    what = "impulses" if impulses else "events" if plan.events else "times"
-    if plan.where not in ("cpu", "cuda") or plan.model.n >= LARGE:
-        raise InputError(
-            f"{what}: expected engine='cpu' or 'cuda' and n < {LARGE}, got {plan.where}, n = {plan.model.n}. Go on "
-            "from the last row of one run with the next, changed in between."
-        )
-    deformed = [name for name, outcome in made.outcomes.items() if outcome.conserved and name.endswith("_eps")]
-    changing = [event for event in plan.events if event.action]
-    if isinstance(made.motion, Flow) or deformed or made.corrector is not None:
-        why = f"conserves {deformed[0]}, which depends on the step" if deformed else "chooses its steps"
-        if made.corrector is not None:
-            why = f"steps variables that depend on the step for order={made.options['order']}"
-        raise InputError(
-            f"{what}: expected a method whose steps may differ, such as 'baecklund' or 'splitting', got "
-            f"method={made.name!r}, which {why}."
-        )
-    if (impulses or changing) and (not isinstance(made.motion, Steps | CoupledSteps) or p.by_trajectory):
-        raise InputError(
-            f"{what}: expected a method whose constants do not depend on the start, such as 'splitting' (of a "
-            "perturbed body), 'variational' or 'kahan', where something changes the state, got "
-            f"method={made.name!r}. For others call kr.propagator(...).to or .until in a loop."
-        )
-    if plan.events and plan.batched and made.coupling is None:
-        raise InputError(
-            f"events: expected one body, or bodies in pairs, got {plan.lanes} lanes, each of which has them at times "
-            "of its own. Make a run for each lane."
-        )
+class Requirement(NamedTuple):
+    """A condition on plans whose steps are broken, and the message if it does not hold, a format of `_words`."""
+
+    holds: Callable[[Plan, Scheme], bool]
+    message: str
+
+
+def _deformed(scheme: Scheme) -> list[str]:
+    """The integrals that a map conserves instead of those of the flow: they depend on the step."""
+    return [name for name, outcome in scheme.outcomes.items() if outcome.conserved and name.endswith("_eps")]
+
+
+# Reasons for which steps of other lengths are another method.
+OF_ONE_LENGTH: tuple[tuple[Callable[[Scheme], Any], str], ...] = (
+    (lambda scheme: scheme.corrector, "steps variables that depend on the step for order={order}"),
+    (_deformed, "conserves {deformed[0]}, which depends on the step"),
+    (lambda scheme: isinstance(scheme.motion, Flow), "chooses its steps"),
+)
+
+
+def _changes_state(plan: Plan) -> bool:
+    return bool(plan.settings.impulses) or any(event.action for event in plan.events)
+
+
+def _independent_of_start(scheme: Scheme) -> bool:
+    return isinstance(scheme.motion, Steps | CoupledSteps) and scheme.trajectory is None
+
+
+REQUIREMENTS = (
+    Requirement(
+        lambda plan, scheme: plan.where in ("cpu", "cuda") and plan.model.n < LARGE,
+        "{what}: expected engine='cpu' or 'cuda' and n < {large}, got {engine}, n = {n}. Go on from the last row of "
+        "one run with the next, changed in between.",
+    ),
+    Requirement(
+        lambda plan, scheme: not any(applies(scheme) for applies, _ in OF_ONE_LENGTH),
+        "{what}: expected a method whose steps may differ, such as 'baecklund' or 'splitting', got method={method!r}, "
+        "which {why}.",
+    ),
+    Requirement(
+        lambda plan, scheme: not _changes_state(plan) or _independent_of_start(scheme),
+        "{what}: expected a method whose constants do not depend on the start, such as 'splitting' (of a perturbed "
+        "body), 'variational' or 'kahan', where something changes the state, got method={method!r}. For others call "
+        "kr.propagator(...).to or .until in a loop.",
+    ),
+    Requirement(
+        lambda plan, scheme: not plan.events or not plan.batched or scheme.coupling is not None,
+        "events: expected one body, or bodies in pairs, got {lanes} lanes, each of which has them at times of its own. "
+        "Make a run for each lane.",
+    ),
+)
+
+
+def _require_suitable(plan: Plan, scheme: Scheme) -> None:
+    """Raises `InputError` for a plan whose steps cannot be broken; `scheme`: without constants of its trajectory."""
+    for requirement in REQUIREMENTS:
+        if not requirement.holds(plan, scheme):
+            raise InputError(requirement.message.format(**_words(plan, scheme)))
+
+
+def _words(plan: Plan, scheme: Scheme) -> dict[str, Any]:
+    reasons = [reason for applies, reason in OF_ONE_LENGTH if applies(scheme)]
+    why = reasons[0].format(order=scheme.options.get("order"), deformed=_deformed(scheme)) if reasons else ""
+    what = "impulses" if plan.settings.impulses else "events" if plan.events else "times"
+    about = {"what": what, "why": why, "method": scheme.name, "engine": plan.where}
+    return about | {"large": LARGE, "n": plan.model.n, "lanes": plan.lanes}
 
 
 def _place(plan: Plan, time: float) -> tuple[int, float]:
@@ -262,12 +285,12 @@ def _place(plan: Plan, time: float) -> tuple[int, float]:
     return step, plan.dt if within > plan.dt * (1 - WHOLE) else within
 
 
-def _jump(p: Propagator, impulse: Mapping[str, Any], lanes: int) -> Floats:
-    """What an impulse adds to a state (lanes, size).  Raises `InputError`."""
-    system, n = p.model.system, p.model.n
+def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
+    """The change of a state (lanes, size) by an impulse.  Raises `InputError`."""
+    system, n = stepper.model.system, stepper.model.n
     momenta = [system.space.letters[0]] if system.space.kinds[0] == "skew" else []
     momenta += [] if system.translation is None else [k for k, kind in system.space.components if kind == "vector"]
-    out = np.zeros((lanes, p.size))
+    out = np.zeros((lanes, stepper.forms.size))
     letters = [letter for letter in impulse if letter != "time"]
     if not letters or not set(letters) <= set(momenta):
         raise InputError(
@@ -275,7 +298,7 @@ def _jump(p: Propagator, impulse: Mapping[str, Any], lanes: int) -> Floats:
             f"{shown({k: v for k, v in impulse.items() if k != 'time'})}."
         )
     for letter in letters:
-        value, place = np.asarray(impulse[letter], dtype=np.float64), p._places[letter]
+        value, place = np.asarray(impulse[letter], dtype=np.float64), stepper.forms.places[letter]
         if dict(system.space.components)[letter] == "skew" and value.shape[-2:] == (n, n):
             value = algebra.axial(value) if n == 3 else algebra.flatten([value], ["skew"])
         width = place.stop - place.start
@@ -294,13 +317,6 @@ def _require_few(count: int, time: float) -> None:
         )
 
 
-def _number(value: Any) -> float:
-    found = np.asarray(value)
-    if found.size != 1 or found.dtype.kind not in "iuf":
-        raise InputError(f"kr.Event: expected a quantity that is one number, got {shown(value)}.")
-    return finite_number(found.item(), "kr.Event: the quantity")
-
-
 def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
     """The plan with these events beside its impulses.  Raises `InputError` where its steps cannot be broken."""
     plan = replace(plan, events=events)
@@ -312,15 +328,15 @@ def _not_conserved(plan: Plan) -> frozenset[str]:
     held = frozenset(name for name, outcome in plan.scheme.outcomes.items() if outcome.conserved)
     if any(event.action for event in plan.events):
         return held
-    p, rng, changed = _propagator(plan), np.random.default_rng(1), set()
-    _require_suitable(plan, p)
-    own = algebra.coordinate_count(plan.model.system.space.kinds, plan.model.n)
+    stepper, rng, changed = _stepper(plan), np.random.default_rng(1), set()
+    _require_suitable(plan, stepper.scheme)
+    count = algebra.coordinate_count(plan.model.system.space.kinds, plan.model.n)
     for impulse in plan.settings.impulses:
-        jump = _jump(p, impulse, plan.lanes)
+        jump = _jump(stepper, impulse, plan.lanes)
         for _ in range(POINTS):
-            x = p.returned(plan.first, 0.0)
-            x[:, :own] = rng.normal(size=(len(x), own))
-            before, after = (_observed(plan, p.prepared(np.ascontiguousarray(y))) for y in (x, x + jump))
+            x = stepper.returned(plan.first, 0.0)
+            x[:, :count] = rng.normal(size=(len(x), count))
+            before, after = (_observed(plan, stepper.forms.prepared(np.ascontiguousarray(y))) for y in (x, x + jump))
             changed |= {name for name in held if not np.allclose(before[name], after[name], rtol=SAME, atol=SAME)}
     return frozenset(changed)
 

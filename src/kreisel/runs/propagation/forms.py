@@ -1,8 +1,9 @@
-"""States as a propagator takes and returns them, and as its method steps them."""
+"""States as a propagator accepts and returns them, and as rows of the variables that its method steps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,48 +14,69 @@ from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.forces.pairs import pairs_of, require_bodies
-from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Scheme
-from kreisel.record.model import Model
+from kreisel.record.lanes import in_lane
+from kreisel.record.model import Model, State
 from kreisel.runs.plan import Plan
-from kreisel.runs.settings import Settings, initial_orientation
+from kreisel.runs.settings import ORTHOGONAL_TOLERANCE, Settings, initial_orientation
 
 Rows = Callable[[Floats], Floats]
+Reader = Callable[[Any], Sequence[float] | None]
+Restored = Callable[[Sequence[float]], Array]
 DOUBLE = np.dtype(np.float64)
+FEW_NUMBERS = 64
+MODERATE = 1e75
 
 
 class StateForms:
-    """States of a model as mappings or arrays (lanes, size), and as rows of the method's own variables."""
+    """States of a model as mappings or arrays (lanes, size), and as rows of a scheme's variables (lanes, d).
 
-    def __init__(self, model: Model, made: Scheme, settings: Settings):
-        self.model, self.settings, self._scheme = model, settings, made
-        self._oriented = ORIENTATION in made.outcomes
-        components = with_orientation(model, self._oriented)
+    letters  of the components of a state, the orientation last
+    places   of each component among the `size` numbers of a state
+    """
+
+    def __init__(self, model: Model, scheme: Scheme, settings: Settings):
+        self.model, self.scheme, self.settings = model, scheme, settings
+        self.oriented = ORIENTATION in scheme.outcomes
+        components = with_orientation(model, self.oriented)
         self.letters = tuple(letter for letter, _ in components)
-        self._kinds = ["vector" if kind == "skew" and model.n == 3 else kind for _, kind in components]
-        self._own_kinds = made.kinds
-        self._places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
-        self.size = algebra.coordinate_count(self._kinds, model.n)
         self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
-        alone = not model.batch and pairs_of(model) is None
-        self._alone = (self.size,) if alone else None  # the shape of one state as it may be given
+        self._kinds = ["vector" if letter in self._axial else kind for letter, kind in components]
+        self.size = algebra.coordinate_count(self._kinds, model.n)
+        self.places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
+        single = not model.batch and pairs_of(model) is None
+        self._single = (self.size,) if single else None  # the shape of one state as it may be given
+        free = single and not model.system.space.constraints
+        self._readers = [(k, *_reader(kind, model.n)) for k, kind in components] if free else []
+        self._unpack = [algebra.KINDS[kind].unpack for kind in self._kinds]
         self._converters: dict[int, tuple[Rows, Rows]] = {}
-        self._back, self._out = corrections(made)
 
-    def _plan(self, made: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
-        return Plan(self.model, made, self.settings.but(steps=steps, every=every), z, True, {})
+    def plan(self, scheme: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
+        """The plan of so many steps by a scheme from rows z."""
+        return Plan(self.model, scheme, self.settings.but(steps=steps, every=every), z, True, {})
 
-    def _given(self, state: Any) -> tuple[Floats, bool]:
+    def given(self, state: Any) -> tuple[Floats, bool]:
         """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
-        if type(state) is np.ndarray and state.shape == self._alone and state.dtype is DOUBLE and state.flags.carray:
+        if type(state) is np.ndarray and state.shape == self._single and state.dtype is DOUBLE and state.flags.carray:
+            if not math.isfinite(sum(state.tolist())):
+                require_finite(state[None])
             return state[None], False
-        plain = type(state) is np.ndarray and state.dtype == np.float64
-        if not plain or state.ndim > 2 or state.shape[-1:] != (self.size,) or not state.size:
-            state = _numbers(self._flat(state) if isinstance(state, Mapping) else state, self)
-        x = state if state.ndim > 1 else state[None]
+        if type(state) is not np.ndarray and isinstance(state, Mapping):
+            entries = self._entries(state)
+            if entries is not None:
+                return np.array((entries,), DOUBLE), False
+            numbers = self._checked(state)
+        else:
+            numbers = algebra.floats(state)
+        if not 1 <= numbers.ndim <= 2 or numbers.shape[-1] != self.size or not numbers.size:
+            raise InputError(
+                f"The state of {self.model.system.name}: expected a mapping of {', '.join(self.letters)}, or an array "
+                f"of these {self.size} numbers, ({self.size},) or (lanes, {self.size}), got {shown(state)}."
+            )
+        x = numbers if numbers.ndim > 1 else numbers[None]
         if self.model.batch and len(x) != self.model.batch[0]:
             if len(x) > 1:
                 raise InputError(
@@ -62,25 +84,65 @@ class StateForms:
                     f"have lanes, got {len(x)}."
                 )
             x = np.broadcast_to(x, (self.model.batch[0], self.size))
-        batched = state.ndim > 1 or bool(self.model.batch)
+        batched = numbers.ndim > 1 or bool(self.model.batch)
         require_bodies(self.model, (len(x),) if batched else ())
+        require_finite(x)
         return np.require(x, requirements=["C", "A", "W"]), batched  # kernels accept no others
 
-    def _flat(self, state: Mapping[str, Any]) -> Floats:
+    def _entries(self, state: Mapping[str, Any]) -> list[float] | None:
+        """The numbers of one state whose components are plain arrays or floats; None if it needs the other checks."""
+        if len(state) != len(self._readers):
+            return None
+        numbers: list[float] = []
+        parts = []
+        for letter, read, restored in self._readers:
+            entries = read(state.get(letter))
+            if entries is None:
+                return None
+            numbers += entries
+            parts.append((restored, entries))
+        if not math.isfinite(sum(numbers)):
+            return None
+        system = self.model.system
+        if system.check_state is not None and not (type(state) is State and state.is_of(system)):
+            if not -MODERATE < min(numbers) <= max(numbers) < MODERATE:  # products may overflow
+                return None
+            system.check_state(*(restored(entries) for restored, entries in parts[: len(system.space.letters)]))
+        return numbers
+
+    def _checked(self, state: Mapping[str, Any]) -> Floats:
         """A mapping as one array, checked as the start of a run is."""
-        given = {name: value for name, value in state.items() if name not in (self.settings.observe or ())}
-        g = given.pop(ORIENTATION, None)
-        if (g is not None) != self._oriented:
-            had = "none" if g is None else "one"
+        components = {name: value for name, value in state.items() if name not in (self.settings.observe or ())}
+        g = components.pop(ORIENTATION, None)
+        if (g is not None) != self.oriented:
             raise InputError(
-                f"g: expected {'an' if self._oriented else 'no'} orientation in the state, got {had}. "
-                "kr.propagator(..., orientation=True) carries one along."
+                f"g: expected {'an' if self.oriented else 'no'} orientation in the state, got "
+                f"{'none' if g is None else 'one'}. kr.propagator(..., orientation=True) carries one along."
             )
-        own = self.model.state(**{str(letter): value for letter, value in given.items()})
-        parts = [own[letter] for letter in self.model.system.space.letters]
+        checked = self.model.state(**{str(letter): value for letter, value in components.items()})
+        parts = [checked[letter] for letter in self.model.system.space.letters]
         parts += [] if g is None else [initial_orientation(g, self.model)]
         natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
         return np.asarray(algebra.flatten(natural, self._kinds))
+
+    def components(self, x: Array) -> tuple[Array, ...]:
+        """The components of states (..., size) as the system has them."""
+        with np.errstate(invalid="ignore"):
+            parts = algebra.restore(x, self._kinds, self.model.n)
+        return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
+
+    def require_on_phase_space(self, x: Floats) -> None:
+        """Raises `InputError` for states off the phase space, which is not checked of arrays else."""
+        self.model.state(**dict(zip(self.model.system.space.letters, self.components(x), strict=False)))
+
+    def prepared(self, x: Floats) -> Floats:
+        """States (lanes, size) in the method's own variables (lanes, d)."""
+        rows: Floats = self._conversions(len(x))[0](x[None])[0]
+        return rows
+
+    def observed(self, rows: Floats) -> Floats:
+        """Rows (rows, lanes, d) of the method's own variables as states, with what is observed behind them."""
+        return self._conversions(rows.shape[1])[1](rows)
 
     def _conversions(self, lanes: int) -> tuple[Rows, Rows]:
         """From rows (rows, lanes, size) of states to those of the method's own variables, and back to what is returned.
@@ -89,36 +151,30 @@ class StateForms:
         """
         if lanes in self._converters:
             return self._converters[lanes]
-        n, made, plan = self.model.n, self._scheme, self._plan(self._scheme, np.zeros((lanes, 0)))
-        natural = tuple(zip(self.letters, self._kinds, strict=True))
+        n, scheme, plan = self.model.n, self.scheme, self.plan(self.scheme, np.zeros((lanes, 0)))
 
         def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
-            own = [algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
-            return {"z": algebra.flatten(made.prepare(tuple(own)), self._own_kinds)}
+            state = [algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
+            return {"z": algebra.flatten(scheme.prepare(tuple(state)), scheme.kinds)}
 
-        def returned(parts: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            return self._lines(plan.variables(parts, **known))
+        def returned(parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
+            return self._lines(plan.variables(parts, **constants))
 
-        given = replace(made, components=natural)
-        into = None if self.model.batch else compiled_rows(given, prepared, lanes, ("prepare",))
-        by_arrays = isinstance(made.motion, Flow)  # as the rows of a run
-        out_of = None if by_arrays else compiled_rows(made, returned, lanes, ("return", self.settings.observe))
-        found = (
-            into[0]
-            if into
-            else _quiet(lambda x: np.ascontiguousarray(prepared(algebra.restore(x, self._kinds, n))["z"])),
-            out_of[0]
-            if out_of
-            else lambda z: np.concatenate(
-                [
-                    np.broadcast_to(v, (*z.shape[:2], v.shape[-1]))
-                    for v in returned(algebra.restore(z, self._own_kinds, n), **made.constants).values()
-                ],
-                -1,
-            ),
-        )
-        self._converters[lanes] = found
-        return found
+        def prepared_arrays(x: Floats) -> Floats:
+            with np.errstate(invalid="ignore"):  # of states that are refused afterwards
+                return np.ascontiguousarray(prepared(algebra.restore(x, self._kinds, n))["z"])
+
+        def returned_arrays(z: Floats) -> Floats:
+            lines = returned(algebra.restore(z, scheme.kinds, n), **scheme.constants).values()
+            return np.concatenate([np.broadcast_to(v, (*z.shape[:2], v.shape[-1])) for v in lines], -1)
+
+        natural = replace(scheme, components=tuple(zip(self.letters, self._kinds, strict=True)))
+        into = None if self.model.batch else compiled_rows(natural, prepared, lanes, ("prepare",))
+        by_arrays = isinstance(scheme.motion, Flow)  # as the rows of a run
+        out = None if by_arrays else compiled_rows(scheme, returned, lanes, ("return", self.settings.observe))
+        converters = into[0] if into else prepared_arrays, out[0] if out else returned_arrays
+        self._converters[lanes] = converters
+        return converters
 
     def _lines(self, outputs: Mapping[str, Array]) -> dict[str, Array]:
         """The state, the orientation, and what is observed beside, each as numbers along the last axis."""
@@ -126,31 +182,40 @@ class StateForms:
         return {name: self._line(name, outputs[name]) for name in names}
 
     def _line(self, name: str, value: Array) -> Array:
-        """A variable as numbers along the last axis."""
-        kind = self._scheme.outcomes[name].axes
+        kind = self.scheme.outcomes[name].axes
         if kind in ("skew", "symmetric", "matrix") and name not in self._axial:
             return algebra.flatten([value], [kind])
         return value if kind or np.ndim(value) > 2 else value[..., None]
 
-    def _returned(self, x: Floats, state: Any, batch: bool) -> Any:
-        """Rows ([rows,] lanes, numbers) in the form that was given."""
-        x = x if batch else x[..., 0, :]
-        if type(state) is np.ndarray or not isinstance(state, Mapping):
-            return x
-        out = {}
-        for letter, kind in zip(self.letters, self._kinds, strict=True):
-            out[letter] = algebra.restore(x[..., self._places[letter]], [kind], self.model.n)[0]
+    def of_plan(self, outputs: Mapping[str, Array]) -> Floats:
+        """The outputs of a plan as rows ([rows,] lanes, numbers)."""
+        return np.concatenate(list(self._lines(outputs).values()), -1)
+
+    def returned(self, x: Floats, state: Any, batched: bool) -> Any:
+        """Rows ([rows,] lanes, numbers) in the form in which a state was given."""
+        x = x if batched else x[..., 0, :]
+        return x if type(state) is np.ndarray or not isinstance(state, Mapping) else self.mapping(x)
+
+    def mapping(self, x: Floats) -> dict[str, Any]:
+        """Numbers (..., numbers) as the components of a state and what is observed beside it."""
+        n = self.model.n
+        out: dict[str, Any] = {
+            letter: unpack(x[..., place], n)
+            for (letter, place), unpack in zip(self.places.items(), self._unpack, strict=True)
+        }
+        if not self.settings.observe:
+            return out
         return out | {name: x[..., place] for name, place in self._beside.items()}
 
     @cached_property
     def _beside(self) -> dict[str, Any]:
-        """Where what is observed beside the state stands."""
+        """The places of what is observed beside the state."""
         if not self.settings.observe:
             return {}
         x = np.ones((*(self.model.batch or (1,)), self.size))
-        if self._oriented:
-            x[:, self._places[ORIENTATION]] = (1, 0, 0, 0) if self.model.n == 3 else np.eye(self.model.n).ravel()
-        plan = self._plan(self._scheme, self._conversions(len(x))[0](x[None])[0])
+        if self.oriented:
+            x[:, self.places[ORIENTATION]] = (1, 0, 0, 0) if self.model.n == 3 else np.eye(self.model.n).ravel()
+        plan = self.plan(self.scheme, self._conversions(len(x))[0](x[None])[0])
         out, start = {}, self.size
         for name, value in plan.example.items():
             if name not in self.letters:
@@ -160,21 +225,68 @@ class StateForms:
         return out
 
 
-def _quiet(convert: Rows) -> Rows:
-    """Without NumPy's warnings of states that are not finite, which are refused afterwards."""
-
-    def converted(x: Floats) -> Floats:
-        with np.errstate(invalid="ignore"):
-            return convert(x)
-
-    return converted
+def is_finite(x: Floats) -> bool:
+    """Whether all numbers are finite."""
+    if x.size < FEW_NUMBERS and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
+        return True
+    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum alone may overflow
 
 
-def _numbers(state: Any, of: StateForms) -> Floats:
-    x = algebra.floats(state)
-    if not 1 <= x.ndim <= 2 or x.shape[-1] != of.size or not x.size:
-        raise InputError(
-            f"The state of {of.model.system.name}: expected a mapping of {', '.join(of.letters)}, or an array of these "
-            f"{of.size} numbers, ({of.size},) or (lanes, {of.size}), got {shown(state)}."
-        )
-    return x
+def require_finite(x: Floats) -> None:
+    """Raises `InputError` for states (lanes, size) that are not finite."""
+    if not is_finite(x):
+        where = in_lane(~np.isfinite(x).all(-1))
+        raise InputError(f"The state: expected finite numbers, got NaN or infinity{where}.")
+
+
+# -- components of one state that need few checks: the numbers that the full checks give, or None for the full checks
+
+
+def _reader(kind: str, n: int) -> tuple[Reader, Restored]:
+    """From a value to the numbers of a component, and from these to the component as the system has it."""
+    if kind == "quaternion":
+        return _quaternion, np.array
+    width = algebra.KINDS[kind].count(n)
+    if kind == "skew":
+        return (_axial, _hat) if n == 3 else (lambda value: _skew(value, n), lambda x: algebra.skew(np.array(x), n))
+    return (lambda value: None if kind in ("symmetric", "matrix") else _vector(value, width)), np.array
+
+
+def _hat(v: Sequence[float]) -> Array:
+    x, y, z = v
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+def _vector(value: Any, width: int) -> Sequence[float] | None:
+    if type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (width,):
+        numbers: list[float] = value.tolist()
+        return numbers
+    plain = type(value) in (tuple, list) and len(value) == width and all(type(v) in (float, int) for v in value)
+    return value if plain and all(abs(v) < 1 << 53 for v in value if type(v) is int) else None
+
+
+def _axial(value: Any) -> Sequence[float] | None:
+    if not (type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (3, 3)):
+        return _vector(value, 3)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = value.tolist()
+    if xx or yy or zz or xy + yx or xz + zx or yz + zy:
+        return None
+    return [-(yz / 2 - zy / 2), xz / 2 - zx / 2, -(xy / 2 - yx / 2)]  # with the signs of its zeros
+
+
+def _skew(value: Any, n: int) -> Sequence[float] | None:
+    if not (type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (n, n)):
+        return None
+    if (value + value.T).any():
+        return None
+    numbers: list[float] = algebra.coordinates(value / 2 - value.T / 2).tolist()
+    return numbers
+
+
+def _quaternion(value: Any) -> Sequence[float] | None:
+    numbers = _vector(value, 4)
+    if numbers is None:
+        return None
+    w, x, y, z = numbers
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return [w / length, x / length, y / length, z / length] if abs(length - 1) < ORTHOGONAL_TOLERANCE else None

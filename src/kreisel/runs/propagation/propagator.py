@@ -3,50 +3,44 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel import algebra
-from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
-from kreisel.kernels.engines import Engine
-from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
-from kreisel.method import scheme
-from kreisel.method.driven import COUNT
-from kreisel.method.observing import ORIENTATION
-from kreisel.method.scheme import Flow, Jump, Orbits, Scheme
+from kreisel.method import scheme as scheme_of
+from kreisel.method.scheme import Flow, Orbits, Scheme
 from kreisel.record.lanes import in_lane
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME
-from kreisel.runs.plan import planned
-from kreisel.runs.propagation.forms import StateForms
-from kreisel.runs.propagation.walks import Crossing, Walk, first_crossing, number_of
+from kreisel.runs.propagation.forms import is_finite
+from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
 from kreisel.runs.settings import (
     LARGE,
     MOST_STEPS,
+    WHOLE,
     Settings,
     check_model,
     finite_number,
     flag,
     named,
     observed,
-    of_forces,
     positive_number,
     wanted_times,
     whole_order,
     within,
 )
 
-if TYPE_CHECKING:
-    from kreisel.kernels.exact.engine import ClosedForm
+FEWEST, MOST_ROWS = 8, 256  # steps that are made before the quantity is looked at: more and more of them
 
-FEW_NUMBERS = 64
-AT_REST = 16  # engines that are kept for the next call, for each number of lanes
+
+class Crossing(NamedTuple):
+    """Where a search ended: the state, the time, and whether the quantity changed its sign there."""
+
+    state: Any
+    time: float
+    crossed: bool
 
 
 @explained
@@ -74,24 +68,24 @@ def propagator(
     flag(orientation, "orientation")
     flag(project, "project")
     step = 1.0 if dt is None else positive_number(dt, "dt")
-    made = scheme(system, named(method, "method"), step, whole_order(order), bool(orientation))
-    if made.coupling is not None and len(observe):
+    scheme = scheme_of(system, named(method, "method"), step, whole_order(order), bool(orientation))
+    if scheme.coupling is not None and len(observe):
         raise InputError(
             f"{system.system.name}: expected observe=() for bodies that act on each other in pairs, got "
             f"{shown(observe)}. kr.simulate observes them."
         )
-    if dt is None and not isinstance(made.motion, Orbits):
-        raise InputError(f"method={made.name!r} needs a step dt, got none.")
+    if dt is None and not isinstance(scheme.motion, Orbits):
+        raise InputError(f"method={scheme.name!r} needs a step dt, got none.")
     settings = Settings(dt=step, steps=1, method=method, order=order, project=bool(project))
-    return Propagator(system, made, settings.but(observe=observed(observe, made)), dt is not None)
+    return Propagator(system, scheme, settings.but(observe=observed(observe, scheme)), dt is not None)
 
 
 def _propagator_again(system: Model, settings: Settings, oriented: bool, paced: bool) -> Propagator:
-    made = scheme(system, named(settings.method, "method"), settings.dt, whole_order(settings.order), oriented)
-    return Propagator(system, made, settings, paced)
+    scheme = scheme_of(system, named(settings.method, "method"), settings.dt, whole_order(settings.order), oriented)
+    return Propagator(system, scheme, settings, paced)
 
 
-class Propagator(StateForms):
+class Propagator:
     """Made by `kr.propagator`: the state `at` any times, or after `steps`.
 
     A state is a mapping of its components, or one array of `size` numbers, (size,) or (lanes, size): the components in
@@ -101,20 +95,17 @@ class Propagator(StateForms):
     may share a propagator.
     """
 
-    def __init__(self, model: Model, made: Scheme, settings: Settings, paced: bool = True):
-        super().__init__(model, made, settings)
-        self._paced = paced  # whether a dt was asked for
-        self._at_rest: dict[int, deque[Engine]] = {}
-        self._jumps: dict[int, Jumps] = {}
-        self._jumping = made.orbits is not None and made.orbits.jump is not None
-        self._of_top = made.orbits is not None and isinstance(made.orbits.jump, Jump)
-        self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
+    def __init__(self, model: Model, scheme: Scheme, settings: Settings, paced: bool = True):
+        self.model, self._paced = model, paced  # whether a dt was asked for
+        self._stepper = Stepper(model, scheme, settings)
+        self._forms, self._by_plan = self._stepper.forms, model.n >= LARGE
+        self.letters, self.size, self.dt = self._forms.letters, self._forms.size, settings.dt
 
     def __reduce__(self) -> Any:  # kernels stay where they are
-        return _propagator_again, (self.model, self.settings, self._oriented, self._paced)
+        return _propagator_again, (self.model, self._stepper.settings, self._forms.oriented, self._paced)
 
     def __repr__(self) -> str:
-        return f"<kreisel propagator of {self.model!r}: {self._scheme.name}>"
+        return f"<kreisel propagator of {self.model!r}: {self._stepper.scheme.name}>"
 
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None) -> Any:
@@ -126,23 +117,33 @@ class Propagator(StateForms):
         or something that the method conserves is lost.
         """
         count = within(n, "n", 1, MOST_STEPS)
-        between = count if every is None else within(every, "every", 1, count)
-        x, batch = self._given(state)
-        if self.model.n >= LARGE:
-            found = self._by_a_plan(x, count, between)
+        between = None if every is None else within(every, "every", 1, count)
+        x, batched = self._forms.given(state)
+        if self._by_plan:
+            found = self._stepper.by_a_plan(x, count, between)
         else:
-            if isinstance(self._scheme.motion, Flow | Orbits):  # their set-up depends on the state
-                self._require_state(x)
-            into, out_of = self._conversions(len(x))
-            z = self._back(self._at_time(into(x[None])[0], time)[None])[0]
-            try:
-                engine = self._begun(z, count, between)
-            except InputError:  # of constants of the trajectory, which are not finite if the state is not
-                _require_finite(x)
-                raise
-            found = out_of(self._out(self._rows(engine, x, z, count, between)))
-            self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
-        return self._returned(found if every is not None else found[-1], state, batch)
+            found = self._stepper.steps(x, count, between, time)
+        return self._forms.returned(found, state, batched)
+
+    @explained
+    def at(self, state: Any, times: Any) -> Any:
+        """The state at a time, or at times (times,) along a first axis, negative ones too; of a map, so many steps on.
+
+        Raises `InputError` for bad input and where no closed form is known, `RunError` where numbers overflow.
+        """
+        if self._stepper.scheme.orbits is None:
+            raise InputError(
+                f"No closed form of method={self._stepper.scheme.name!r} for {self.model.system.name} is known here. "
+                "Use .steps(state, n), or kr.simulate."
+            )
+        wanted = wanted_times(times)
+        x, batched = self._forms.given(state)
+        rows = self._stepper.states(self._forms.prepared(x), wanted if wanted.ndim else wanted[None])
+        if not is_finite(rows):
+            where = in_lane(~np.isfinite(rows).all((0, 2)))
+            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
+        found = self._forms.observed(rows)
+        return self._forms.returned(found if wanted.ndim else found[0], state, batched)
 
     @explained
     def to(self, state: Any, times: Any, time: float = 0.0) -> Any:
@@ -151,19 +152,19 @@ class Propagator(StateForms):
         By steps of dt or a little shorter, equal ones from one time to the next: for rows at any times, and for
         impulses, which change the state between two calls.  `work` counts from the start.  Raises as `steps`.
         """
-        wanted, begun = wanted_times(times), finite_number(time, "time")
+        wanted, now = wanted_times(times), finite_number(time, "time")
         when = np.atleast_1d(wanted)
-        if (np.diff(when, prepend=begun) < 0).any():
-            raise InputError(f"times: expected times in order, from time = {begun:g} on, got {shown(times)}.")
-        x, batch = self._given(state)
-        if self._is_flow:
-            return self.at(state, wanted - begun)
+        if (np.diff(when, prepend=now) < 0).any():
+            raise InputError(f"times: expected times in order, from time = {now:g} on, got {shown(times)}.")
+        x, batched = self._forms.given(state)
+        if self._stepper.is_flow:
+            return self.at(state, wanted - now)
         self._require_steps("to")
-        walk, out = Walk(self, x, begun), []
+        z, out = self._forms.prepared(x), []
         for t in when.tolist():
-            walk.to(t)
-            out.append(self.returned(walk.z, t))
-        return self._returned(np.array(out) if wanted.ndim else out[0], state, batch)
+            z, now = self._stepper.walked(z, now, t), t
+            out.append(self._stepper.returned(z, t))
+        return self._forms.returned(np.array(out) if wanted.ndim else out[0], state, batched)
 
     @explained
     def until(
@@ -186,223 +187,57 @@ class Propagator(StateForms):
                 f"until: expected a function of the state and an end from time = {begun:g} on, got {shown(quantity)}, "
                 f"{shown(end)}."
             )
-        x, batch = self._given(state)
-        if batch and self._scheme.coupling is None:
+        x, batched = self._forms.given(state)
+        if batched and self._stepper.scheme.coupling is None:
             raise InputError(f"until: expected one state, got {len(x)} lanes. Call it for each.")
-        if not self._is_flow:
+        if not self._stepper.is_flow:
             self._require_steps("until")
         elif not self._paced:
             raise InputError(
                 "until: expected kr.propagator(..., dt=...), which says how often the quantity is looked at, got none."
             )
 
-        def of_rows(rows: Floats) -> float:
-            return number_of(quantity, self._returned(rows, state, batch))
+        def form(z: Floats, t: float) -> Any:
+            return self._forms.returned(self._stepper.returned(z, t), state, batched)
 
-        rows, t, crossed = first_crossing(self, x, of_rows, rising, begun, last)
-        return Crossing(self._returned(rows, state, batch), t, crossed)
+        def values(z: Floats, t: float) -> Floats:
+            return np.array([number_of(quantity, form(z, t), "until")])
 
-    @property
-    def dt(self) -> float:
-        """The step."""
-        return self.settings.dt
+        signs = Signs(values, self._stepper.step, (None if rising is None else bool(rising),))
+        z, t, crossed = _first_crossing(self._stepper, self._forms.prepared(x), signs, begun, last)
+        return Crossing(form(z, t), t, crossed)
 
-    @property
-    def by_trajectory(self) -> bool:
-        """Whether the constants of the method depend on the start."""
-        return self._scheme.trajectory is not None
-
-    @property
-    def _is_flow(self) -> bool:
-        return isinstance(self._scheme.motion, Orbits)
-
-    def _require_steps(self, what: str) -> None:
-        made, order = self._scheme, self._scheme.options.get("order")
-        if made.corrector is not None or (made.name == "suris" and order == 2):
-            use = "order=(8, 2) or (8, 6, 4)" if made.corrector else "method='baecklund', or order=1"
+    def _require_steps(self, call: str) -> None:
+        scheme = self._stepper.scheme
+        order = scheme.options.get("order")
+        if scheme.corrector is not None or (scheme.name == "suris" and order == 2):
+            use = "order=(8, 2) or (8, 6, 4)" if scheme.corrector else "method='baecklund', or order=1"
             raise InputError(
-                f"{what}: expected a method whose steps may differ, got method={made.name!r} of order {order}, whose "
+                f"{call}: expected a method whose steps may differ, got method={scheme.name!r} of order {order}, whose "
                 f"variables depend on dt. Use {use}."
             )
-        if self.model.n >= LARGE or isinstance(self._scheme.motion, Flow):
+        if self._by_plan or isinstance(scheme.motion, Flow):
             raise InputError(
-                f"{what}: expected a method that makes steps, or a closed form, and n < {LARGE}, got "
-                f"method={self._scheme.name!r}, n = {self.model.n}. Use kr.simulate."
+                f"{call}: expected a method that makes steps, or a closed form, and n < {LARGE}, got "
+                f"method={scheme.name!r}, n = {self.model.n}. Use kr.simulate."
             )
 
-    def prepared(self, x: Floats) -> Floats:
-        """States (lanes, size) in the method's own variables (lanes, d)."""
-        return np.array(self._conversions(len(x))[0](x[None])[0])
 
-    def returned(self, z: Floats, time: float) -> Floats:
-        """The method's own variables at a time as states (lanes, size), with what is observed."""
-        return self._conversions(len(z))[1](self._timed(z, time, self.dt)[None])[0]
-
-    def stepped(self, x: Floats, z: Floats, time: float, h: float, count: int, every: int) -> Floats:
-        """Rows 0, every, ... of so many steps of length h from z, (rows, lanes, d); x: where the walk began."""
-        if self._is_flow:
-            return self._states(x, z, h * np.arange(0, count + 1, every, dtype=np.float64))
-        made = self._scheme
-        if h != self.dt:
-            order = made.options.get("order")
-            made = scheme(self.model, made.name, h, order, self._oriented, kept=False)
-        start = self._timed(z, time, h)
-        engine = self._begun(start, count, every, made)
-        out = self._rows(engine, x, start, count, every)
-        self._at_rest.setdefault(len(z), deque(maxlen=AT_REST)).append(engine)
-        return out
-
-    def _timed(self, z: Floats, time: float, h: float) -> Floats:
-        """The same with the time as a number of steps h, where forces depend on it."""
-        record = self.model.system.perturbation
-        if record is None or not record.names(TIME):
-            return np.ascontiguousarray(z)
-        out = np.array(z, order="C")
-        out[:, self._column_of(COUNT)] = time / h
-        return out
-
-    def _column_of(self, component: str) -> int:
-        place = [letter for letter, _ in self._scheme.components].index(component)
-        return algebra.coordinate_count(self._own_kinds[:place], self.model.n)
-
-    def _at_time(self, z: Floats, time: float | None) -> Floats:
-        """The start with its time.  Raises `InputError` where forces depend on it and none is given, or the reverse."""
-        record = self.model.system.perturbation
-        timed = record is not None and record.names(TIME)
-        if timed != (time is not None):
-            raise InputError(
-                f"time: expected {'the time at the start' if timed else 'none'}, since the forces of "
-                f"{self.model.system.name} {'' if timed else 'do not '}depend on it, got {shown(time)}."
-            )
-        if not timed:
-            return z
-        flow = isinstance(self._scheme.motion, Flow)
-        z[:, self._column_of(TIME if flow else COUNT)] = finite_number(time, "time") / (1 if flow else self.dt)
-        return z
-
-    def _require_state(self, x: Floats) -> None:
-        """Raises `InputError` for states that are not finite or off the phase space: arrays are checked only here."""
-        _require_finite(x)
-        self.model.state(**dict(zip(self.model.system.space.letters, self._system(x), strict=False)))
-
-    def _states(self, x: Floats, z: Floats, when: Floats) -> Floats:
-        """By compiled jumps where all of them are right, else by orbits that are set up for this state."""
-        if self._jumping and len(when) <= FEW:
-            jumps = self._jumps.get(len(z))
-            if jumps is None:
-                jumps = self._jumps[len(z)] = Jumps(self._scheme, len(z))
-            out, right = jumps.at(z, when)
-            if right.item() if right.size == 1 else right.all():
-                return self._in_one_sheet(out, when)
-        from kreisel.kernels.exact.engine import ClosedForm
-
-        with np.errstate(over="ignore"):
-            reach = min(2.0 ** np.ceil(np.log2(max(float(abs(when).max()), self.settings.dt))), sys.float_info.max)
-        known = self._orbits
-        if known is None or known[0] != (z.tobytes(), reach):
-            self._require_state(x)
-            known = (z.tobytes(), reach), ClosedForm(self._scheme, z, self.settings.dt, reach)
-        with np.errstate(all="ignore"):
-            out = known[1].at(when)
-        self._orbits = known  # the last motion, for further times of it
-        return self._in_one_sheet(out, when)
-
-    def _in_one_sheet(self, out: Floats, when: Floats) -> Floats:
-        """The states (times, lanes, d) with quaternions that keep their sign in the order of time: jumps do not."""
-        if self._oriented and len(when) > 1 and self._of_top:
-            place = self._column_of(ORIENTATION)
-            out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], when)
-        return out
-
-    def _rows(self, engine: Engine, x: Floats, z: Floats, count: int, every: int) -> Floats:
-        rows, rest = divmod(count, every)
-        out = np.empty((1 + rows + (rest > 0), *z.shape))
-        out[0] = z
-        engine.advance(out[1 : 1 + rows], every)
-        if rest:
-            engine.advance(out[1 + rows :], rest)
-        self._require_sound(engine, x, out)
-        return out
-
-    def _by_a_plan(self, x: Floats, count: int, every: int) -> Floats:
-        """As a run of that many dimensions is made, whose kernels depend on the state."""
-        plan = planned(self.model, self._scheme, self.settings, self._system(x), None)
-        out = self._rows(plan.engine, x, plan.first, count, every)
-        found = np.concatenate(list(self._lines(plan.observe(out)).values()), -1)
-        return found if plan.batched else found[:, None]
-
-    def _system(self, x: Array) -> tuple[Array, ...]:
-        """The components of states as the system has them."""
-        with np.errstate(invalid="ignore"):
-            parts = algebra.restore(x, self._kinds, self.model.n)
-        return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
-
-    @explained
-    def at(self, state: Any, times: Any) -> Any:
-        """The state at a time, or at times (times,) along a first axis, negative ones too; of a map, so many steps on.
-
-        Raises `InputError` for bad input and where no closed form is known, `RunError` where numbers overflow.
-        """
-        if self._scheme.orbits is None:
-            raise InputError(
-                f"No closed form of method={self._scheme.name!r} for {self.model.system.name} is known here. "
-                "Use .steps(state, n), or kr.simulate."
-            )
-        wanted = wanted_times(times)
-        when = wanted if wanted.ndim else wanted[None]
-        x, batch = self._given(state)
-        into, out_of = self._conversions(len(x))
-        out = self._states(x, into(x[None])[0], when)
-        if not _finite(out):
-            _require_finite(x)
-            where = in_lane(~np.isfinite(out).all((0, 2)))
-            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
-        found = out_of(out)
-        return self._returned(found if wanted.ndim else found[0], state, batch)
-
-    def _begun(self, z: Floats, steps: int, every: int, made: Scheme | None = None) -> Engine:
-        """An engine at the start z: one that is at rest, or a new one; `made`: the scheme with another step."""
-        made = self._scheme if made is None else made
-        if made.trajectory is not None:
-            made = made.on(algebra.restore(z, made.kinds, made.n))
-        try:
-            engine = self._at_rest[len(z)].pop()
-        except (KeyError, IndexError):
-            return self._plan(made, z, steps, every).engine
-        return engine if engine.begin(z, made, steps) else self._plan(made, z, steps, every).engine
-
-    def _require_sound(self, engine: Engine, x: Floats, out: Floats) -> None:
-        if not _finite(out):
-            _require_finite(x)
-            where = in_lane(~np.isfinite(out).all((0, 2)))
-            raise RunError(
-                f"The state is no longer finite{where}. Usual cause: {of_forces(self.model)}a step far too long, or a "
-                "state so large that its square overflows. Use a smaller dt."
-            )
-        guard, projection = self._scheme.guard, engine.projection
-        if guard is not None:
-            z = algebra.restore(out, self._own_kinds, self.model.n)
-            beyond = self._scheme.component(z, guard.component) > guard.limit
-            if beyond.any():
-                where = in_lane(beyond.reshape(*out.shape[:2], -1).any((0, 2)))
-                raise RunError(f"{guard.fault}{where}. Usual cause: {guard.cause}")
-        if projection is not None and projection.worst.any():
-            beyond = projection.beyond(self.settings.dt * abs(engine.z).max(-1))
-            if beyond.any():
-                name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
-                raise RunError(
-                    f"{name} is not conserved{in_lane(beyond.any(-1))}, although the method conserves it. Usual cause: "
-                    "a step far too long for this state. Use a smaller dt; project=False shows the map as it is."
-                )
-
-
-def _finite(x: Floats) -> bool:
-    if x.size < FEW_NUMBERS and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
-        return True
-    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum alone may overflow
-
-
-def _require_finite(x: Floats) -> None:
-    good = np.isfinite(x).all(-1)
-    if not good.all():
-        raise InputError(f"The state: expected finite numbers, got NaN or infinity{in_lane(~good)}.")
+def _first_crossing(stepper: Stepper, z: Floats, signs: Signs, time: float, end: float) -> tuple[Floats, float, bool]:
+    """The state where a quantity first changes its sign after `time`, or the state at `end`."""
+    stepper.require_reach(time, end)
+    ahead = signs.values(stepper.step(z, time, stepper.dt), time + stepper.dt)
+    values, block = signs.begin(z, time), FEWEST
+    if abs(values[0]) <= AT_ZERO * max(abs(values[0]), abs(ahead[0])):
+        signs.sides[0] = 0.0  # the last search ended here, at a value of rounding
+    while time < end:
+        left = (end - time) / stepper.dt * (1 - WHOLE)
+        count, h = (min(block, math.floor(left)), stepper.dt) if left >= 1 else (1, end - time)
+        rows, block = stepper.stepped(z, time, h, count, 1), min(2 * block, MOST_ROWS)
+        for k, row in enumerate(rows[1:]):
+            begun = time + k * h
+            if signs.changed(signs.values(row, time + (k + 1) * h)):
+                after = signs.place(0, rows[k], begun, h)
+                return stepper.step(rows[k], begun, after), begun + after, True
+        z, time = rows[-1], end if left < 1 else time + count * h
+    return z, time, False

@@ -1,0 +1,302 @@
+"""Rows of states that are stepped by engines that are kept, to any times, and to changes of a sign."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.errors import InputError, RunError, shown
+from kreisel.kernels.correcting import corrections
+from kreisel.kernels.engines import Engine
+from kreisel.kernels.exact.jumps import FEW, Jumps
+from kreisel.kernels.layout import Floats
+from kreisel.method import scheme as scheme_of
+from kreisel.method.driven import COUNT
+from kreisel.method.observing import ORIENTATION
+from kreisel.method.scheme import Flow, Jump, Orbits, Scheme
+from kreisel.record.lanes import in_lane
+from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
+from kreisel.runs.plan import planned
+from kreisel.runs.propagation.forms import StateForms, is_finite
+from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
+
+if TYPE_CHECKING:
+    from kreisel.kernels.exact.engine import ClosedForm
+
+AT_REST = 16  # engines that are kept for the next call, for each number of lanes
+EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy takes
+AT_ZERO = 1e-10  # of the largest value within a step: a start that is where the last search ended
+
+
+class Stepper:
+    """Rows z (lanes, d) of the variables of a scheme, stepped by engines and known at times by its closed form.
+
+    forms  the same states as users have them, rows x (lanes, size)
+    timed  whether forces depend on the time
+    """
+
+    def __init__(self, model: Model, scheme: Scheme, settings: Settings):
+        self.model, self.scheme, self.settings = model, scheme, settings
+        self.forms = StateForms(model, scheme, settings)
+        record = model.system.perturbation
+        self.timed = record is not None and record.names(TIME)
+        self.is_flow = isinstance(scheme.motion, Orbits)
+        self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
+        self._back, self._out = corrections(scheme)
+        self._at_rest: dict[int, deque[Engine]] = {}
+        jump = None if scheme.orbits is None else scheme.orbits.jump
+        self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
+        self._jumps: dict[int, Jumps] = {}
+        self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
+
+    @property
+    def dt(self) -> float:
+        """The step."""
+        return self.settings.dt
+
+    # -- steps -----------------------------------------------------------------------------------------
+
+    def steps(self, x: Floats, count: int, every: int | None, time: float | None) -> Floats:
+        """The states (lanes, numbers) after so many steps from x; with `every`, rows of the steps 0, every, ..."""
+        if self._set_up:
+            self.forms.require_on_phase_space(x)
+        z = self.forms.prepared(x)
+        if self.timed or time is not None:
+            z = self._at_time(z, time)
+        z = self._back(z[None])[0]
+        if every is not None:
+            return self.forms.observed(self._out(self._rows(z, count, every, self.scheme)))
+        engine = self._begun(z, count, count, self.scheme)
+        out = np.empty((1, *z.shape))
+        engine.advance(out, count)
+        self._keep(engine, out, count)
+        return self.forms.observed(self._out(out))[0]
+
+    def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
+        """The same by an engine as a run has it, for dimensions whose kernels depend on the state."""
+        plan = planned(self.model, self.scheme, self.settings, self.forms.components(x), None)
+        rows = self._advanced(plan.engine, plan.first, count, count if every is None else every)
+        self._require_sound(plan.engine, rows, count)
+        out = self.forms.of_plan(plan.observe(rows))
+        out = out if plan.batched else out[:, None]
+        return out if every is not None else out[-1]
+
+    def stepped(self, z: Floats, time: float, h: float, count: int, every: int) -> Floats:
+        """Rows 0, every, ... of so many steps of length h from z at a time, (rows, lanes, d)."""
+        if self.is_flow:
+            return self.states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
+        scheme = self.scheme
+        if h != self.dt:
+            order = scheme.options.get("order")
+            scheme = scheme_of(self.model, scheme.name, h, order, self.forms.oriented, kept=False)
+        return self._rows(self.at_time(z, time, h), count, every, scheme)
+
+    def _rows(self, z: Floats, count: int, every: int, scheme: Scheme) -> Floats:
+        engine = self._begun(z, count, every, scheme)
+        rows = self._advanced(engine, z, count, every)
+        self._keep(engine, rows, count)
+        return rows
+
+    def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
+        """An engine at the start z: one that is at rest, or a new one."""
+        if scheme.trajectory is not None:
+            scheme = scheme.on(algebra.restore(z, scheme.kinds, scheme.n))
+        try:
+            engine = self._at_rest[len(z)].pop()
+            if engine.begin(z, scheme, steps):
+                return engine
+        except (KeyError, IndexError):
+            pass
+        return self.forms.plan(scheme, z, steps, every).engine
+
+    def _advanced(self, engine: Engine, z: Floats, count: int, every: int) -> Floats:
+        rows, rest = divmod(count, every)
+        out = np.empty((1 + rows + (rest > 0), *z.shape))
+        out[0] = z
+        engine.advance(out[1 : 1 + rows], every)
+        if rest:
+            engine.advance(out[1 + rows :], rest)
+        return out
+
+    def _keep(self, engine: Engine, rows: Floats, count: int) -> None:
+        """Check what an engine has made, and keep it for the next call."""
+        self._require_sound(engine, rows, count)
+        lanes = rows.shape[1]
+        if lanes not in self._at_rest:
+            self._at_rest.setdefault(lanes, deque(maxlen=AT_REST))
+        self._at_rest[lanes].append(engine)
+
+    def _require_sound(self, engine: Engine, rows: Floats, count: int) -> None:
+        """Raises `RunError` if rows, made by so many steps, are not finite or lack what the method promises."""
+        if not is_finite(rows):
+            where = in_lane(~np.isfinite(rows).all((0, 2)))
+            raise RunError(
+                f"The state is no longer finite{where}. Usual cause: {of_forces(self.model)}a step far too long, or a "
+                "state so large that its square overflows. Use a smaller dt."
+            )
+        guard, projection = self.scheme.guard, engine.projection
+        if guard is not None:
+            z = algebra.restore(rows, self.scheme.kinds, self.model.n)
+            beyond = self.scheme.component(z, guard.component) > guard.limit
+            if beyond.any():
+                where = in_lane(beyond.reshape(*rows.shape[:2], -1).any((0, 2)))
+                raise RunError(f"{guard.fault}{where}. Usual cause: {guard.cause}")
+        if projection is not None and count >= projection.every and projection.worst.any():
+            beyond = projection.beyond(self.dt * abs(engine.z).max(-1))
+            if beyond.any():
+                name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
+                raise RunError(
+                    f"{name} is not conserved{in_lane(beyond.any(-1))}, although the method conserves it. Usual cause: "
+                    "a step far too long for this state. Use a smaller dt; project=False shows the map as it is."
+                )
+
+    # -- the time of forces ----------------------------------------------------------------------------
+
+    def column_of(self, component: str) -> int:
+        """The place of a component among the variables that are stepped."""
+        place = [letter for letter, _ in self.scheme.components].index(component)
+        return algebra.coordinate_count(self.scheme.kinds[:place], self.model.n)
+
+    def at_time(self, z: Floats, time: float, h: float) -> Floats:
+        """The rows with the time as a number of steps h, if forces depend on it."""
+        if not self.timed:
+            return np.ascontiguousarray(z)
+        out = np.array(z, order="C")
+        out[:, self.column_of(COUNT)] = time / h
+        return out
+
+    def _at_time(self, z: Floats, time: float | None) -> Floats:
+        """The start with its time.  Raises `InputError` where forces depend on it and none is given, or the reverse."""
+        if self.timed != (time is not None):
+            raise InputError(
+                f"time: expected {'the time at the start' if self.timed else 'none'}, since the forces of "
+                f"{self.model.system.name} {'' if self.timed else 'do not '}depend on it, got {shown(time)}."
+            )
+        flow = isinstance(self.scheme.motion, Flow)
+        z[:, self.column_of(TIME if flow else COUNT)] = finite_number(time, "time") / (1 if flow else self.dt)
+        return z
+
+    # -- the closed form -------------------------------------------------------------------------------
+
+    def states(self, z: Floats, times: Floats) -> Floats:
+        """Rows (times, lanes, d): by compiled jumps if all of them are right, else by orbits set up for this state."""
+        if self._jumping and len(times) <= FEW:
+            jumps = self._jumps.get(len(z))
+            if jumps is None:
+                jumps = self._jumps[len(z)] = Jumps(self.scheme, len(z))
+            out, right = jumps.at(z, times)
+            if right.item() if right.size == 1 else right.all():
+                return self._in_one_sheet(out, times)
+        from kreisel.kernels.exact.engine import ClosedForm
+
+        with np.errstate(over="ignore"):
+            reach = min(2.0 ** np.ceil(np.log2(max(float(abs(times).max()), self.dt))), sys.float_info.max)
+        orbits = self._orbits
+        if orbits is None or orbits[0] != (z.tobytes(), reach):
+            self.forms.require_on_phase_space(self.forms.observed(z[None])[0, :, : self.forms.size])
+            orbits = (z.tobytes(), reach), ClosedForm(self.scheme, z, self.dt, reach)
+        with np.errstate(all="ignore"):
+            out = orbits[1].at(times)
+        self._orbits = orbits  # the last motion, for further times of it
+        return self._in_one_sheet(out, times)
+
+    def _in_one_sheet(self, out: Floats, times: Floats) -> Floats:
+        """The states (times, lanes, d) with quaternions that keep their sign in the order of time: jumps do not."""
+        if self.forms.oriented and len(times) > 1 and self._of_top:
+            place = self.column_of(ORIENTATION)
+            out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], times)
+        return out
+
+    # -- any times -------------------------------------------------------------------------------------
+
+    def step(self, z: Floats, time: float, h: float) -> Floats:
+        """The state after a single step of length h from z at a time."""
+        return self.stepped(z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
+
+    def walked(self, z: Floats, time: float, end: float) -> Floats:
+        """The state at a later time, in equal steps of at most dt."""
+        self.require_reach(time, end)
+        gap = end - time
+        if gap <= SHORTEST_STEP:
+            return z
+        count = max(1, math.ceil(gap / self.dt * (1 - WHOLE)))
+        return self.stepped(z, time, gap / count, count, count)[-1]
+
+    def require_reach(self, time: float, end: float) -> None:
+        """Raises `InputError` for an end that steps of dt do not reach."""
+        if not (end - time) / self.dt <= MOST_STEPS or (end > time and not end - self.dt < end):
+            raise InputError(
+                f"times: expected at most {MOST_STEPS:,} steps of dt = {self.dt:g}, which are not lost in the time, "
+                f"got {end:g} from {time:g} on."
+            )
+
+    def returned(self, z: Floats, time: float) -> Floats:
+        """Rows of the variables that are stepped at a time as states (lanes, numbers), with what is observed."""
+        return self.forms.observed(self.at_time(z, time, self.dt)[None])[0]
+
+
+class Signs:
+    """Signs of quantities of a state as it is stepped, and the places where they change.
+
+    values  (z, time) -> the quantities (count,)
+    step    (z, time, h) -> z, a single step
+    rising  of each quantity: True, False for changes upward, downward alone; None: both
+    """
+
+    def __init__(
+        self,
+        values: Callable[[Floats, float], Floats],
+        step: Callable[[Floats, float, float], Floats],
+        rising: Sequence[bool | None],
+    ):
+        self.values, self._step, self._rising = values, step, rising
+        self.sides = np.zeros(len(rising))
+
+    def begin(self, z: Floats, time: float) -> Floats:
+        """Take the sides at a state.  Returns the quantities there."""
+        values = self.values(z, time)
+        self.sides = np.sign(values)
+        return values
+
+    def changed(self, values: Floats) -> list[int]:
+        """The numbers of the quantities whose sign is another; if there are none the sides are those of the values."""
+        signs = np.sign(values)
+        found = [
+            i for i in np.flatnonzero(self.sides * signs < 0).tolist() if self._rising[i] in (None, bool(signs[i] > 0))
+        ]
+        if not found:
+            self.sides = np.where(signs == 0, self.sides, signs)
+        return found
+
+    def place(self, i: int, z: Floats, time: float, h: float) -> float:
+        """The time after z at which a quantity leaves its side, within a step of length h: by Brent's method."""
+        from scipy.optimize import brentq
+
+        def value(s: float) -> float:
+            return float(self.values(self._step(z, time, s), time + s)[i])
+
+        side = self.sides[i]
+        if value(0.0) * side <= 0:
+            return 0.0
+        return h if value(h) * side >= 0 else float(brentq(value, 0.0, h, xtol=EXACT * h, rtol=EXACT))
+
+
+def number_of(quantity: Any, state: Any, name: str) -> float:
+    """The value of a user's function of a state.  Raises `InputError` if it is not a finite number."""
+    try:
+        value = np.asarray(quantity(state))
+    except (TypeError, ValueError, LookupError, AttributeError) as error:
+        raise InputError(
+            f"{name}: expected a function of the state, such as lambda x: x['a'][2], got one that raises "
+            f"{type(error).__name__}: {error}."
+        ) from error
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        raise InputError(f"{name}: expected a quantity that is one number, got {shown(value)}.")
+    return finite_number(value.item(), f"{name}: the quantity")
