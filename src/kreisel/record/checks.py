@@ -24,7 +24,7 @@ def nonzero_vector(A, letter):
     if A.ndim == 1 and A.dtype == np.float64:
         zero = not any(v * v for v in A.tolist())  # a quarter of the time
     else:
-        zero = np.asarray(dot(A, A) == 0).any()
+        zero = bool(np.asarray(dot(A, A) == 0).any())
     if zero:
         raise InputError(
             f"{letter} must not be the zero vector: it points from the fixed point to the centre of mass. "

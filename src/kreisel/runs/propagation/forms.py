@@ -28,7 +28,7 @@ Reader = Callable[[Any], Sequence[float] | None]
 Restored = Callable[[Sequence[float]], Array]
 DOUBLE = np.dtype(np.float64)
 FEW_NUMBERS = 64
-MODERATE = 1e75
+MODERATE = 1e75  # a length whose products do not overflow
 
 
 class StateForms:
@@ -50,8 +50,11 @@ class StateForms:
         single = not model.batch and pairs_of(model) is None
         self._single = (self.size,) if single else None  # the shape of one state as it may be given
         free = single and not model.system.space.constraints
-        self._readers = [(k, *_reader(kind, model.n)) for k, kind in components] if free else []
-        self._unpack = [algebra.KINDS[kind].unpack for kind in self._kinds]
+        self._readers = [(k, _reader(kind, model.n)) for k, kind in components] if free else []
+        self._check = model.system.check_state
+        self._restored = [(algebra.KINDS[kind].axes, _restored(kind, model.n)) for kind in model.system.space.kinds]
+        several = [algebra.KINDS[kind].unpack if algebra.KINDS[kind].axes > 1 else None for kind in self._kinds]
+        self._unpack = list(zip(self.letters, self.places.values(), several, strict=True))
         self._converters: dict[int, tuple[Rows, Rows]] = {}
 
     def plan(self, scheme: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
@@ -64,7 +67,7 @@ class StateForms:
             if not math.isfinite(sum(state.tolist())):
                 require_finite(state[None])
             return state[None], False
-        if type(state) is not np.ndarray and isinstance(state, Mapping):
+        if type(state) is dict or isinstance(state, Mapping):
             entries = self._entries(state)
             if entries is not None:
                 return np.array((entries,), DOUBLE), False
@@ -94,20 +97,23 @@ class StateForms:
         if len(state) != len(self._readers):
             return None
         numbers: list[float] = []
-        parts = []
-        for letter, read, restored in self._readers:
-            entries = read(state.get(letter))
+        values = []
+        for letter, read in self._readers:
+            value = state.get(letter)
+            entries = read(value)
             if entries is None:
                 return None
             numbers += entries
-            parts.append((restored, entries))
-        if not math.isfinite(sum(numbers)):
+            values.append((value, entries))
+        if not math.hypot(*numbers) < MODERATE:
             return None
-        system = self.model.system
-        if system.check_state is not None and not (type(state) is State and state.is_of(system)):
-            if not -MODERATE < min(numbers) <= max(numbers) < MODERATE:  # products may overflow
-                return None
-            system.check_state(*(restored(entries) for restored, entries in parts[: len(system.space.letters)]))
+        if self._check is not None and not (type(state) is State and state.is_of(self.model.system)):
+            self._check(
+                *(
+                    value if type(value) is np.ndarray and value.ndim == axes else restored(entries)
+                    for (value, entries), (axes, restored) in zip(values, self._restored, strict=False)
+                )
+            )
         return numbers
 
     def _checked(self, state: Mapping[str, Any]) -> Floats:
@@ -193,16 +199,19 @@ class StateForms:
 
     def returned(self, x: Floats, state: Any, batched: bool) -> Any:
         """Rows ([rows,] lanes, numbers) in the form in which a state was given."""
-        x = x if batched else x[..., 0, :]
-        return x if type(state) is np.ndarray or not isinstance(state, Mapping) else self.mapping(x)
+        if not batched:
+            x = x[0] if x.ndim == 2 else x[..., 0, :]
+        if type(state) is np.ndarray:
+            return x
+        return self.mapping(x) if type(state) is dict or isinstance(state, Mapping) else x
 
     def mapping(self, x: Floats) -> dict[str, Any]:
         """Numbers (..., numbers) as the components of a state and what is observed beside it."""
-        n = self.model.n
-        out: dict[str, Any] = {
-            letter: unpack(x[..., place], n)
-            for (letter, place), unpack in zip(self.places.items(), self._unpack, strict=True)
-        }
+        single, n = x.ndim == 1, self.model.n
+        out: dict[str, Any] = {}
+        for letter, place, unpack in self._unpack:
+            entries = x[place] if single else x[..., place]
+            out[letter] = entries if unpack is None else unpack(entries, n)
         if not self.settings.observe:
             return out
         return out | {name: x[..., place] for name, place in self._beside.items()}
@@ -242,14 +251,21 @@ def require_finite(x: Floats) -> None:
 # -- components of one state that need few checks: the numbers that the full checks give, or None for the full checks
 
 
-def _reader(kind: str, n: int) -> tuple[Reader, Restored]:
-    """From a value to the numbers of a component, and from these to the component as the system has it."""
+def _reader(kind: str, n: int) -> Reader:
+    """From a value to the numbers of a component."""
     if kind == "quaternion":
-        return _quaternion, np.array
+        return _quaternion
     width = algebra.KINDS[kind].count(n)
     if kind == "skew":
-        return (_axial, _hat) if n == 3 else (lambda value: _skew(value, n), lambda x: algebra.skew(np.array(x), n))
-    return (lambda value: None if kind in ("symmetric", "matrix") else _vector(value, width)), np.array
+        return _axial if n == 3 else lambda value: _skew(value, n)
+    return lambda value: None if kind in ("symmetric", "matrix") else _vector(value, width)
+
+
+def _restored(kind: str, n: int) -> Restored:
+    """From the numbers of a component to the component as the system has it."""
+    if kind == "skew":
+        return _hat if n == 3 else lambda x: algebra.skew(np.array(x), n)
+    return np.array
 
 
 def _hat(v: Sequence[float]) -> Array:
