@@ -87,11 +87,12 @@ class Kernel:
     """
 
     def __init__(self, code: bytes, arguments: int):
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target_machine())
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-        self._engine.finalize_object()
-        self.address: int = self._engine.get_function_address("kernel")
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target_machine())
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+        self.address: int = engine.get_function_address("kernel")
         self.call: Any = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * arguments)(self.address)
+        self.call.engine = engine  # the code lives as long as anything that may call it
 
     def __call__(self, *arguments: int) -> None:
         self.call(*arguments)

@@ -7,73 +7,35 @@ of all lanes.  The record is of one lane and of one pair, so what is compiled do
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel import algebra
-from kreisel.kernels._llvm.machine import register_width
-from kreisel.kernels.cpu import load_kernel, projection_between
-from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection.compiled import CompiledProjection
-from kreisel.kernels.projection.program import recordable
-from kreisel.kernels.recording import (
+from kreisel.graph.arranging import arranged
+from kreisel.graph.graph import Graph, Number, Operand, TooLong
+from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
+from kreisel.graph.machine import Kernel, kernel, register_width
+from kreisel.graph.recording import (
     Recording,
+    as_operands,
     columns_of,
     count_of,
     flat_constants,
-    indented,
     recorded_arguments,
     recorded_numbers,
-    recorded_values,
 )
-from kreisel.kernels.simd import HEAD, Functions, function_of_tuples, gathered
+from kreisel import algebra
+from kreisel.kernels.cpu import address_of, projection_between
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection.compiled import CompiledProjection
+from kreisel.kernels.projection.program import recordable
 from kreisel.kernels.stepped import SteppedEngine
-from kreisel.kernels.tape import Tape
+from kreisel.kernels.steps import Constants, Split
 from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 
-PULL = """
-@compiled("f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,::1], i8")
-def pull_all(z, c, s, p, pairs, forces, stage):
-    for lane in range(len(forces)):
-        for k in range({count}):
-            forces[lane, k] = 0.0
-    for pair in range(len(pairs)):
-        i, j = pairs[pair, 0], pairs[pair, 1]
-        f = numbers(forces, (i,), {count}, ()) + numbers(forces, (j,), {count}, ())
-        f = pull(f, numbers(z, (i,), {size}, ()) + numbers(z, (j,), {size}, ()){more})
-        put_numbers(forces, (i,), f[:{count}], ())
-        put_numbers(forces, (j,), f[{count}:], ())
-
-"""
-
-KERNEL = """
-WIDTH = {width}  # lanes at once
-
-
-@compiled(
-    "f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], i8"
-)
-def kernel(z, c, s, p, pairs, out, forces, k, v, every):
-    lanes, stages = len(z), s.shape[1]
-    blocks = (lanes + WIDTH - 1) // WIDTH
-    for block in range(blocks):
-        lane = block * WIDTH
-{begin}
-    for row in range(out.shape[0]):
-        for _ in range(every):
-            for stage in range(stages):
-                for block in range(blocks):
-                    lane = block * WIDTH
-                    scatter(z, (), lane, lanes, drift({state}{of_known}{of_stage}), WIDTH)
-                pull_all(z, c, s, p, pairs, forces, stage)
-                for block in range(blocks):
-                    lane = block * WIDTH
-                    scatter(z, (), lane, lanes, kick({state} + {pulled}{of_known}{of_stage}), WIDTH)
-{close}
-        for lane in range(lanes):
-            put_numbers(out, (row, lane), numbers(z, (lane,), {size}, ()), ())
-"""
+# The words of a frame: addresses of z (lanes, d), c (lanes, constants), s (lanes, stages, constants), the constants and
+# the lanes of pairs, and of room for forces (lanes, forces), for numbers of lanes and of stages; three counts.
+FRAME = ("z", "c", "s", "p", "pairs", "forces", "fixed", "staged", "lanes", "stages", "count")
 
 
 class CoupledEngine(SteppedEngine):
@@ -83,12 +45,18 @@ class CoupledEngine(SteppedEngine):
         super().__init__(scheme, z0)
         coupling = of(scheme)
         self._pairs, (self._of_pairs, pair_columns) = coupling.pairs, constants_of(coupling)
-        record = Recording(scheme, self.constants, self.columns, self.stage_columns)
+        try:
+            record = Recording(scheme, self.constants, self.columns, self.stage_columns)
+        except TooLong:
+            raise too_large_to_couple(scheme.name, scheme.n) from None
         if not record.straight:
             raise too_large_to_couple(scheme.name, scheme.n)
-        columns = {"c": self.columns, "s": self.stage_columns, "p": pair_columns}
-        self.source, self._room = source_of(record, scheme, columns, self.stages.shape[:2])
-        self._kernel = load_kernel(self.source).kernel
+        pull = Pull.of(scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns})
+        self._kernel, room = compiled_together(record, pull, *self.stages.shape[:2])
+        self._held = [np.empty(size) for size in room]
+        arrays = self.z, self.constants, self.stages, self._of_pairs
+        words = [*map(address_of, arrays), self._pairs.ctypes.data, *map(address_of, self._held)]
+        self._frame = np.array([*words, *self.stages.shape[:2], len(self._pairs)], dtype=np.int64)
         self.work = record.work
         if project:
             self.projection = recordable(lambda: projection_between(scheme, self.z, scheme.stage_count * record.work))
@@ -100,8 +68,7 @@ class CoupledEngine(SteppedEngine):
             self.projection.in_parts(out, every, self._advance, self._project)
 
     def _advance(self, out: Floats, every: int) -> None:
-        room = [np.empty(shape) for shape in self._room]
-        self._kernel(self.z, self.constants, self.stages, self._of_pairs, self._pairs, out, *room, every)
+        self._kernel(self._frame.ctypes.data, address_of(out), len(out), every)
 
     def _project(self) -> Floats:
         if self.projection is not None:
@@ -132,87 +99,171 @@ def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
     """z (lanes, d) -> what acts on each lane (lanes, forces), for a flow."""
     coupling = of(scheme)
     (constants, columns), (of_pairs, pair_columns) = flat_constants(scheme, lanes), constants_of(coupling)
-    source = HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}")
-    source += _pull_source(scheme, {"c": columns, "s": {}, "p": pair_columns})
-    pull_all = load_kernel(source).pull_all
-    count, no_stages = _count_of_forces(scheme), np.zeros((lanes, 1, 0))
+    pull = Pull.of(scheme, {"c": columns, "s": {}, "p": pair_columns})
+    no_stages, pairs = np.zeros((lanes, 1, 0)), coupling.pairs
+
+    def write(f: Function) -> None:
+        frame, z, forces = f.arguments
+        words = dict(zip(FRAME, f.integers(frame).get(len(FRAME)), strict=True))
+        pull.write(f, {**words, "z": z, "forces": forces}, f.integer(0))
+
+    pull_all = kernel(("pulls", *pull.key), 3, write)
+    words = [0, *map(address_of, (constants, no_stages, of_pairs)), pairs.ctypes.data, 0, 0, 0, lanes, 1, len(pairs)]
+    frame, held = np.array(words, dtype=np.int64), (constants, no_stages, of_pairs, pairs)
 
     def pulls(z: Floats) -> Floats:
-        out = np.empty((lanes, count))
-        pull_all(z, constants, no_stages, of_pairs, coupling.pairs, out, 0)
+        out = np.empty((len(held[0]), pull.forces))
+        pull_all(frame.ctypes.data, address_of(z), address_of(out))
         return out
 
     return pulls
 
 
-def source_of(
-    record: Recording, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]], size: tuple[int, ...]
-) -> tuple[str, list[tuple[int, int]]]:
-    """The functions of a step and a pair, and the kernel; and the shapes of forces, k, v for `size` lanes, stages."""
-    functions, width = Functions.of(record), register_width()
-    count, forces = len(record.state), _count_of_forces(scheme)
-    known, staged = len(functions.known), len(functions.staged)
+class Pull(NamedTuple):
+    """The function of a pair, recorded: what acts on both.
 
-    here, varying = "lane, lanes", record.used("s") and not functions.by_stage
-    rows = [gathered("c", record.count("c"), width)] * bool(record.used("c"))
-    rows += [gathered("s[:, 0]", record.count("s"), width)] * bool(varying)
-    begin = [f"here = known({', '.join(rows).format(here=here)})"]
-    begin += [f"store(k, block * {known}, here, WIDTH)"] if known else []
-    if staged:
-        of_stage = f"staged(here, {gathered('s[:, stage]', record.count('s'), width).format(here=here)})"
-        begin += [
-            "for stage in range(stages):",
-            f"    store(v, (block * stages + stage) * {staged}, {of_stage}, WIDTH)",
-        ]
-    of_known = f", load(k, block * {known}, {known}, {width})" if known else ", ()"
-    state = gathered("z", count, width).format(here=here)
-    close = [
-        "for block in range(blocks):",
-        "    lane = block * WIDTH",
-        f"    scatter(z, (), lane, lanes, close({state}{of_known}), WIDTH)",
-    ]
-    lanes, stages = size
+    size, forces  how many numbers a state has, and what acts on a lane
+    counts        of the constants c, s and p
+    """
+
+    graph: Graph
+    outputs: list[Operand]
+    size: int
+    forces: int
+    counts: dict[str, int]
+
+    @classmethod
+    def of(cls, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> Pull:
+        """That of a scheme."""
+        coupling, graph = of(scheme), Graph("p")
+        kinds = scheme.kinds
+        of_lanes = {letter: places for letter, places in columns.items() if letter != "p"}
+        z, constants = recorded_arguments(scheme, graph, of_lanes, tuple(kinds))
+        for name, place in columns["p"].items():
+            constants[name] = recorded_numbers(graph, "p", place, np.shape(coupling.constants[name])[1:])
+        values = list(algebra.flatten(coupling.pull(*z, **constants), [*coupling.forces, *coupling.forces]))
+        size = sum(algebra.coordinate_count(kind, scheme.n) for kind in kinds)
+        counts = {letter: count_of(places) for letter, places in columns.items()}
+        return cls(*arranged(graph, as_operands(values), mark="p"), size, len(values) // 2, counts)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """As a part of a kernel's key."""
+        return self.graph.digest(self.outputs), self.size, self.forces, tuple(self.counts.items())
+
+    def write(self, f: Function, words: Mapping[str, Integer], stage: Any) -> None:
+        """Sum what acts on each lane, over the pairs in order."""
+        z, forces, pairs = f.doubles(words["z"]), f.doubles(words["forces"]), f.integers(words["pairs"])
+        arrays = {letter: f.doubles(words[letter]) for letter in "csp"}
+        with f.loop(0, words["lanes"] * self.forces) as k:
+            forces[k] = 0.0
+        with f.loop(0, words["count"]) as pair:
+            i, j = pairs[pair * 2], pairs[pair * 2 + 1]
+            places = {
+                "c": i * self.counts["c"],
+                "s": (i * words["stages"] + stage) * self.counts["s"],
+                "p": pair * self.counts["p"],
+            }
+
+            def at(letter: str, k: int) -> Any:
+                if letter == "z":
+                    return z[(i if k < self.size else j) * self.size + k % self.size]
+                return arrays[letter][places[letter] + k]
+
+            sums = [forces.beyond(lane * self.forces) for lane in (i, j)]
+            before = [x for lane in sums for x in lane.get(self.forces)]
+            values = f.outputs(self.graph, self.outputs, at)
+            silent = [not isinstance(x, Number) and x == 0 for x in self.outputs]
+            after = [x if no else f.builder.fadd(x, y) for x, y, no in zip(before, values, silent, strict=True)]
+            sums[0].put(after[: self.forces])
+            sums[1].put(after[self.forces :])
+
+
+def compiled_together(record: Recording, pull: Pull, lanes: int, stages: int) -> tuple[Kernel, tuple[int, int, int]]:
+    """kernel(frame, out, rows, every): `every` steps of all lanes for each row of `out` (rows, lanes, d).
+
+    And the sizes of the room for forces, and for numbers of lanes and of stages.
+    """
+    width = register_width()
+    splits = [Split.of(record, piece) for piece in record.pieces]
+    counts = record.count("c"), record.count("s")
+    fixed, staged = sum(len(split.kept_fixed) for split in splits), Constants.count(splits)
     blocks = -(-lanes // width)
-    room = [(lanes, forces), (blocks * known, width), (blocks * stages * staged, width)]
-    source = (
-        HEAD.format(name=f"{scheme.name} in pairs, n = {scheme.n}")
-        + functions.text
-        + _pull_source(scheme, columns)
-        + KERNEL.format(
-            width=width,
-            size=count,
-            begin=indented(begin, 8),
-            state=state,
-            pulled=gathered("forces", forces, width).format(here=here),
-            of_known=of_known,
-            of_stage=f", load(v, (block * stages + stage) * {staged}, {staged}, {width})" if staged else "",
-            close=indented(close if functions.closes else [], 12),
-        )
-    )
-    return source, room
+
+    def write(f: Function) -> None:
+        _write(f, record, splits, pull, width)
+
+    key = "together", record.digest(), record.state, counts, record.stages, width, pull.key
+    room = lanes * pull.forces, blocks * fixed * width, blocks * stages * staged * width
+    return kernel(key, 4, write), room
 
 
-def _count_of_forces(scheme: Scheme) -> int:
-    return algebra.coordinate_count(of(scheme).forces, scheme.n)
+def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, width: int) -> None:
+    frame, out, rows, every = f.arguments
+    words = dict(zip(FRAME, f.integers(frame).get(len(FRAME)), strict=True))
+    z, forces, saved = (f.doubles(address) for address in (words["z"], words["forces"], out))
+    lanes, stages, kind, size = words["lanes"], words["stages"], kind_of(width), record.state
+    f.vectors(width)
+    rooms = [f.doubles(words[name]).of(kind) for name in ("fixed", "staged")]
+    _begin(f, record, splits, words, rooms, width)
+
+    def part(number: int, block: Integer, stage: Any) -> None:
+        """A piece, of the lanes of a block."""
+        at, split = f.lanes(block * width, width, lanes), splits[number]
+        values = dict(zip(split.kept_fixed, _at(rooms[0], splits, number, "kept_fixed", block), strict=True))
+        if split.piece.part.staged:
+            place = block * stages + stage
+            values |= dict(zip(split.kept, _at(rooms[1], splits, number, "kept", place), strict=True))
+        state = Lanes(z, at, size)
+        old = state.get(range(size))
+        if split.piece.part.more:
+            old += Lanes(forces, at, pull.forces).get(range(pull.forces))
+        state.put(split.outputs(f, values, old, kind, overlap=True))
+
+    blocks = (lanes + (width - 1)) // width
+    with f.loop(0, rows) as row:
+        with f.loop(0, every):
+            with f.loop(0, stages) as stage:
+                with f.loop(0, blocks) as block:
+                    part(0, block, stage)
+                pull.write(f, words, stage)
+                with f.loop(0, blocks) as block:
+                    part(1, block, stage)
+            if len(splits) > 2:
+                with f.loop(0, blocks) as block:
+                    part(2, block, 0)
+        with f.loop(0, lanes * size) as k:
+            saved[row * lanes * size + k] = z[k]
 
 
-def _pull_source(scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> str:
-    """The function of a pair: it adds what acts on both."""
-    coupling, tape = of(scheme), Tape("p")
-    kinds = scheme.kinds
-    z, known = recorded_arguments(scheme, tape, {k: v for k, v in columns.items() if k != "p"}, tuple(kinds))
-    for name, place in columns["p"].items():
-        known[name] = recorded_numbers(tape, "p", place, np.shape(coupling.constants[name])[1:])
-    found = coupling.pull(*z, **known)
-    values: list[Any] = list(algebra.flatten(found, [*coupling.forces, *coupling.forces]))
-    lines, sources = recorded_values(tape, values)
-    size = algebra.coordinate_count(kinds, scheme.n)
-    used = {name for line in lines for name in line.needs} | {source.strip("(-)") for source in sources}
-    given = {"f": [f"f{k}" for k in range(len(values))], "z": [f"z{k}" for k in range(2 * size)]}
-    more = ""
-    for letter, at in (("c", "(i,)"), ("s", "(i, stage)"), ("p", "(pair,)")):
-        if names := sorted(name for name in used if name[0] == letter and name[1:].isdigit()):
-            given[letter] = names
-            more += f", numbers({letter}, {at}, {count_of(columns[letter])}, ())"
-    sums = [f if source == "0.0" else f"{f} + {source}" for f, source in zip(given["f"], sources, strict=True)]
-    return function_of_tuples("pull", given, lines, sums) + PULL.format(size=size, count=len(values) // 2, more=more)
+def _begin(
+    f: Function, record: Recording, splits: list[Split], words: Mapping[str, Integer], rooms: list[Memory], width: int
+) -> None:
+    """Compute what does not vary with the step, of each block of lanes."""
+    lanes, stages, kind = words["lanes"], words["stages"], kind_of(width)
+    c, s, of_stages = f.doubles(words["c"]), f.doubles(words["s"]), record.count("s")
+    with f.loop(0, (lanes + (width - 1)) // width) as block:
+        at = f.lanes(block * width, width, lanes)
+        of_lane = {"c": Lanes(c, at, record.count("c")), "s": Lanes(s, at, stages * of_stages)}
+        every: list[dict[int, Any]] = [{} for _ in splits]
+        for number, (split, values) in enumerate(zip(splits, every, strict=True)):
+            split.values(f, split.fixed, of_lane, kind, values)
+            rooms[0].put([values[k] for k in split.kept_fixed], _place(splits, number, "kept_fixed", block))
+        if record.stages:
+            with f.loop(0, stages) as stage:
+                of_stage = {**of_lane, "s": Lanes(s.beyond(stage * of_stages), at, stages * of_stages)}
+                for number, (split, fixed) in enumerate(zip(splits, every, strict=True)):
+                    values = dict(fixed)
+                    split.values(f, split.of_stage, of_stage, kind, values)
+                    place = _place(splits, number, "kept", block * stages + stage)
+                    rooms[1].put([values[k] for k in split.kept], place)
+
+
+def _place(splits: list[Split], number: int, name: str, row: Integer) -> Integer:
+    """Where the numbers of a piece begin in a row of room."""
+    sizes = [len(getattr(split, name)) for split in splits]
+    return row * sum(sizes) + sum(sizes[:number])
+
+
+def _at(room: Memory, splits: list[Split], number: int, name: str, row: Integer) -> list[Any]:
+    return room.get(len(getattr(splits[number], name)), _place(splits, number, name, row))

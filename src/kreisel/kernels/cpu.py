@@ -1,115 +1,72 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
-Up to n = 10, if it is not too long, the record is straight-line scalar code; beyond, compiled array code with the
-same operations.  An ensemble of straight-line code runs on vectors of lanes (`kreisel.kernels.simd`); lane i has the
-bits of a run on its own.  Shares of the lanes go to threads (`kreisel.kernels.threads`).
-Straight-line code goes to LLVM as it is (`kreisel.kernels._llvm`), array code by Numba.
-Source and machine code are kept on disk (`kreisel.kernels.cache`), named by the hash of the source, of the operations
-that it imports and of what it is compiled for.
+Up to n = 10, if it is not too long, the record is a graph of numbers; beyond, compiled array code with the same
+operations.  An ensemble runs on vectors of lanes (`kreisel.kernels.steps`); lane i has the bits of a run on its own.
+Shares of the lanes go to threads (`kreisel.kernels.threads`).
 """
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.kernels import dense, simd
-from kreisel.kernels.cache import load_kernel as load_kernel
-from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import CompiledProjection, Weave, compiled, plain, woven
-from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
-from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
-from kreisel.kernels.projection.text import WIDTH as WIDE
-from kreisel.kernels.recording import (
+from kreisel.graph.graph import TooLong
+from kreisel.graph.recording import (
     Recording,
     count_of,
     flat_constants,
     flat_stages,
-    indented,
     recorded_outputs,
     special_constants,
 )
+from kreisel import algebra
+from kreisel.kernels import array_code
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection import arrays
+from kreisel.kernels.projection.compiled import CompiledProjection, compiled, plain, woven
+from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
+from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
+from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.stepped import SteppedEngine
-from kreisel.kernels.tape import TooLong
+from kreisel.kernels.steps import FRAME, Steps, compiled_steps, outputs_by_rows
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Scheme
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.blockwise import Printer
 
-# Straight-line code has its fused products written out (`kreisel.kernels.printing`); a flag that lets LLVM choose would
-# make it choose otherwise in scalar than in vector code.
-EXACT = 'cache=True, nogil=True, error_model="numpy"'
-FAST = f'{EXACT}, fastmath={{"contract", "nsz", "arcp"}}'  # array code: one kernel for a single run and for ensembles
-OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many lines compile in a second
+OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
 MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
-FEW = (
-    20  # invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes
-)
+# Invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes.
+FEW = 20
 
-NOTHING = np.empty((0, 1))
 
-HEAD = '''"""Made by kreisel.kernels.cpu by recording {name}; not to be edited."""
-from math import cos, exp, log, sin, sqrt
-
-import numpy as np
-from numba import njit
-from numpy import ascontiguousarray, concatenate, empty, eye, full
-from numpy.linalg import solve
-
-from kreisel.kernels._numba.fused import fma, sign
-
-'''
-
-ADVANCE = """
-@njit("void(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8, i8, i8{types})", {options})
-def kernel(z, c, s, out, every, first, last{arguments}):
-    for lane in range(first, last):
-{load}
-        for row in range(out.shape[0]):
-{steps}
-{save}
-{store}
-"""
-
-STEP = """for stage in range(s.shape[1]):
-{stage}
-{body}
-{close}"""
-
-OBSERVE = """
-@compiled("f8[:,:,::1], f8[:,::1], f8[:,:,::1]")
-def kernel(z, c, out):
-    for row in range(z.shape[0]):
-        for lane in range(z.shape[1]):
-            put_numbers(out, (row, lane), observe({given}), ())
-"""
-
-RATE = """
-@{decorator}
-def kernel(z, c, out):
-{body}
-"""
+def address_of(array: Floats) -> int:
+    """Where the numbers of an array begin.  Raises `TypeError` for other than doubles that lie in a row."""
+    if array.dtype != np.float64 or not array.flags.c_contiguous:
+        raise TypeError(f"expected a contiguous array of float64, got {array.dtype} {array.shape}")
+    if not array.size:
+        return 0
+    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.flags.writeable else array.ctypes.data
 
 
 @dataclass(frozen=True)
 class Code:
     """A step compiled, `work` operations a stage, and the programs of a projection that its kernel calls, if it does.
 
-    `tried`: whether such programs were looked for.
+    steps    of straight-line code; of array code None, and `arrays` its kernel
+    tried    whether such programs were looked for
     """
 
-    source: str
-    kernel: Any
+    steps: Steps | None
+    arrays: Any
     work: int
-    room: tuple[int, int] | None = None  # as in `simd.Source`; None where lanes are arrays
     programs: tuple[Program, ...] = ()  # of the invariants, and of the orientation
     project: Any = None  # `compiled` of them
     every: int = 0  # steps between two projections
@@ -125,27 +82,36 @@ def code_of(
     key = None if scheme.kernel_key is None else (Code, scheme.kernel_key, len(constants), special, project)
 
     def make() -> Code:
-        record = Recording(scheme, constants, columns, stage_columns)
-        in_vectors, tried = len(constants) > 1 and record.straight, project and scheme.n <= MOST_N
+        record: Any
         try:
-            program = recordable(lambda: program_of(scheme, columns)) if tried else None
+            record = Recording(scheme, constants, columns, stage_columns)
         except TooLong:
-            tried, program = False, None
-        programs = [part for part in (program, program and program_of_orientation(scheme)) if part is not None]
-        width, every, weave, project_them = (WIDE if in_vectors else 1), 0, plain, None
+            from kreisel.kernels.recording import Recording as ArrayRecording
+
+            record = ArrayRecording(scheme, constants, columns, stage_columns)
+        straight = isinstance(record, Recording)
+        programs = _programs(scheme, columns) if project and scheme.n <= MOST_N else None
+        width = WIDE if len(constants) > 1 and straight and record.straight else 1
+        every, project_them = 0, None
         if programs:
             every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
-            weave, project_them = woven, compiled(programs, width)
-        source, room = _head(scheme, record), None
-        if record.places:
-            source += weave.head + _array_source(record, weave)
-        else:
-            text, room = simd.simd_source(record, weave, len(constants))
-            source += text
-        kernel = load_kernel(source, by_numba=True).kernel if room is None else load_kernel(source).kernel.call
-        return Code(source, kernel, record.work, room, tuple(programs), project_them, every, width, tried)
+            project_them = compiled(programs, width)
+        steps = compiled_steps(record, len(constants), bool(programs)) if straight else None
+        kernel = None if straight else array_code.compiled_arrays(record, woven if programs else plain)
+        tried = programs is not None
+        return Code(steps, kernel, record.work, tuple(programs or ()), project_them, every, width, tried)
 
     return reused(key, make)
+
+
+def _programs(scheme: Scheme, columns: Mapping[str, slice]) -> list[Program] | None:
+    """Those of the invariants and of the orientation; None where they would be too long."""
+    try:
+        program = recordable(lambda: program_of(scheme, columns))
+    except TooLong:
+        return None
+    programs = [program, program and program_of_orientation(scheme)]
+    return [each for each in programs if each is not None]
 
 
 class CpuEngine(SteppedEngine):
@@ -163,8 +129,8 @@ class CpuEngine(SteppedEngine):
             code = self._printed(printer)
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
-        self.source, self._kernel, self.work = code.source, code.kernel, code.work  # operations of a stage
-        self._room = code.room
+        self._code, self.work = code, code.work  # operations of a stage
+        self._frames: dict[int, tuple[int, Any]] = {}
         if code.programs:
             parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
             self.projection = self._woven = CompiledProjection(*parts)
@@ -177,9 +143,8 @@ class CpuEngine(SteppedEngine):
         scheme = self.scheme
 
         def make() -> Code:
-            head = HEAD.format(name=f"{scheme.name}, n = {scheme.n}")
-            source = printer(self.columns, self.stage_columns, head, EXACT)
-            return Code(source, load_kernel(source, by_numba=True).kernel, _large_work(scheme))
+            kernel = array_code.compiled_large(scheme, printer, self.columns, self.stage_columns)
+            return Code(None, kernel, _large_work(scheme))
 
         return reused(None if scheme.kernel_key is None else (Code, scheme.kernel_key), make)
 
@@ -191,28 +156,37 @@ class CpuEngine(SteppedEngine):
             if self._woven is not None:
                 self._woven.count(len(out) * every)
 
-    def _known(self) -> Floats:
-        """Room for what of the stages does not vary; each thread has its own."""
-        count, width = self._room or (0, 1)
-        return np.empty((self.stages.shape[1] * count, width)) if count else NOTHING
-
     def _project(self) -> Floats:
         if self._between is not None:
             self._between.apply()
             arrays.orthogonal(self.scheme, self.z)
         return self.z
 
+    def _frame(self, first: int) -> int:
+        """The address of the frame of the thread whose lanes begin with this one."""
+        if first not in self._frames:
+            frame, held = frame_of(self._code, self.z, self.constants, self.stages, self._woven, first)
+            self._frames[first] = frame.ctypes.data, (frame, held)  # threads ask at once, each for another one
+        return self._frames[first][0]
+
     def _advance(self, out: Floats, every: int) -> None:
-        more = self._woven.arguments if self._woven else ()
+        lanes, woven, steps = len(self.z), self._woven, self._code.steps
+        if steps is None:
+            more = woven.arguments if woven else ()
 
-        def work_on(first: int, last: int) -> None:
-            room = (self._woven.room(first),) if self._woven else ()
-            arrays: tuple[Floats, ...] = self.z, self.constants, self.stages, out
-            if self._room is not None:
-                arrays = *arrays, self._known()
-            self._kernel(*arrays, every, first, last, *more, *room)
+            def work_on(first: int, last: int) -> None:
+                room = (woven.room(first),) if woven else ()
+                self._code.arrays(self.z, self.constants, self.stages, out, every, first, last, *more, *room)
 
-        on_threads(len(self.z), len(out) * every * len(self.z), work_on)
+        else:
+            if out.shape[1:] != self.z.shape:
+                raise TypeError(f"expected rows (rows, {lanes}, {self.z.shape[1]}), got {out.shape}")
+            call, address, rows, done = steps.kernel.call, address_of(out), len(out), woven.done if woven else 0
+
+            def work_on(first: int, last: int) -> None:
+                call(self._frame(first), address, rows, every, done, first, last)
+
+        on_threads(lanes, len(out) * every * lanes, work_on)
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         if self._between is not None or not self.adopts(scheme, z):
@@ -220,6 +194,19 @@ class CpuEngine(SteppedEngine):
         if self._woven is not None:
             self._woven.begin(steps)
         return True
+
+
+def frame_of(
+    code: Code, z: Floats, constants: Floats, stages: Floats, projection: CompiledProjection | None, first: int
+) -> tuple[Any, Any]:
+    """The words that a kernel of straight-line code works on, and what must live as long as they do."""
+    room = np.empty(max(1, stages.shape[1] * (code.steps.room if code.steps else 0)))
+    words = [address_of(array) for array in (z, constants, stages, room)] + [len(z), stages.shape[1]]
+    if projection is not None:
+        _, every, project, table = projection.arguments
+        words += [every, project, table, projection.room(first)]
+    words += [0] * (len(FRAME) - len(words))
+    return np.array(words, dtype=np.int64), (z, constants, stages, room)
 
 
 def compiled_step(
@@ -232,12 +219,15 @@ def compiled_step(
     stages, stage_columns = flat_stages(scheme, 1)
     one_lane = np.where((constants == constants[:1]).all(0), constants[:1], np.nan)  # what varies is not folded
     code = code_of(scheme, one_lane, columns, stage_columns, False)
-    count, width = code.room or (0, 1)
 
     def advance(z: Floats, c: Floats, steps: int) -> None:
         s, out = np.broadcast_to(stages, (len(z), *stages.shape[1:])).copy(), np.empty((1, *z.shape))
-        room = (np.empty((stages.shape[1] * count, width)) if count else NOTHING,) if code.room is not None else ()
-        code.kernel(z, c, s, out, *room, steps, 0, len(z))
+        if code.steps is None:
+            code.arrays(z, c, s, out, steps, 0, len(z))
+        else:
+            frame, held = frame_of(code, z, c, s, None, 0)
+            code.steps.kernel(frame.ctypes.data, address_of(out), 1, steps, 0, 0, len(z))
+            del held
 
     return advance
 
@@ -286,23 +276,6 @@ def _large_work(scheme: Scheme) -> int:
     return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
 
 
-def _array_source(record: Recording, weave: Weave) -> str:
-    """The kernel of array code, one lane after the other."""
-    step = STEP.format(
-        stage=record.load_constants("s", "s[lane, stage, ", 4), body=record.body(4), close=record.close(0)
-    )
-    load, store = record.load("z[lane, ", 0), record.save("z[lane, ", 0)
-    return ADVANCE.format(
-        options=FAST,
-        types=weave.types,
-        arguments=weave.arguments,
-        load=indented([*load.splitlines(), *record.load_constants("c", "c[lane, ", 0).splitlines(), *weave.begin], 8),
-        steps=indented(weave.steps(step, load, store, "lane + 1"), 12),
-        save=record.save("out[row, lane, ", 12),
-        store=indented(store.splitlines(), 8),
-    )
-
-
 def compiled_observe(
     scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, chosen: tuple[str, ...] | None = None
 ) -> Callable[[Floats], dict[str, Floats]] | None:
@@ -338,10 +311,11 @@ def compiled_rows(
     if found is None:
         return None
     kernel, count, places = found
+    held = (constants,) if columns else ()
 
     def rows(z: Floats) -> Floats:
         out = np.empty((*z.shape[:2], count))
-        kernel(z, constants, out)
+        kernel(*map(address_of, (z, *held, out)), *z.shape[:2])
         return out
 
     return rows, places
@@ -352,50 +326,42 @@ def _observing(
 ) -> tuple[Any, int, Mapping[str, tuple[slice, tuple[int, ...]]]] | None:
     """The kernel of `compiled_observe`, how many numbers it gives, and where those of each output are."""
     try:
-        found = recorded_outputs(scheme, function, columns)
-    except (TypeError, AttributeError, ValueError):  # an integral of a user's own
+        outputs = recorded_outputs(scheme, function, columns)
+    except (TypeError, AttributeError, ValueError, TooLong):  # an integral of a user's own
         return None
-    if len(found.lines) > OBSERVED_LINES:
+    if len(outputs.graph.needed(outputs.values)) > OBSERVED_LINES:
         return None
-    used = {name for line in found.lines for name in line.needs} | {value.strip("(-)") for value in found.values}
-    size = algebra.coordinate_count(scheme.kinds, scheme.n)
-    constants = sorted(name for name in used if name[0] == "c" and name[1:].isdigit())
-    given = {"z": [f"z{i}" for i in range(size)], **({"c": constants} if constants else {})}
-    rows = f"numbers(z, (row, lane), {size}, ())"
-    rows += f", numbers(c, (lane,), {count_of(columns)}, ())" if constants else ""
-    source = simd.HEAD.format(name=f"what {scheme.name} observes, n = {scheme.n}")
-    source += simd.function_of_tuples("observe", given, found.lines, found.values)
-    source += OBSERVE.format(given=rows)
-    return load_kernel(source).kernel.call, len(found.values), found.places
-
-
-def _head(scheme: Scheme, record: Recording) -> str:
-    name = f"{scheme.name}, n = {scheme.n}"
-    return HEAD.format(name=name) + dense.HELPERS.format(options=FAST) if record.places else simd.HEAD.format(name=name)
+    size = sum(algebra.coordinate_count(kind, scheme.n) for kind in scheme.kinds)
+    inputs = {"z": (size, True), **({"c": (count_of(columns), False)} if columns else {})}
+    kernel = outputs_by_rows(outputs.graph, outputs.values, inputs)
+    return kernel.call, len(outputs.values), outputs.places
 
 
 def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:
     """The right-hand side y' = f(t, y, constants) of a scheme that states a rate, compiled; of one lane at a time."""
     constants, columns = flat_constants(scheme, lanes)
-    record = Recording(scheme, np.full_like(constants, np.nan), columns)
-    if record.places:
-        load = [record.load("z[", 4), record.load_constants("c", "c[", 4)]
-        functions, body = "", "\n".join([*load, record.body(4), record.save("out[", 4)])
-    else:
-        piece, known = record.pieces[0], record.used("c")
-        given = {"z": record.state, **({"c": known} if known else {})}
-        functions = simd.function_of_tuples("rate", given, piece.lines, piece.new)
-        rows = f"numbers(z, (), {len(record.state)}, ())"
-        rows += f", numbers(c, (), {count_of(columns)}, ())" if known else ""
-        body = f"    put_numbers(out, (), rate({rows}), ())"
-    arguments = "f8[::1], f8[::1], f8[::1]"
-    decorator = f'njit("void({arguments})", {FAST})' if record.places else f'compiled("{arguments}")'
-    source = _head(scheme, record) + functions + RATE.format(decorator=decorator, body=body)
-    kernel = load_kernel(source, by_numba=bool(record.places)).kernel
+    unknown = np.full_like(constants, np.nan)
+    try:
+        record = Recording(scheme, unknown, columns)
+    except TooLong:
+        from kreisel.kernels.recording import Recording as ArrayRecording
+
+        by_arrays = array_code.compiled_array_rate(ArrayRecording(scheme, unknown, columns))
+
+        def rate_of_arrays(t: float, y: Floats, c: Floats) -> Floats:
+            out = np.empty_like(y)
+            by_arrays(np.ascontiguousarray(y), c, out)
+            return out
+
+        return rate_of_arrays
+
+    piece = record.pieces[0]
+    inputs = {"z": (record.state, True), "c": (record.count("c"), False)}
+    kernel = outputs_by_rows(piece.graph, piece.outputs, inputs)
 
     def rate(t: float, y: Floats, c: Floats) -> Floats:
-        out = np.empty_like(y)
-        kernel(np.ascontiguousarray(y), c, out)
+        y, c, out = np.ascontiguousarray(y), np.ascontiguousarray(c), np.empty(len(y))
+        kernel.call(address_of(y), address_of(c), address_of(out), 1, 1)
         return out
 
     return rate

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import InputError
-from kreisel.kernels.cpu import load_kernel
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.corrections import Corrections, interval
 from kreisel.kernels.projection.program import Program, program_of, program_of_orientation, recordable

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.graph.recording import fill, flat_constants, flat_stages, special_constants
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import Corrections
-from kreisel.kernels.recording import fill, flat_constants, flat_stages, special_constants
 from kreisel.method.scheme import Scheme
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from kreisel.kernels.cpu import load_kernel
+from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.large import products
 from kreisel.kernels.large.forms import INVERSE
 from kreisel.kernels.large.products import Change, GeneratedFunction, Upkeep

@@ -1,0 +1,271 @@
+"""The kernel of a map: the step on numbers, or on vectors of lanes; the state stays in registers.
+
+In an ensemble each number of the graph becomes a vector; lane i has the bits of a run on its own.  A short step takes
+two or four vectors, one after the other in the same loop: while one waits for a result, the others go on.  At a ragged
+end the last lane stands in the places that are left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from llvmlite import ir
+
+from kreisel.graph.arranging import latest
+from kreisel.graph.graph import IN, Graph, Number, Operand, operands_of
+from kreisel.graph.llvm import Function, Integer, Lanes, Memory, Value, kind_of
+from kreisel.graph.machine import Kernel, kernel, register_width
+from kreisel.graph.recording import Piece, Recording
+
+# Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 operations) 1.9, 0.94, 0.61, 0.66; its
+# moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
+# order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
+# Each more takes longer to compile.
+FOUR_VECTORS, TWO_VECTORS = 100, 300  # operations of a step up to which it takes so many; beyond, in recorded order
+
+# The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
+# s (lanes, stages, constants), and of room for numbers of the stages; how many lanes and stages; steps between two
+# projections, the address of the projection, of its table and of its room.
+FRAME = ("z", "c", "s", "room", "lanes", "stages", "interval", "project", "table", "project_room")
+
+
+class Split(NamedTuple):
+    """The nodes of a piece by what they vary with: nothing, the stage alone, the step.
+
+    kept_fixed, kept   of the first two those that varying ones read
+    """
+
+    piece: Piece
+    fixed: list[int]
+    of_stage: list[int]
+    kept_fixed: list[int]
+    kept: list[int]
+    varying: list[int]
+
+    @classmethod
+    def of(cls, record: Recording, piece: Piece) -> Split:
+        """That of a piece of a record."""
+        nodes, fixed, of_stage = piece.nodes, record.fixed(piece), record.of_stage(piece)
+        varying = [at for at in nodes if at not in fixed and at not in of_stage]
+        read = {x.at for at in varying for x in operands_of(piece.graph.nodes[at])}
+        read |= {x.at for x in piece.outputs if isinstance(x, Number)}
+        return cls(
+            piece,
+            [at for at in nodes if at in fixed],
+            [at for at in nodes if at in of_stage],
+            [at for at in nodes if at in fixed and at in read],
+            [at for at in nodes if at in of_stage and at in read],
+            varying,
+        )
+
+    @property
+    def operations(self) -> int:
+        """How many a step has."""
+        return sum(self.piece.graph.nodes[at][0] != IN for at in self.varying)
+
+    def values(self, f: Function, nodes: Sequence[int], rows: Any, kind: ir.Type, known: dict[int, Value]) -> None:
+        """Compute nodes that do not vary with the step into `known`; rows: of each letter the `Lanes`."""
+        graph = self.piece.graph
+        for at in nodes:
+            operation, *operands = graph.nodes[at]
+            if operation == IN:
+                letter, index = operands
+                known[at] = rows[letter][index]
+        f.emit(graph, nodes, known, kind)
+
+    def outputs(
+        self, f: Function, known: dict[int, Value], state: Sequence[Value], kind: ir.Type, overlap: bool
+    ) -> list[Value]:
+        """The new state; `state` has all inputs z."""
+        graph, values = self.piece.graph, dict(known)
+        for at in self.varying:
+            operation, *operands = graph.nodes[at]
+            if operation == IN:
+                values[at] = state[operands[1]]
+        nodes = [at for at in self.varying if at not in values]
+        f.emit(graph, latest(graph, nodes) if overlap else nodes, values, kind)
+        return [f.value(x, values, kind) for x in self.piece.outputs]
+
+
+class Constants:
+    """What of the pieces does not vary with the step, for one vector of lanes.
+
+    Numbers of a stage are kept in `room`, the first vector of them for each stage.
+    """
+
+    def __init__(self, f: Function, splits: Sequence[Split], kind: ir.Type, room: Memory | None, stride: Any = 0):
+        self._f, self._splits, self._kind, self._stride = f, splits, kind, stride
+        self._room = None if room is None else room.of(kind)
+        self.fixed: list[dict[int, Value]] = [{} for _ in splits]
+
+    @staticmethod
+    def count(splits: Sequence[Split]) -> int:
+        """How many numbers of a stage are kept."""
+        return sum(len(split.kept) for split in splits)
+
+    def begin(self, rows: Any, rows_of_stage: Any, stages: Integer) -> None:
+        """Compute all of it: rows of each letter, and at a stage."""
+        f = self._f
+        for split, known in zip(self._splits, self.fixed, strict=True):
+            split.values(f, split.fixed, rows, self._kind, known)
+        if self._room is not None and self.count(self._splits):
+            with f.loop(0, stages) as stage:
+                place = stage * self._stride
+                for split, known in zip(self._splits, self.fixed, strict=True):
+                    values = dict(known)
+                    split.values(f, split.of_stage, rows_of_stage(stage), self._kind, values)
+                    self._room.put([values[at] for at in split.kept], place)
+                    place = place + len(split.kept)
+
+    def at(self, number: int, stage: Any) -> dict[int, Value]:
+        """All numbers that do not vary with the step, for a piece in a stage."""
+        split = self._splits[number]
+        if not split.kept or self._room is None:
+            return self.fixed[number]
+        place = stage * self._stride + sum(len(each.kept) for each in self._splits[:number])
+        return {**self.fixed[number], **dict(zip(split.kept, self._room.get(len(split.kept), place), strict=True))}
+
+
+class Steps(NamedTuple):
+    """A compiled map.
+
+    kernel(frame, out, rows, every, done, first, last)  `every` steps for each row of `out` (rows, lanes, d), of the
+            lanes from first to last; `done` steps were made since the last projection
+    room    doubles that a stage needs as room
+    """
+
+    kernel: Kernel
+    room: int
+
+
+def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:
+    """The kernel of a recorded map for so many lanes."""
+    width = register_width() if lanes > 1 and record.straight else 1
+    splits = [Split.of(record, piece) for piece in record.pieces]
+    operations = sum(split.operations for split in splits)
+    vectors = 1 if width == 1 else 4 if operations <= FOUR_VECTORS else 2 if operations <= TWO_VECTORS else 1
+    while vectors > 1 and (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
+        vectors //= 2
+    counts = record.count("c"), record.count("s")
+    key = "steps", record.digest(), record.state, counts, record.stages, width, vectors, projected
+
+    def write(f: Function) -> None:
+        _write(f, record, splits, width, vectors, width > 1 and operations <= TWO_VECTORS, projected)
+
+    return Steps(kernel(key, 7, write), vectors * width * Constants.count(splits))
+
+
+def _write(
+    f: Function, record: Recording, splits: list[Split], width: int, vectors: int, overlap: bool, projected: bool
+) -> None:
+    frame, out, rows, every, begun, first, last = f.arguments
+    words = dict(zip(FRAME, f.integers(frame).get(len(FRAME)), strict=True))
+    z, c, s, room = (f.doubles(words[name]) for name in FRAME[:4])
+    states, saved, count = f.variables(vectors * record.state, kind_of(width)), f.doubles(out), record.state
+    kept, kind = Constants.count(splits), kind_of(width)
+    stages = words["stages"] if record.stages else f.integer(1)
+    f.vectors(width)
+    with f.loop(first, last, vectors * width) as lane:
+        lanes = [f.lanes(lane + k * width, width, last) for k in range(vectors)]
+        state = [states[k * count : (k + 1) * count] for k in range(vectors)]
+        constants = []
+        for k in range(vectors):
+            of_vector = Constants(f, splits, kind, room.beyond(k * width * kept), vectors * kept)
+            _begin(of_vector, record, c, s, lanes[k], stages)
+            constants.append(of_vector)
+
+        def load() -> None:
+            for k in range(vectors):
+                for memory, x in zip(state[k], Lanes(z, lanes[k], count).get(range(count)), strict=True):
+                    memory[0] = x
+
+        def store(rows: Memory) -> None:
+            for k in range(vectors):
+                Lanes(rows, lanes[k], count).put([memory[0] for memory in state[k]])
+
+        def part(number: int, stage: Any) -> None:
+            for k in range(vectors):
+                known, old = constants[k].at(number, stage), [memory[0] for memory in state[k]]
+                new = splits[number].outputs(f, known, old, kind, overlap)
+                for memory, x in zip(state[k], new, strict=True):
+                    memory[0] = x
+
+        def step() -> None:
+            if record.stages:
+                with f.loop(0, stages) as stage:
+                    part(0, stage)
+            else:
+                part(0, 0)
+            for number in range(1, len(splits)):
+                part(number, 0)
+
+        load()
+        (done,) = f.variables(1, ir.IntType(64))
+        done[0] = begun
+        with f.loop(0, rows) as row:
+            if projected:
+                end = lane + (last - lane).least(vectors * width)
+                _woven(f, words, every, done, step, lambda: store(z), load, lane, end)
+            else:
+                with f.loop(0, every):
+                    step()
+            store(saved.beyond(row * words["lanes"] * count))
+        store(z)
+
+
+def _begin(of_vector: Constants, record: Recording, c: Memory, s: Memory, lanes: list[Any], stages: Integer) -> None:
+    of_stages = record.count("s")
+    of_lane = Lanes(s, lanes, stages * of_stages)
+
+    def of_stage(stage: Integer) -> dict[str, Lanes]:
+        return {"s": Lanes(s.beyond(stage * of_stages), lanes, stages * of_stages), "c": of_constants}
+
+    of_constants = Lanes(c, lanes, record.count("c"))
+    of_vector.begin({"c": of_constants, "s": of_lane}, of_stage, stages)
+
+
+def _woven(
+    f: Function,
+    words: dict[str, Integer],
+    every: Integer,
+    done: Memory,
+    step: Any,
+    store: Any,
+    load: Any,
+    lane: Any,
+    end: Any,
+) -> None:
+    """`every` steps, and a projection of the lanes from `lane` to `end` whenever `interval` of them are done."""
+    (left,) = f.variables(1, ir.IntType(64))
+    left[0] = every
+    with f.while_(lambda: left[0].compared(">", 0)):
+        steps = left[0].least(words["interval"] - done[0])
+        with f.loop(0, steps):
+            step()
+        left[0] = left[0] - steps
+        done[0] = done[0] + steps
+        with f.where(done[0].compared("==", words["interval"])):
+            done[0] = 0
+            store()
+            f.call(words["project"], words["table"], words["project_room"], lane, end, 0)
+            load()
+
+
+def outputs_by_rows(graph: Graph, outputs: Sequence[Operand], inputs: dict[str, tuple[int, bool]]) -> Kernel:
+    """kernel(z, c, out, rows, lanes): outputs of each row and lane, from z (rows, lanes, d) and c (lanes, constants).
+
+    `inputs`: of each letter how many numbers a lane has, and whether rows have their own.
+    """
+
+    def write(f: Function) -> None:
+        *addresses, out, rows, lanes = f.arguments
+        arrays = {letter: f.doubles(address) for letter, address in zip(inputs, addresses, strict=True)}
+        with f.loop(0, rows) as row, f.loop(0, lanes) as lane:
+            places = {
+                letter: (row * lanes + lane if by_row else lane) * count for letter, (count, by_row) in inputs.items()
+            }
+            values = f.outputs(graph, outputs, lambda letter, i: arrays[letter][places[letter] + i])
+            f.doubles(out).put(values, (row * lanes + lane) * len(outputs))
+
+    return kernel(("rows", graph.digest(outputs), tuple(inputs.items())), 3 + len(inputs), write)
