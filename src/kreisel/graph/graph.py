@@ -214,6 +214,7 @@ class Number:
         return Number(self.graph, self.at, not self.negative)
 
     def __add__(self, other: Any) -> Any:
+        b: Operand
         if isinstance(other, Number):
             if other.at == self.at and other.negative != self.negative:
                 return 0.0

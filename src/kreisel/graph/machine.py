@@ -91,7 +91,8 @@ class Kernel:
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
         self.address: int = engine.get_function_address("kernel")
-        self.call: Any = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * arguments)(self.address)
+        form: Any = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * arguments)
+        self.call = form(self.address)
         self.call.engine = engine  # the code lives as long as anything that may call it
 
     def __call__(self, *arguments: int) -> None:

@@ -80,7 +80,7 @@ class Recording:
     @property
     def length(self) -> int:
         """How many operations the graphs have."""
-        return sum(_operations(piece.graph, piece.outputs) for piece in self.pieces)
+        return sum(operation_count(piece.graph, piece.outputs) for piece in self.pieces)
 
     @property
     def straight(self) -> bool:
@@ -109,7 +109,7 @@ class Recording:
         return tuple((piece.part.name, piece.graph.digest(piece.outputs)) for piece in self.pieces)
 
 
-def _operations(graph: Graph, outputs: Sequence[Operand]) -> int:
+def operation_count(graph: Graph, outputs: Sequence[Operand]) -> int:
     """How many operations there are, inside loops too."""
     nodes = [graph.nodes[at] for at in graph.needed(outputs)]
     inside = sum(len(graph.needed_inside(graph.loops[node[1]])) for node in nodes if node[0] == LOOP)
