@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import Graph, Number, Operand, TooLong
 from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
@@ -24,7 +25,6 @@ from kreisel.graph.recording import (
     recorded_arguments,
     recorded_numbers,
 )
-from kreisel import algebra
 from kreisel.kernels.cpu import address_of, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.compiled import CompiledProjection

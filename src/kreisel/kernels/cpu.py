@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.graph.graph import TooLong
@@ -26,7 +27,6 @@ from kreisel.graph.recording import (
     recorded_outputs,
     special_constants,
 )
-from kreisel import algebra
 from kreisel.kernels import array_code
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
