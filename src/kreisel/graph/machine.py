@@ -84,9 +84,11 @@ class Kernel:
 
     address  for other compiled code, as long as this object lives
     call     the function
+    size     bytes of the code
     """
 
     def __init__(self, code: bytes, arguments: int):
+        self.size = len(code)
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target_machine())
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()

@@ -52,7 +52,7 @@ class CoupledEngine(SteppedEngine):
         if not record.straight:
             raise too_large_to_couple(scheme.name, scheme.n)
         pull = Pull.of(scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns})
-        self._kernel, room = compiled_together(record, pull, *self.stages.shape[:2])
+        self.kernel, room = compiled_together(record, pull, *self.stages.shape[:2])
         self._held = [np.empty(size) for size in room]
         arrays = self.z, self.constants, self.stages, self._of_pairs
         words = [*map(address_of, arrays), self._pairs.ctypes.data, *map(address_of, self._held)]
@@ -68,7 +68,7 @@ class CoupledEngine(SteppedEngine):
             self.projection.in_parts(out, every, self._advance, self._project)
 
     def _advance(self, out: Floats, every: int) -> None:
-        self._kernel(self._frame.ctypes.data, address_of(out), len(out), every)
+        self.kernel(self._frame.ctypes.data, address_of(out), len(out), every)
 
     def _project(self) -> Floats:
         if self.projection is not None:
@@ -142,7 +142,7 @@ class Pull(NamedTuple):
         for name, place in columns["p"].items():
             constants[name] = recorded_numbers(graph, "p", place, np.shape(coupling.constants[name])[1:])
         values = list(algebra.flatten(coupling.pull(*z, **constants), [*coupling.forces, *coupling.forces]))
-        size = sum(algebra.coordinate_count(kind, scheme.n) for kind in kinds)
+        size = algebra.coordinate_count(kinds, scheme.n)
         counts = {letter: count_of(places) for letter, places in columns.items()}
         return cls(*arranged(graph, as_operands(values), mark="p"), size, len(values) // 2, counts)
 

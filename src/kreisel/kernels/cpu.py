@@ -131,7 +131,7 @@ class CpuEngine(SteppedEngine):
             code = self._printed(printer)
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
-        self._code, self.work = code, code.work  # operations of a stage
+        self.code, self.work = code, code.work  # operations of a stage
         self._frames: dict[int, tuple[int, Any]] = {}
         if code.programs:
             parts = [*code.programs], code.project, code.every, self.z, self.constants, code.width
@@ -167,18 +167,18 @@ class CpuEngine(SteppedEngine):
     def _frame(self, first: int) -> int:
         """The address of the frame of the thread whose lanes begin with this one."""
         if first not in self._frames:
-            frame, held = frame_of(self._code, self.z, self.constants, self.stages, self._woven, first)
+            frame, held = frame_of(self.code, self.z, self.constants, self.stages, self._woven, first)
             self._frames[first] = frame.ctypes.data, (frame, held)  # threads ask at once, each for another one
         return self._frames[first][0]
 
     def _advance(self, out: Floats, every: int) -> None:
-        lanes, woven, steps = len(self.z), self._woven, self._code.steps
+        lanes, woven, steps = len(self.z), self._woven, self.code.steps
         if steps is None:
             more = woven.arguments if woven else ()
 
             def work_on(first: int, last: int) -> None:
                 room = (woven.room(first),) if woven else ()
-                self._code.arrays(self.z, self.constants, self.stages, out, every, first, last, *more, *room)
+                self.code.arrays(self.z, self.constants, self.stages, out, every, first, last, *more, *room)
 
         else:
             if out.shape[1:] != self.z.shape:
@@ -333,7 +333,7 @@ def _observing(
         return None
     if operation_count(outputs.graph, outputs.values) > OBSERVED_LINES:
         return None
-    size = sum(algebra.coordinate_count(kind, scheme.n) for kind in scheme.kinds)
+    size = algebra.coordinate_count(scheme.kinds, scheme.n)
     inputs = {"z": (size, True), **({"c": (count_of(columns), False)} if columns else {})}
     kernel = outputs_by_rows(outputs.graph, outputs.values, inputs)
     return kernel.call, len(outputs.values), outputs.places

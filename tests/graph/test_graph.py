@@ -1,0 +1,198 @@
+"""Recorded arithmetic is exact in its foldings; what is arranged and compiled computes the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kreisel.graph.arranging import arranged, independent, latest, length
+from kreisel.graph.graph import APPLIED, Graph, Number, TooLong, array_of, evaluated, fma, maximum, where_less
+from kreisel.graph.llvm import Function, Lanes, kind_of
+from kreisel.graph.machine import kernel
+
+
+def numbers(*letters: str) -> tuple[Graph, list[Number]]:
+    graph = Graph()
+    return graph, [graph.input(letter, 0) for letter in letters]
+
+
+def operations(graph: Graph, outputs: list[Any]) -> list[str]:
+    return [graph.nodes[at][0] for at in graph.needed(outputs) if graph.nodes[at][0] != "in"]
+
+
+def compiled(graph: Graph, outputs: list[Any], values: np.ndarray, width: int = 1) -> np.ndarray:
+    """The outputs (lanes, count) for inputs x0, x1, ... (lanes, count), by machine code for so many lanes at once."""
+    lanes, count = values.shape
+
+    def write(f: Function) -> None:
+        given, out, end = f.arguments
+        f.vectors(width)
+        with f.loop(0, end, width) as lane:
+            at = f.lanes(lane, width, end)
+            row = Lanes(f.doubles(given), at, count)
+            Lanes(f.doubles(out), at, len(outputs)).put(f.outputs(graph, outputs, lambda _, i: row[i], kind_of(width)))
+
+    out = np.empty((lanes, len(outputs)))
+    code = kernel(("test", graph.digest(outputs), count, width), 3, write)
+    code(np.ascontiguousarray(values).ctypes.data, out.ctypes.data, lanes)
+    return out
+
+
+def test_foldings_are_exact() -> None:
+    graph, (x, y) = numbers("x", "y")
+    assert x + 0 is x
+    assert x * 1 is x
+    assert x * 0 == 0.0
+    assert x - x == 0.0
+    assert -1 * (-x) == x
+    assert (y - x) + 0 == -(x - y)  # one difference, recorded once
+    assert (x + y) - x != y  # round-off is not simplified away
+    assert x * y == y * x
+    assert -x * y == -(x * y)
+    assert operations(graph, [(x + y) - x, x * y, y - x]) == ["-", "+", "-", "*"]
+
+
+FORMULAS: list[Callable[[Any, Any], Any]] = [
+    lambda a, b: a / b - 2 / a + (-a) * b - 3,
+    lambda a, b: (a - b) * (b - a) / -2 + (1 - a),
+    lambda a, b: -(a * -1.5) - (-b) / a + a**3 - 0.25,
+    lambda a, b: 0 - a + b * -1 + (-a - b) - (0 - (-b)),
+    lambda a, b: a**-2 + abs(-b) * 3,
+    lambda a, b: fma(-a, b, -b) + fma(2.0, a, 1.0) - fma(a, 0.5, -0.75),
+    lambda a, b: maximum(a, b) - maximum(-a, 0.25) + where_less(a, b, 2 * a, -b) * where_less(-a, 0.5, 1.0, b),
+]
+
+
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_recorded_arithmetic_is_that_of_python(formula: Callable[[Any, Any], Any]) -> None:
+    """Run again on floats, arranged, and by machine code for a number and for vectors, whose bits are the same."""
+    graph = Graph()
+    result = formula(graph.input("x", 0), graph.input("x", 1))
+    plain, outputs = arranged(graph, [result])
+    rows = np.random.default_rng(3).normal(size=(11, 2))
+    right = np.array([formula(a, b) for a, b in rows.tolist()])
+    for a_graph, a_result in ((graph, [result]), (plain, outputs)):
+        values = [evaluated(a_graph, a_result, lambda _, i, row=row: row[i])[0] for row in rows.tolist()]
+        np.testing.assert_allclose(values, right, rtol=1e-14, atol=1e-14)
+        assert (compiled(a_graph, a_result, rows)[:, 0] == values).all()
+        assert (compiled(a_graph, a_result, rows, 4)[:, 0] == values).all()
+
+
+@pytest.mark.parametrize("name", ["sin", "cos", "exp", "log", "sqrt", "sign", "nearest"])
+def test_functions_of_one_number(name: str) -> None:
+    graph = Graph()
+    x = graph.input("x", 0)
+    outputs = [getattr(x, name)(), -getattr(-(x * -1), name)()]
+    values = np.random.default_rng(4).uniform(0.1, 3, (7, 1))
+    values[0], values[1] = 0.5, 2.5
+    right = [getattr(np, {"nearest": "rint"}.get(name, name))(v) for v in values[:, 0]]
+    for width in (1, 2):
+        found = compiled(graph, outputs, values, width)
+        np.testing.assert_allclose(found, np.stack([right, -np.array(right)], 1), rtol=4e-16)
+
+
+def test_a_sign_of_zero_is_positive() -> None:
+    graph = Graph()
+    outputs = [graph.input("x", 0).sign()]
+    assert compiled(graph, outputs, np.array([[0.0], [-0.0], [-2.0], [3.0]])).tolist() == [[1], [1], [-1], [1]]
+
+
+def test_products_are_fused_into_the_sums_that_alone_need_them() -> None:
+    graph, (a, b, c, d) = numbers(*"abcd")
+    once, twice = a * b, c * d
+    values = [once + c, twice - a, twice + b, a / d, -b / d, c - once * 0.5]
+    plain, outputs = arranged(graph, values[:5])
+    assert operations(plain, outputs) == ["*", "fma", "-", "+", "/", "*", "*"]
+    assert length(graph, values[:5]) == 7
+    assert operations(*arranged(graph, [c - 2 * a])) == ["fma"]
+    whole, outputs = arranged(graph, values[:5], {("b", 0): 1.0, ("d", 0): 0.0})
+    assert operations(whole, outputs) == operations(plain, outputs)  # 1/0 stays for the run to find
+    short, outputs = arranged(graph, values[:5], {("b", 0): 1.0, ("c", 0): 0.0})
+    assert repr(outputs[:3]) == "[a0, -a0, 1.0]"
+    assert operations(short, outputs) == ["/", "*"]
+
+
+def test_a_recorded_loop_is_the_loop() -> None:
+    """Newton's square root of a: what does not vary stands before the loop, and nodes within end with it."""
+    graph, (a,) = numbers("a")
+
+    def improve(x: Any) -> tuple[Any, Any]:
+        new = (x + (a / 3 * 3) / x) / 2
+        change = (new - x)[0]
+        return new, change * change
+
+    (root,), defect = a.record_loop(improve, array_of([1.0]), 1e-20, 50)
+    assert operations(graph, [root]) == ["/", "*", "loop", "result"]
+    assert ("+", root, 1.0) not in graph
+    plain, outputs = arranged(graph, [root * 2, defect])
+    for values in (plain, outputs), (graph, [root * 2, defect]):
+        twice, change = compiled(*values, np.array([[7.0]]))[0]
+        assert twice == pytest.approx(2 * math.sqrt(7.0), abs=1e-15)
+        assert change <= 1e-20
+    (short,), few = a.record_loop(improve, array_of([1.0]), 1e-20, 2)
+    assert compiled(graph, [short, few], np.array([[7.0]]))[0] == pytest.approx([2.875, 1.125**2])
+    with pytest.raises(TypeError, match="loop within a loop"):
+        a.record_loop(lambda x: improve(a.record_loop(improve, x, 0.0, 2)[0]), array_of([1.0]), 0.0, 2)
+
+
+def test_the_latest_order_computes_the_same() -> None:
+    rng, graph = np.random.default_rng(5), Graph()
+    values = list(graph.inputs("x", 4))
+    for _ in range(60):
+        i, j = rng.integers(len(values), size=2)
+        values.append(values[i] * 0.3 + values[j] if rng.random() < 0.7 else values[i] * values[j] - 0.5)
+    outputs = [v for v in values[-6:] if isinstance(v, Number)]
+    nodes = graph.needed(outputs)
+    order = latest(graph, nodes)
+    assert sorted(order) == nodes
+    assert order != nodes
+    place = {at: k for k, at in enumerate(order)}
+    assert all(place[x.at] < place[at] for at in nodes for x in graph.nodes[at][1:] if isinstance(x, Number))
+
+
+def test_what_does_not_vary_is_told_from_what_does() -> None:
+    graph = Graph()
+    z, c, s = graph.input("z", 0), graph.input("c", 0), graph.input("s", 0)
+    fixed, of_stage, step = c * c, c * s + 1, z * c
+    nodes = graph.needed([fixed, of_stage, step])
+    assert independent(graph, nodes, "c") == {c.at, fixed.at}
+    assert independent(graph, nodes, "cs") == set(nodes) - {z.at, step.at}
+
+
+def test_a_digest_is_of_the_operations_alone() -> None:
+    def digest(function: Callable[[Any, Any], Any], first: bool = False) -> str:
+        graph = Graph("m" * first)
+        x, y = graph.input("z", 0), graph.input("c", 1)
+        if first:
+            y * 3 + x  # which nothing needs
+        return graph.digest([function(x, y)])
+
+    assert digest(lambda x, y: x * y - 2) == digest(lambda x, y: x * y - 2, first=True)
+    others = [lambda x, y: x * y - 3, lambda x, y: x * y + 2, lambda x, y: 2 - x * y, lambda x, y: x * x - 2]
+    assert len({digest(f) for f in [lambda x, y: x * y - 2, *others]}) == 5
+
+
+def test_a_graph_may_be_too_long() -> None:
+    graph = Graph(most=10)
+    x = graph.input("x", 0)
+    with pytest.raises(TooLong):
+        for k in range(20):
+            x = x * x + k
+
+
+def test_every_operation_is_known_to_all() -> None:
+    """What evaluates, compiles and arranges knows the same operations."""
+    graph = Graph()
+    x = list(graph.inputs("x", 4))
+    arity = {"fma": 3, "where": 4, **dict.fromkeys(("+", "-", "*", "/", "max"), 2)}
+    for name in APPLIED:
+        result = [x[0].record(name, *x[: arity.get(name, 1)])]
+        again, outputs = arranged(graph, result)
+        assert operations(again, outputs) == [name]
+        value = compiled(graph, result, np.array([[0.3, 0.7, 0.2, 0.9]]))[0, 0]
+        right = evaluated(graph, result, lambda _, i: (0.3, 0.7, 0.2, 0.9)[i])[0]
+        assert value == pytest.approx(right, rel=1e-15)
